@@ -17,7 +17,7 @@ const RAM_SECTIONS: [&str; 4] = [".data", ".interrupts", ".bss", ".uninit"];
 
 /// Functions of the firmware that the linker places in memory, because an interrupt executes them. A missing one would
 /// be read from flash while the flash is written.
-const FUNCTIONS_IN_RAM: [&str; 20] = [
+const FUNCTIONS_IN_RAM: [&str; 19] = [
     "growbot_firmware::stepping::axis_move::AxisMoveRun::tick",
     "growbot_firmware::stepping::engine::Engine::finish",
     "growbot_firmware::stepping::engine::Engine::release",
@@ -25,8 +25,7 @@ const FUNCTIONS_IN_RAM: [&str; 20] = [
     "growbot_firmware::stepping::index_monitor::read_index_sensor",
     "growbot_firmware::stepping::mailbox::Mailbox::can_accept_move",
     "growbot_firmware::stepping::mailbox::Mailbox::discard_move",
-    "growbot_firmware::stepping::mailbox::Mailbox::pop_report",
-    "growbot_firmware::stepping::mailbox::Mailbox::post_report",
+    "growbot_firmware::stepping::mailbox::Mailbox::pop_ended_move",
     "growbot_firmware::stepping::mailbox::Mailbox::submit",
     "growbot_firmware::stepping::mailbox::Mailbox::take_link_stop",
     "growbot_firmware::stepping::ramp::VirtualClock::can_brake",

@@ -34,8 +34,8 @@ impl Growbot {
     pub fn says(&self, arguments: &[&str], directory: &Path) -> Result<String> {
         let output = Command::new(&self.0).args(arguments).current_dir(directory).output();
         let output = output.with_context(|| format!("{} cannot be run", self.0.display()))?;
-        let said = String::from_utf8_lossy(&output.stderr);
-        ensure!(output.status.success(), "growbot {} fails: {said}", arguments.join(" "));
+        let message = String::from_utf8_lossy(&output.stderr);
+        ensure!(output.status.success(), "growbot {} fails: {message}", arguments.join(" "));
         Ok(String::from_utf8(output.stdout)?)
     }
 
@@ -92,8 +92,9 @@ impl Growbot {
             for robot in &all {
                 let field =
                     robot["fields"].as_array().and_then(|all| all.iter().find(|field| field["field"] == **path));
-                let said = field.and_then(|field| field["value"].as_str()).unwrap_or("");
-                let value = if said.is_empty() { "-".to_owned() } else { format!("`{}`", said.replace('|', "\\|")) };
+                let default = field.and_then(|field| field["value"].as_str()).unwrap_or("");
+                let value =
+                    if default.is_empty() { "-".to_owned() } else { format!("`{}`", default.replace('|', "\\|")) };
                 let is = |what: &str, so: bool| field.is_some_and(|field| field[what] == so);
                 let mark = if is("assumed", true) {
                     "\\*"

@@ -125,13 +125,19 @@ def heater():
             drawing.wire([(x - 20, 52), (x, 52)], POWER)
     drawing.wire([(675, 74), (675, 140)], POWER)
     drawing.text(20, 20, "VIN of the board branches off behind the emergency stop, with a fuse of its own", 11)
-    for x, part, remark in [(610, "heater", "cartridge"), (310, "HE -", "power stage, GPIO 23"), (10, "supply -", "GND")]:
+    for x, part, remark in [
+        (610, "heater", "cartridge"),
+        (310, "HE -", "power stage, GPIO 23"),
+        (10, "supply -", "GND"),
+    ]:
         drawing.box(x, 140, 130, 44, POWER, 0.12)
         drawing.text(x + 65, 160, part, 13, "middle", "bold")
         drawing.text(x + 65, 176, remark, 11, "middle")
     drawing.wire([(610, 162), (440, 162)], POWER)
     drawing.wire([(310, 162), (140, 162)], POWER)
-    drawing.text(20, 212, "HE + stays free: the heater's power comes by the second switch. Either switch alone keeps it off.", 11)
+    drawing.text(
+        20, 212, "HE + stays free: the heater's power comes by the second switch. Either switch alone keeps it off.", 11
+    )
     drawing.write("wiring-heater")
 
 

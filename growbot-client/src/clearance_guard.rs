@@ -109,12 +109,12 @@ pub struct SceneContext<'a> {
     loaded: &'a LoadedScene,
     /// Radius of the bends of detours, mm.
     radius: f64,
-    detours: [OnceCell<Planned>; MAX_DETOURS],
+    detours: [OnceCell<DetourPlan>; MAX_DETOURS],
 }
 
 /// A planned detour.
 #[derive(Debug, Clone)]
-struct Planned {
+struct DetourPlan {
     start: Pose,
     path: Vec<Segment>,
     legs: Vec<Leg>,
@@ -274,8 +274,8 @@ impl<'a> ClearanceGuard<'a> {
 
     /// Returns 3 standard deviations of the position in the layer of this index in the remaining body, mm.
     fn deviation(&self, index: usize) -> f64 {
-        let told = self.deviations.get(self.body.len() - self.forecast_at + index).or(self.deviations.last());
-        self.larger * told.copied().unwrap_or_default()
+        let deviation = self.deviations.get(self.body.len() - self.forecast_at + index).or(self.deviations.last());
+        self.larger * deviation.copied().unwrap_or_default()
     }
 
     /// Returns the maximum of 3 standard deviations along the remaining body, mm.
@@ -345,15 +345,15 @@ impl<'a> ClearanceGuard<'a> {
         tracker: &Tracker<'a>,
         under_way: &[Layer],
         plan: &Plan,
-        slot: &'a OnceCell<Planned>,
+        slot: &'a OnceCell<DetourPlan>,
     ) -> Result<Tracker<'a>, ClearanceViolation> {
         // Check a copy first, so that the slot is used only by a path that is followed.
         let mut trial = tracker.clone();
         trial.switch_path(&plan.start, &plan.path, &plan.legs);
         self.deviations.clear();
         self.check(&trial, under_way).inspect_err(|_| self.deviations.clear())?;
-        let planned = || Planned { start: plan.start, path: plan.path.clone(), legs: plan.legs.clone() };
-        let Planned { start, path, legs } = slot.get_or_init(planned);
+        let planned = || DetourPlan { start: plan.start, path: plan.path.clone(), legs: plan.legs.clone() };
+        let DetourPlan { start, path, legs } = slot.get_or_init(planned);
         let mut followed = tracker.clone();
         followed.switch_path(start, path, legs);
         Ok(followed)
@@ -405,7 +405,7 @@ mod tests {
     fn balls(centres: &[[f64; 3]]) -> LoadedScene {
         let ball = |centre: &[f64; 3]| Shape::Ball { centre: (*centre).into(), radius: 50.0 };
         let scene = Scene::new(centres.iter().map(ball).collect(), vec![], vec![], vec![]);
-        LoadedScene { scene, margin: 0.0, hash: 0 }
+        LoadedScene { scene, margin: Some(0.0), hash: 0 }
     }
 
     fn tracker<'a>(robot: &'a Robot, plan: &'a Plan) -> Tracker<'a> {
@@ -515,7 +515,7 @@ mod tests {
         };
         let walls = [(76.5, 0.0), (-76.5, 0.0), (0.0, 76.5), (0.0, -76.5)].map(|(x, y)| wall(x, y));
         let scene = Scene::new(walls.to_vec(), vec![], vec![], vec![]);
-        let loaded = LoadedScene { scene, margin: 5.0, hash: 0 };
+        let loaded = LoadedScene { scene, margin: Some(5.0), hash: 0 };
         for tilt_noise in [0.004, 0.008] {
             let disturbance = Disturbance { tilt_noise, ..Disturbance::default() };
             for seed in 0..12 {

@@ -73,6 +73,8 @@ pub struct Feedback<'a> {
     /// Boot number of the board's start in which pulses are counted.
     boot_id: Option<u32>,
     amendments: u32,
+    /// Position of the start and the estimated ones after each layer, mm.
+    path: Vec<Vector3<f64>>,
 }
 
 /// The remaining layers of a job, planned again.
@@ -104,6 +106,8 @@ pub struct FeedbackReport {
     pub amendments: u32,
     /// Estimate of the tip from all measurements.
     pub estimate: Estimate,
+    /// Position of the start and, as estimated then, of the tip after each layer, mm.
+    pub path: Vec<Vector3<f64>>,
 }
 
 impl FeedbackReport {
@@ -141,6 +145,7 @@ impl<'a> Feedback<'a> {
             laid: 0,
             boot_id: None,
             amendments: 0,
+            path: vec![start.position()],
         }
     }
 
@@ -186,6 +191,7 @@ impl<'a> Feedback<'a> {
         self.laid += 1;
         let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
         self.tracker.record_layer(&layer, &Measurement { growth, direction: None, up });
+        self.path.push(self.tracker.estimate().base_from_tip.translation.vector);
         if let Some(keeper) = &mut self.keeper {
             keeper.record_layer(&layer, &self.tracker.estimate().systematic_errors);
         }
@@ -249,7 +255,7 @@ impl<'a> Feedback<'a> {
     /// Returns the number of amendments so far and the current estimate of the tip.
     #[must_use]
     pub fn result(&self) -> FeedbackReport {
-        FeedbackReport { amendments: self.amendments, estimate: self.tracker.estimate() }
+        FeedbackReport { amendments: self.amendments, estimate: self.tracker.estimate(), path: self.path.clone() }
     }
 }
 

@@ -173,8 +173,8 @@ impl<R: Read> Read for BoundedLines<R> {
         for byte in buffer.get(..count).unwrap_or_default() {
             self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
             if self.length > MAX_TEXT_BYTES {
-                let said = format!("a line is longer than {MAX_TEXT_BYTES} bytes, the limit: is it the right file?");
-                return Err(io::Error::new(io::ErrorKind::InvalidData, said));
+                let reason = format!("a line is longer than {MAX_TEXT_BYTES} bytes, the limit: is it the right file?");
+                return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
             }
         }
         Ok(count)

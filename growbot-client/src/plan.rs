@@ -56,6 +56,8 @@ pub struct SceneClearance {
     pub hash: u64,
     /// Proven minimum clearance between the outside of the tube and everything in the scene, mm.
     pub clearance: f64,
+    /// Clearance that was required, mm.
+    pub margin: f64,
 }
 
 /// Search statistics of the path of a leg or of a plan.

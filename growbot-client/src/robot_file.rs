@@ -190,6 +190,7 @@ fn reason(error: &toml::de::Error) -> String {
     };
     match meant {
         Some(meant) => format!("{message}; did you mean {meant}?"),
+        None if message.starts_with("unknown field") => format!("{message}: remove or rename it"),
         None => message,
     }
 }

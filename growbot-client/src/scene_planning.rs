@@ -19,9 +19,11 @@ use growbot_scene::planner::{
 };
 use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
+use crate::margin::near_obstacle;
 use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where, roll_from};
 use crate::plan_file::{SceneRefJson, format_hash};
 use crate::self_collision::closest_self_approach;
+use crate::warning::NEAR_OBSTACLE;
 
 /// Tolerance of the required clearance, as a fraction. Stretches whose clearance is within it may be rejected.
 const SLACK: f64 = 1e-3;
@@ -49,8 +51,8 @@ pub struct SceneOptions<'a> {
     pub file: &'a str,
     /// The scene.
     pub loaded: &'a LoadedScene,
-    /// Minimum distance between the outside of the tube and everything in the scene, mm. This is the scene's own
-    /// margin, or more if more is known.
+    /// Minimum distance between the outside of the tube and everything in the scene, mm:
+    /// [`planning_margin_mm`](crate::margin::planning_margin_mm), or more if more is known.
     pub margin: f64,
     /// The existing body and the frame of its tip. It is an obstacle too.
     pub grown: Option<(&'a [Segment], &'a Frame)>,
@@ -71,7 +73,7 @@ pub enum NoPathError {
     /// The start is too near to an obstacle.
     #[error(
         "the start is {}, but the centreline needs {} mm (half the tube plus the margin): choose another start, or \
-         lower margin_mm", place(.distance), CompactNumber(.need)
+         lower the margin (--margin)", place(.distance), CompactNumber(.need)
     )]
     Start {
         /// Distance of the start, mm.
@@ -82,7 +84,7 @@ pub enum NoPathError {
     /// The goal is too near to an obstacle.
     #[error(
         "the goal is {}, but the centreline needs {} mm (half the tube plus the margin): choose another goal, or lower \
-         margin_mm", place(.distance), CompactNumber(.need)
+         the margin (--margin)", place(.distance), CompactNumber(.need)
     )]
     Goal {
         /// Distance of the goal, mm.
@@ -104,7 +106,7 @@ pub enum NoPathError {
     /// No gap between start and goal is wide enough.
     #[error(
         "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
-         centreline needs on each side; open the scene, or lower margin_mm", CompactNumber(.need)
+         centreline needs on each side; open the scene, or lower the margin (--margin)", CompactNumber(.need)
     )]
     Separated {
         /// Required distance, mm.
@@ -128,7 +130,7 @@ pub enum NoPathError {
         "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
          shortest, which does"
     )]
-    NotClear,
+    TwoPlaneBlocked,
     /// No path was found with the effort, or within the time.
     #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
     NotFound,
@@ -198,8 +200,8 @@ pub enum SceneCheckError {
     },
     /// The body comes nearer than the scene allows.
     #[error(
-        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but margin_mm requires {margin} mm: plan \
-         through the scene (`growbot plan --scene`), or lower margin_mm",
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan through \
+         the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {
@@ -248,7 +250,8 @@ pub fn plan(
     // If time runs out, use the clearance that every leg of the plan was proven to have.
     let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
     let clearance = proven.map_or(through.margin + CLEARANCE_TOLERANCE_MM, |nearest| nearest.distance);
-    plan.scene = Some(SceneClearance { file, hash, clearance });
+    plan.warnings.extend(near_obstacle(&plan, robot, through.loaded, clearance));
+    plan.scene = Some(SceneClearance { file, hash, clearance, margin: through.margin });
     Ok(plan)
 }
 
@@ -293,7 +296,8 @@ pub(crate) fn describe_clearance(clearance: f64) -> String {
     if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
 }
 
-/// Proves that a plan, made anywhere, keeps its distance from everything in a scene.
+/// Proves that a plan, made anywhere, keeps the margin that a scene states from everything in it, or touches nothing if
+/// the scene states none.
 ///
 /// # Errors
 /// If it does not.
@@ -304,15 +308,29 @@ pub fn check_clearance(
     loaded: &LoadedScene,
 ) -> Result<SceneClearance, SceneCheckError> {
     let Clearance { distance: found, arc_length: at } = nearest(plan, robot, loaded);
+    let margin = loaded.margin.unwrap_or(0.0);
     // The proven clearance is a little below the true one.
-    if found + CLEARANCE_TOLERANCE_MM >= loaded.margin {
-        return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found });
+    if found + CLEARANCE_TOLERANCE_MM >= margin {
+        return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found, margin });
     }
     let obstacle = loaded
         .scene
         .nearest(&point_along(&plan.path, &plan.start.frame(), at))
         .map_or_else(String::new, |obstacle| obstacle.to_string());
-    Err(SceneCheckError::MarginViolated { file: file.to_owned(), found, margin: loaded.margin, at, obstacle })
+    Err(SceneCheckError::MarginViolated { file: file.to_owned(), found, margin, at, obstacle })
+}
+
+/// Records in a plan that it is clear of a scene through which it was not planned, after [`check_clearance`]. The plan
+/// gets a warning if it is nearer than its robot is expected to deviate.
+///
+/// # Errors
+/// If the plan is not clear. It is unchanged then.
+pub fn attach_scene(plan: &mut Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<(), SceneCheckError> {
+    let scene = check_clearance(plan, robot, file, loaded)?;
+    plan.warnings.retain(|warning| warning.code != NEAR_OBSTACLE);
+    plan.warnings.extend(near_obstacle(plan, robot, loaded, scene.clearance));
+    plan.scene = Some(scene);
+    Ok(())
 }
 
 /// Loads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene's path
@@ -336,12 +354,12 @@ pub fn load_verified_scene(
         return Err(SceneCheckError::OtherScene { file, plan: written.hash.clone(), here });
     }
     let found = tube_clearance_mm(plan, robot, &loaded);
-    let said = written.clearance_mm;
+    let (claimed, margin) = (written.clearance_mm, written.margin_mm.or(loaded.margin).unwrap_or(0.0).max(0.0));
     // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
-    if said <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found >= loaded.margin {
-        Ok((SceneClearance { file, hash: loaded.hash, clearance: said.min(found) }, loaded))
+    if claimed <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found + CLEARANCE_TOLERANCE_MM >= margin {
+        Ok((SceneClearance { file, hash: loaded.hash, clearance: claimed.min(found), margin }, loaded))
     } else {
-        Err(SceneCheckError::ClearanceOverstated { file, claimed: said, found })
+        Err(SceneCheckError::ClearanceOverstated { file, claimed, found })
     }
 }
 
@@ -410,7 +428,7 @@ impl LegSearch<'_> {
         };
         if self.search.planner == Planner::TwoPlane {
             let why = planner::check_feasibility(&problem).map(|why| NoPathError::because(why, need.distance, left));
-            return Err(why.unwrap_or(NoPathError::NotClear).into());
+            return Err(why.unwrap_or(NoPathError::TwoPlaneBlocked).into());
         }
         let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
         let budget =
@@ -439,6 +457,7 @@ fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::margin::planning_margin_mm;
     use crate::plan_file::{self, PlanFile, PlanFileError};
     use crate::pose_text::parse_pose;
     use crate::robot_file;
@@ -450,14 +469,14 @@ mod tests {
                          radius_mm = 60\n[[capsule]]\nfrom_mm = [-500, 100, 500]\nto_mm = [500, 100, 500]\n\
                          radius_mm = 20\n";
 
-    struct Asked {
+    struct PlanFixture {
         directory: tempfile::TempDir,
         robot: Robot,
         start: Pose,
         search: PlanOptions,
     }
 
-    impl Asked {
+    impl PlanFixture {
         fn new() -> Self {
             let directory = tempfile::tempdir().unwrap();
             fs::write(directory.path().join("scene.toml"), SCENE).unwrap();
@@ -479,7 +498,7 @@ mod tests {
 
         fn plan_within(&self, goals: &[Goal], max_length: f64) -> Result<Plan, ScenePlanError> {
             let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
-            let (margin, grown) = (loaded.margin, None);
+            let (margin, grown) = (planning_margin_mm(&self.robot, &loaded), None);
             let through = SceneOptions {
                 file: &file,
                 loaded: &loaded,
@@ -504,7 +523,7 @@ mod tests {
 
     #[test]
     fn plans_are_clear_of_the_scene_and_read_back() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         let chains = [
             vec![position(0.0, 0.0, 800.0)],
             vec![pose("0,100,700,0,90")],
@@ -512,7 +531,7 @@ mod tests {
             vec![position(0.0, 200.0, 300.0), pose("0,0,900,0,45")],
         ];
         for goals in chains {
-            let plan = asked.plan(&goals).unwrap();
+            let plan = fixture.plan(&goals).unwrap();
             let scene = plan.scene.clone().unwrap();
             assert!(scene.clearance >= 5.0, "{scene:?}");
             assert!(plan.warnings.iter().all(|warning| warning.code != crate::warning::SELF_COLLISION));
@@ -526,6 +545,7 @@ mod tests {
                     file: scene.file.clone(),
                     hash: format_hash(scene.hash),
                     clearance_mm: scene.clearance + 0.01,
+                    margin_mm: Some(scene.margin),
                 }),
                 ..PlanFile::from(&plan)
             };
@@ -536,23 +556,42 @@ mod tests {
 
     #[test]
     fn a_plan_is_refused_if_its_scene_is_changed_or_missing() {
-        let asked = Asked::new();
-        let text = PlanFile::from(&asked.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
-        fs::write(asked.scene(), SCENE.replace("= 60", "= 61")).unwrap();
+        let fixture = PlanFixture::new();
+        let text = PlanFile::from(&fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
+        fs::write(fixture.scene(), SCENE.replace("= 60", "= 61")).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
         assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::OtherScene { .. }))));
-        fs::remove_file(asked.scene()).unwrap();
+        fs::remove_file(fixture.scene()).unwrap();
         let refused = plan_file::read(&text, "plan.json", None);
         assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::Scene(_)))));
     }
 
     #[test]
+    fn a_plan_keeps_the_margin_with_which_it_was_made() {
+        let fixture = PlanFixture::new();
+        let plan = fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap();
+        let written = PlanFile::from(&plan).scene.unwrap();
+        assert_eq!(written.margin_mm, Some(5.0));
+        for (margin_mm, is_kept) in [(Some(5.0), true), (Some(500.0), false), (None, true), (Some(-90.0), true)] {
+            let scene = Some(SceneRefJson { margin_mm, ..written.clone() });
+            let read = plan_file::read(&PlanFile { scene, ..PlanFile::from(&plan) }.to_text(), "plan.json", None);
+            assert_eq!(read.is_ok(), is_kept, "{margin_mm:?}");
+        }
+        // The scene states no margin, so that of the robot is kept.
+        fs::write(fixture.scene(), SCENE.replace("margin_mm = 5\n", "")).unwrap();
+        let plan = fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap();
+        let scene = plan.scene.unwrap();
+        assert!(scene.margin == 4.82 && scene.clearance >= scene.margin, "{scene:?}");
+        assert!(plan.warnings.iter().all(|warning| warning.code != NEAR_OBSTACLE));
+    }
+
+    #[test]
     fn no_plan_exceeds_the_maximum_length() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
-        let free = asked.plan(&goals).unwrap().requirements.length;
+        let free = fixture.plan(&goals).unwrap().requirements.length;
         for max_length in [free + 1.0, 700.0, 300.0] {
-            match asked.plan_within(&goals, max_length) {
+            match fixture.plan_within(&goals, max_length) {
                 Ok(plan) => assert!(plan.requirements.length <= max_length && max_length > free),
                 // The second leg is 539 mm at least.
                 Err(ScenePlanError::NoPath(NoPathError::TooFar { distance, left })) => {
@@ -565,15 +604,15 @@ mod tests {
 
     #[test]
     fn the_proof_of_a_long_body_ends_at_its_deadline() {
-        let asked = Asked::new();
+        let fixture = PlanFixture::new();
         // For 100 m beside a wall, fifty million distances matter, all of the same size.
         let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
-        fs::write(asked.scene(), SCENE.to_owned() + wall).unwrap();
-        let (file, loaded) = (asked.scene(), load(asked.scene().as_ref()).unwrap());
+        fs::write(fixture.scene(), SCENE.to_owned() + wall).unwrap();
+        let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());
         let start = parse_pose("0,0,-500,0,0").unwrap();
         let within = |seconds: f64| {
             let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
-            let (margin, grown, max_length) = (loaded.margin, None, MAX_LENGTH_MM);
+            let (margin, grown, max_length) = (5.0, None, MAX_LENGTH_MM);
             let through = SceneOptions {
                 file: &file,
                 loaded: &loaded,
@@ -585,31 +624,31 @@ mod tests {
                 max_length,
             };
             let far = [pose("100000,0,-500,0,0")];
-            plan(&asked.robot, &start, &far, &asked.search, &through).unwrap().scene.unwrap().clearance
+            plan(&fixture.robot, &start, &far, &fixture.search, &through).unwrap().scene.unwrap().clearance
         };
         // A plan that had no time reports only the clearance that it was made for.
-        assert_eq!(within(0.0), loaded.margin + CLEARANCE_TOLERANCE_MM);
+        assert_eq!(within(0.0), 5.0 + CLEARANCE_TOLERANCE_MM);
         assert!(within(0.0) < within(600.0));
     }
 
     #[test]
     fn the_two_plane_planner_tries_only_two_plane_paths() {
-        let asked = Asked::new();
-        let asked = Asked { search: PlanOptions { planner: Planner::TwoPlane, ..asked.search }, ..asked };
-        let refused = |goal| match asked.plan(&[goal]) {
+        let fixture = PlanFixture::new();
+        let fixture = PlanFixture { search: PlanOptions { planner: Planner::TwoPlane, ..fixture.search }, ..fixture };
+        let refused = |goal| match fixture.plan(&[goal]) {
             Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
-        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::NotClear);
+        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::TwoPlaneBlocked);
         assert!(matches!(refused(pose("0,0,310,0,90")), NoPathError::Goal { .. }));
-        assert_eq!(NoPathError::NotClear.code(), "none-at-resolution");
-        assert!(asked.plan(&[pose("300,0,300,0,0")]).is_ok());
+        assert_eq!(NoPathError::TwoPlaneBlocked.code(), "none-at-resolution");
+        assert!(fixture.plan(&[pose("300,0,300,0,0")]).is_ok());
     }
 
     #[test]
     fn unreachable_goals_are_refused_with_the_reason() {
-        let asked = Asked::new();
-        let refused = |goal| match asked.plan(&[goal]) {
+        let fixture = PlanFixture::new();
+        let refused = |goal| match fixture.plan(&[goal]) {
             Err(ScenePlanError::NoPath(no_path)) => no_path,
             other => panic!("{other:?}"),
         };
@@ -623,7 +662,7 @@ mod tests {
             size[side / 2] = 10.0;
             format!("[[box]]\ncenter_mm = {centre:?}\nsize_mm = {size:?}\n")
         });
-        fs::write(asked.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
+        fs::write(fixture.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
         assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPathError::Separated { .. }));
     }
 }

@@ -15,7 +15,8 @@ use crate::self_collision::{Collision, closest_self_approach};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Warning {
-    /// Kind of the warning, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`.
+    /// Kind of the warning, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`,
+    /// `near-obstacle`. After a growth: `far-from-plan`, `touches-obstacle`.
     pub code: String,
     /// Message for users.
     pub message: String,
@@ -35,6 +36,14 @@ pub const FILAMENT_SHORT: &str = "filament-short";
 /// Code of the warning for layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
 /// somewhere (mm), or with too many steps (value and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
+
+/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate: clearance,
+/// expected deviation (mm).
+pub const NEAR_OBSTACLE: &str = "near-obstacle";
+/// Code of the warning for a body that was grown far from its plan: greatest distance, limit (mm).
+pub const FAR_FROM_PLAN: &str = "far-from-plan";
+/// Code of the warning for a body that was grown into an obstacle: clearance, 0 (mm).
+pub const TOUCHES_OBSTACLE: &str = "touches-obstacle";
 
 /// Codes of the warnings that prevent a growth, because it cannot succeed.
 pub const BLOCKING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];

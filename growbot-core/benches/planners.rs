@@ -63,10 +63,10 @@ fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
 }
 
 /// The name of a family of goals, and a function that returns the goal for each `n`.
-type Family = (&'static str, fn(u32) -> PlanarPose);
+type GoalFamily = (&'static str, fn(u32) -> PlanarPose);
 
 /// Families of goals for which path types degenerate: each goal is the end of a path that is a part of a path type.
-const FAMILIES: [Family; 7] = [
+const FAMILIES: [GoalFamily; 7] = [
     ("arc below pi", |n| laid(PathType::Lsl, [0.5 * angle(n), 0.0, 0.0])),
     ("arc above pi", |n| laid(PathType::Lsl, [PI + 0.5 * angle(n), 0.0, 0.0])),
     ("tangent arcs", |n| laid(PathType::Lsr, [angle(n), 0.0, other_angle(n)])),

@@ -14,6 +14,9 @@ pub struct JobLayers<'a> {
     robot: &'a Robot,
 }
 
+/// Maximum number of layers of a job: what the journal of all three boards can store.
+pub const MAX_JOB_LAYERS: u32 = 6143;
+
 /// Returns the layers of a path as bytes, by exact slicing.
 #[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {

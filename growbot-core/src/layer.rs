@@ -3,9 +3,9 @@
 //! A layer of mean height `h` tilted by `phi` has, at angle `psi` round the ring of radius `r_t`, the height
 //! `h(psi) = h + r_t phi cos(psi - alpha)`. Laying it moves the tip by one step of Eq 4: `step(alpha, phi, h)`.
 
-use crate::kinematics;
-use crate::pose::Frame;
 use crate::trigonometry;
+#[cfg(feature = "planning")]
+use crate::{kinematics, pose::Frame};
 
 /// Number of sectors into which a turn of the head is divided. At the edges of each sector, head and feed are exactly,
 /// to the step, where the closed form of [`Layer::material_fraction`] puts them. Within a sector, both move at constant
@@ -98,6 +98,7 @@ impl Layer {
     }
 
     /// Returns `tip_from_next_tip`, the motion of the tip while this layer is laid (Eq 4).
+    #[cfg(feature = "planning")]
     #[must_use]
     pub fn step(&self) -> Frame {
         kinematics::step(self.alpha, self.tilt, self.height)
@@ -105,6 +106,7 @@ impl Layer {
 }
 
 /// Returns `base_from_tip` after these layers (Eq 5).
+#[cfg(feature = "planning")]
 #[must_use]
 pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {
     layers.into_iter().fold(*base_from_start, |base_from_tip, layer| kinematics::advance(&base_from_tip, &layer.step()))

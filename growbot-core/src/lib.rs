@@ -68,27 +68,45 @@ extern crate std;
 pub mod angle;
 pub mod compact_number;
 pub mod curvature;
+#[cfg(feature = "planning")]
 pub mod dubins2;
+#[cfg(feature = "planning")]
 mod float;
 pub mod hash;
+#[cfg(feature = "planning")]
 pub mod helicoid;
+#[cfg(feature = "planning")]
 pub mod job;
+#[cfg(feature = "planning")]
 pub mod kinematics;
 pub mod layer;
+#[cfg(feature = "planning")]
 pub mod layer_bytes;
+#[cfg(feature = "planning")]
 mod linalg5;
+#[cfg(feature = "planning")]
 pub mod link;
+#[cfg(feature = "planning")]
 pub mod path;
+#[cfg(feature = "planning")]
 pub mod plan;
+#[cfg(feature = "planning")]
 pub mod pose;
+#[cfg(feature = "planning")]
 pub mod random;
 pub mod robot;
+#[cfg(feature = "planning")]
 pub mod shortest;
+#[cfg(feature = "planning")]
 pub mod simulation;
+#[cfg(feature = "planning")]
 pub mod slicing;
 #[cfg(test)]
 mod testing;
+#[cfg(feature = "planning")]
 pub mod to_position;
+#[cfg(feature = "planning")]
 pub mod tracking;
 pub mod trigonometry;
+#[cfg(feature = "planning")]
 pub mod two_plane;

@@ -79,11 +79,11 @@ const GOAL_TOLERANCE: f64 = 1e-9;
 /// Min length of a segment, radii. A shorter segment is only a rounding error, and is removed if that does not move the
 /// end.
 pub(crate) const MIN_SEGMENT: f64 = 1e-9;
-/// Max error at the goal of a path without its removed segments, radii and radians: a tenth of [`ARRIVED`].
+/// Max error at the goal of a path without its removed segments, radii and radians: a tenth of [`GOAL_TOLERANCE`].
 const UNMOVED: f64 = 1e-10;
 
 /// The error of a tip at a goal.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GoalError {
     /// Distance, mm.
     pub distance: f64,

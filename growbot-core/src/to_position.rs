@@ -33,7 +33,7 @@ pub const MAX_PATHS: usize = 6;
 const NEAR_FULL_TURN: f64 = 1e-5;
 /// Max error of a path at the position, radii, for positions within 100 radii. At larger distances it grows in
 /// proportion.
-const ARRIVED: f64 = 1e-12;
+const MAX_POSITION_ERROR: f64 = 1e-12;
 
 /// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position in the
 /// plane, shortest first. There is always one.
@@ -73,7 +73,7 @@ pub fn planar(x: f64, y: f64) -> Vec<PlanarPath, MAX_PATHS> {
 fn arrives(path: &PlanarPath, x: f64, side: f64, y: f64) -> bool {
     let end = path.end();
     let scale = (0.01 * trigonometry::hypot(x, y)).max(1.0);
-    trigonometry::hypot(end.x - x, end.y - side * y) <= ARRIVED * scale
+    trigonometry::hypot(end.x - x, end.y - side * y) <= MAX_POSITION_ERROR * scale
 }
 
 /// Inserts a path in order of length, after those of the same length.

@@ -35,6 +35,7 @@ const COSINE: [f64; 6] = [
 ];
 /// Coefficients of `(x - atan x) / x^3` in powers of `x^4`, for `x` within half of an eighth of a turn. The second row
 /// is that of the powers of `x^2` between these.
+#[cfg(feature = "planning")]
 const ARC_TANGENT: [[f64; 6]; 2] = [
     [
         3.333_333_333_333_293e-1,
@@ -112,6 +113,7 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
 }
 
 /// Returns [`sin_cos`] of an angle of at most an eighth of a turn, which needs no reduction.
+#[cfg(feature = "planning")]
 #[must_use]
 pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
     let reduced = Reduced { quarters: 0, left: angle, rest: 0.0 };
@@ -120,6 +122,7 @@ pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
 
 /// Returns the angle, radians, with this tangent. The angle is at most a sixteenth of a turn, so the tangent is at most
 /// 0.4375.
+#[cfg(feature = "planning")]
 #[must_use]
 pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
     let square = tangent * tangent;

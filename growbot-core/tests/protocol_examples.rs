@@ -289,7 +289,7 @@ fn protocol_examples_match_the_code() {
     let blocks = blocks("frame");
     let written: Vec<&str> = blocks.iter().map(|(name, _)| name.as_str()).collect();
     let conversation = conversation();
-    assert_eq!(written, conversation.iter().map(|said| said.name).collect::<Vec<_>>());
+    assert_eq!(written, conversation.iter().map(|example| example.name).collect::<Vec<_>>());
 
     let mut wrong = String::new();
     for ((name, lines), ExampleFrame { session, seq, ack, message, .. }) in blocks.iter().zip(&conversation) {

@@ -101,6 +101,8 @@ pub struct Controller<B: Board> {
     motors_energised: bool,
     /// Number of emergency stops received over the link that have been carried out.
     calls: u32,
+    /// Number of presses of the emergency stop that have been carried out.
+    presses: u32,
     /// Number of finished sectors of the current layer, as last stored in the retained state.
     sectors: u8,
     /// Time at which the state was entered, us.
@@ -137,6 +139,7 @@ impl<B: Board> Controller<B> {
             ticks: StepTickMonitor::default(),
             motors_energised: false,
             calls: handover.link_emergency_stops(),
+            presses: 0,
             sectors: 0,
             state_entered_us: 0,
             next_supervision_us: 0,
@@ -205,8 +208,11 @@ impl<B: Board> Controller<B> {
             self.next_supervision_us = now.saturating_add(heater::PERIOD_US);
             self.supervise(handover);
         }
-        if let Some(report) = handover.pop_report() {
+        while let Some(report) = handover.pop_ended_move() {
             self.handle_report(report, handover);
+        }
+        if let Some(alarm) = handover.pop_report() {
+            self.handle_report(alarm, handover);
         }
         self.advance_growth(handover);
         self.report_layers();
@@ -215,10 +221,11 @@ impl<B: Board> Controller<B> {
 
     /// Switches everything off after an emergency stop. Each poll checks this first.
     fn handle_emergency_stop(&mut self, handover: &Mailbox) {
-        let calls = handover.link_emergency_stops();
-        if handover.is_emergency_stopped() || calls != self.calls {
+        let (calls, presses) = (handover.link_emergency_stops(), handover.emergency_stop_presses());
+        if handover.is_emergency_stopped() || calls != self.calls || presses != self.presses {
             self.latch_emergency_stop(handover);
         }
+        self.presses = presses;
         if calls != self.calls {
             self.calls = calls;
             self.link.broadcast(&Message::EmergencyStopAck(Empty {}));

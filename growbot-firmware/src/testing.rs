@@ -4,6 +4,7 @@ pub mod fake_i2c_bus;
 /// The fake flash of the simulated board.
 #[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
+pub mod preemption;
 
 use core::convert::Infallible;
 use std::cell::RefCell;
@@ -88,6 +89,11 @@ impl FakePins {
     /// Makes a pin fail from now on.
     pub fn fail(&self, number: usize) {
         self.0.borrow_mut().failed.push(number);
+    }
+
+    /// Makes a pin work again.
+    pub fn repair(&self, number: usize) {
+        self.0.borrow_mut().failed.retain(|failed| *failed != number);
     }
 
     /// Returns whether the pin works.

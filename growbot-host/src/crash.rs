@@ -10,14 +10,14 @@ use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
 
-type Slice = EndianArcSlice<RunTimeEndian>;
+type DwarfSlice = EndianArcSlice<RunTimeEndian>;
 
 /// Maximum length of an ELF image, bytes. growbot's own images have about 3 MB with debug information.
 const LONGEST_IMAGE: u64 = 64 << 20;
 
 /// An image in which addresses can be looked up.
 pub struct FirmwareImage {
-    context: Context<Slice>,
+    context: Context<DwarfSlice>,
     /// Address ranges of its code.
     code: Vec<std::ops::Range<u64>>,
     /// CRC that the image has with its seal. `None` if it cannot be sealed.

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 
 use growbot_client::input::{self, InputError};
 use growbot_client::robot_file::{self, RobotFileError};
+use growbot_client::suggest::did_you_mean;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -50,6 +51,19 @@ pub struct Setting {
     pub origin: SettingOrigin,
 }
 
+/// Prefix of growbot's variables of the environment.
+const PREFIX: &str = "GROWBOT_";
+
+/// Variables that growbot reads, or that it sets for the command of a notification.
+const VARIABLES: [&str; 6] = [
+    "GROWBOT_ROBOT",
+    "GROWBOT_PORT",
+    "GROWBOT_EMULATOR_TIME",
+    "GROWBOT_NOTIFICATION_EVENT",
+    "GROWBOT_NOTIFICATION_ROBOT",
+    "GROWBOT_NOTIFICATION_MESSAGE",
+];
+
 /// Maximum length of a robot's name, letters.
 const MAX_NAME: usize = 64;
 
@@ -63,6 +77,16 @@ pub enum SettingsError {
         variable: &'static str,
         /// Value of the variable.
         text: OsString,
+    },
+    /// A variable of the environment has the prefix of growbot's variables, but growbot has no such variable.
+    #[error(
+        "unknown environment variable {name:?}{}: unset it, or rename it; growbot reads {}",
+        did_you_mean(.name, VARIABLES),
+        VARIABLES[..3].join(", ")
+    )]
+    UnknownVariable {
+        /// Name of the variable.
+        name: String,
     },
     /// A file cannot be read.
     #[error(transparent)]
@@ -145,6 +169,19 @@ impl Key {
             Self::Port => written.port.as_ref().map(|port| port_from(port, directory)),
         }
     }
+}
+
+/// Checks that no variable of the environment looks like one of growbot's without being one. An empty variable counts
+/// as not set.
+///
+/// # Errors
+/// [`SettingsError::UnknownVariable`] with the first such variable.
+pub fn check_environment() -> Result<(), SettingsError> {
+    let set = env::vars_os().filter(|(_, value)| !value.is_empty());
+    let mut names: Vec<String> = set.map(|(name, _)| name.to_string_lossy().into_owned()).collect();
+    names.sort();
+    let unknown = names.into_iter().find(|name| name.starts_with(PREFIX) && !VARIABLES.contains(&name.as_str()));
+    unknown.map_or(Ok(()), |name| Err(SettingsError::UnknownVariable { name }))
 }
 
 /// Returns the robot that a file in this directory refers to.
@@ -287,8 +324,8 @@ mod tests {
             assert!(named(name).is_ok(), "{name}");
         }
         for name in ["our lab", "a/b", "a?b", "", "l\u{e4}b", &"a".repeat(MAX_NAME + 1)] {
-            let said = named(name).unwrap_err().to_string();
-            assert!(said.contains("rename it") && said.contains(name), "{said}");
+            let message = named(name).unwrap_err().to_string();
+            assert!(message.contains("rename it") && message.contains(name), "{message}");
         }
     }
 

@@ -74,6 +74,39 @@ fn noise_is_corrected_and_the_same_seed_gives_the_same_run() {
 }
 
 #[test]
+fn feedback_follows_a_straight_path_and_reports_the_greatest_distance_from_it() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("run.jsonl").to_str().unwrap().to_owned();
+    for seed in ["1", "2", "3"] {
+        let straight = ["grow", "--to", "0,0,600,0,90", "--noise", "10", "--seed", seed, "--json"];
+        let ran = growbot(&[&straight[..], &["--feedback", "--log", &log, "--overwrite"]].concat());
+        assert_eq!(ran.code, Some(0), "{}", ran.err);
+        let result: Value = serde_json::from_str(&ran.out).unwrap();
+        let deviation = &result["plan_deviation"];
+        // The tip overshoots by less than a layer.
+        assert!(deviation["max_mm"].as_f64().unwrap() < 0.5, "seed {seed}: {result}");
+        assert_eq!(deviation["limit_mm"], 3.0);
+        assert!(result["warnings"].is_null() && !ran.err.contains("far-from-plan"), "{result}");
+        let text = fs::read_to_string(&log).unwrap();
+        let end: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+        assert_eq!((&end["event"], &end["result"]["plan_deviation"]), (&"end".into(), deviation));
+    }
+    let page = directory.path().join("page.html").to_str().unwrap().to_owned();
+    assert_eq!(growbot(&["view", &log, "-o", &page]).code, Some(0));
+    assert!(fs::read_to_string(&page).unwrap().contains("Off the plan"));
+}
+
+#[test]
+fn a_body_far_from_its_plan_gives_a_warning() {
+    let ran = growbot(&["grow", "--to", "0,0,300,0,90", "--bias", "5", "--json"]);
+    let result: Value = serde_json::from_str(&ran.out).unwrap();
+    let warning = &result["warnings"][0];
+    assert_eq!((&warning["code"], &warning["limit"]), (&"far-from-plan".into(), &1.6.into()));
+    assert!((warning["value"].as_f64().unwrap() - 15.0).abs() < 0.5, "{result}");
+    assert!(ran.err.contains("far-from-plan") && ran.err.contains("1.6 mm"), "{}", ran.err);
+}
+
+#[test]
 fn a_bad_link_changes_little() {
     let result = grown(&["--noise", "10", "--feedback", "--link-fault", "drop=2%,flip=1e-4"]);
     assert_eq!(result["outcome"], "done");

@@ -272,10 +272,10 @@ fn lost_reports_are_sent_again() {
 }
 
 /// Runs a growth and kills its program after this many layers are in its log. After them the board's time almost stops.
-fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize) {
+fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize, on_silence: &str) {
     board.pause_after(layers as u32);
     let mut child = command(PROGRAM)
-        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-host-silence", "continue", "--log"])
+        .args(["grow", "--to", "0,0,46.44,0,90", "--port", &board.port(), "--on-host-silence", on_silence, "--log"])
         .arg(log)
         .stdout(std::process::Stdio::null())
         .stderr(std::process::Stdio::null())
@@ -298,7 +298,7 @@ fn a_killed_growth_resumes_from_its_log() {
     assert_eq!(unbroken.code, Some(0), "{}", unbroken.err);
 
     let board = FakeBoard::lasting("growbot-a");
-    grow_and_kill(&board, &log, 12);
+    grow_and_kill(&board, &log, 12, "continue");
     let log = log.to_str().unwrap();
     // An incomplete last line, as after an interrupted write.
     let mut bytes = std::fs::read(log).unwrap();
@@ -341,7 +341,7 @@ fn a_job_is_cancelled_and_the_emergency_stop_acts() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("run.jsonl");
     let board = FakeBoard::lasting("growbot-a");
-    grow_and_kill(&board, &log, 3);
+    grow_and_kill(&board, &log, 3, "continue");
     let stopped = growbot(&["estop", "--port", &board.port()]);
     assert_eq!(stopped.code, Some(0), "{}", stopped.err);
     let status = json(&growbot(&["status", "--port", &board.port(), "--json"]));
@@ -355,6 +355,49 @@ fn a_job_is_cancelled_and_the_emergency_stop_acts() {
     assert_eq!(growbot(&["cancel", "--port", &board.port()]).code, Some(0));
     let status = json(&growbot(&["status", "--port", &board.port(), "--json"]));
     assert_eq!(status["plan_id"], Value::Null);
+}
+
+#[test]
+fn a_body_on_a_board_of_another_release_is_kept_and_can_be_stopped() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("run.jsonl");
+    let board = FakeBoard::lasting("growbot-a");
+    grow_and_kill(&board, &log, 3, "pause");
+    let port = board.port();
+    board.pause_after(u32::MAX);
+    let before = wait_for("the body is parked", || {
+        let status = json(&growbot(&["status", "--port", &port, "--json"]));
+        (status["state"] == "parked").then_some(status)
+    });
+    // The host is updated now, so that the board's release is another one.
+    board.set_other_release(true);
+    let refusal = [
+        "the board's firmware is of another release",
+        "finish or cancel a body that it stores with the growbot of that release, then flash this release",
+        "stop and estop work with any release",
+    ];
+    let log = log.to_str().unwrap();
+    for args in [
+        &["status"][..],
+        &["resume", log, "--yes"],
+        &["cancel"],
+        &["grow", "--to", "0,0,100,0,90"],
+        &["maintain", "preheat"],
+        &["tune"],
+    ] {
+        let ran = growbot(&[args, &["--port", &port]].concat());
+        assert_refused(&ran, &refusal);
+        assert_eq!(ran.out, "", "{args:?}");
+    }
+    for (command, state) in [("stop", "stopped"), ("estop", "emergency-stop")] {
+        let ran = growbot(&[command, "--port", &port]);
+        assert!(ran.code == Some(0) && ran.out.contains("are off"), "{command}: {}{}", ran.out, ran.err);
+        board.set_other_release(false);
+        let after = json(&growbot(&["status", "--port", &port, "--json"]));
+        board.set_other_release(true);
+        assert_eq!((&after["state"], &after["plan_id"]), (&state.into(), &before["plan_id"]), "{command}: {after}");
+        assert!(number(&after, "laid") >= number(&before, "laid"), "{after}");
+    }
 }
 
 #[test]
@@ -374,6 +417,19 @@ fn invalid_run_logs_are_reported() {
         std::fs::write(path(name), text).unwrap();
         assert_refused(&growbot(&["replay", &path(name)]), &[name, "run log"]);
     }
+    // The plan of the old header is readable, but nothing of the log is read.
+    let log = path("run.jsonl");
+    assert_eq!(growbot(&["grow", "--to", "0,0,5,0,90", "--log", &log]).code, Some(0));
+    let old = std::fs::read_to_string(&log).unwrap().replacen("growbot-run/4", "growbot-run/3", 1);
+    std::fs::write(&log, &old).unwrap();
+    let refusal =
+        "its format is \"growbot-run/3\", but this version reads \"growbot-run/4\": use the growbot that wrote it";
+    for args in [&["replay", &log][..], &["resume", &log, "--port", "sim", "--yes"], &["view", &log, "-o", "-"]] {
+        let ran = growbot(args);
+        assert_refused(&ran, &["run.jsonl", refusal]);
+        assert_eq!(ran.out, "", "{args:?}");
+    }
+    assert_eq!(std::fs::read_to_string(&log).unwrap(), old);
     assert_refused(&growbot(&["replay", &path("missing")]), &["missing"]);
     assert_refused(&growbot(&["resume", &path("missing")]), &["missing"]);
 }
@@ -411,17 +467,13 @@ fn a_command_to_a_simulated_robot_that_nothing_runs_fails() {
 
 #[test]
 fn tests_ignore_the_users_settings() {
-    let set: Vec<_> = command(PROGRAM).get_envs().map(|(name, value)| (name.to_owned(), value.is_some())).collect();
-    assert_eq!(
-        set,
-        [
-            ("GROWBOT_PORT".into(), false),
-            ("GROWBOT_ROBOT".into(), false),
-            ("XDG_CONFIG_HOME".into(), true),
-            ("XDG_RUNTIME_DIR".into(), true),
-            ("XDG_STATE_HOME".into(), true)
-        ]
-    );
+    let tested = command(PROGRAM);
+    let changes = || tested.get_envs().map(|(name, value)| (name.to_string_lossy(), value));
+    let set: Vec<_> = changes().filter_map(|(name, value)| value.and(Some(name))).collect();
+    assert_eq!(set, ["XDG_CONFIG_HOME", "XDG_RUNTIME_DIR", "XDG_STATE_HOME"]);
+    for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("GROWBOT_")) {
+        assert!(changes().any(|(removed, value)| removed == name && value.is_none()), "{name}");
+    }
     let mut folders = vec![concat!(env!("CARGO_MANIFEST_DIR"), "/tests").into()];
     let mut files = 0;
     while let Some(folder) = folders.pop() {

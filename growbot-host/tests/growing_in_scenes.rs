@@ -56,7 +56,7 @@ fn a_plan_without_clearance_is_refused_with_value_limit_and_remedy() {
     let refused = growbot(&["grow", &straight, "--scene", &room, "--json"]);
     assert_eq!(refused.code, Some(1), "{}", refused.err);
     let words = refused.err.replace("\n    ", " ");
-    for part in ["run 82.80 mm into the ball at 0, 0, 300", "margin_mm requires 5 mm", "`growbot plan --scene`"] {
+    for part in ["run 82.80 mm into the ball at 0, 0, 300", "the margin is 5 mm", "`growbot plan --scene`"] {
         assert!(words.contains(part), "{part}: {words}");
     }
     assert_eq!(words.matches("error: ").count(), 1);
@@ -152,7 +152,8 @@ fn without_a_detour_a_start_is_refused_and_an_active_growth_pauses() {
         });
         fs::write(&shaft, format!("format = \"growbot-scene/1\"\n{}", boxes.concat())).unwrap();
     };
-    let args = ["grow", "--to", "0,0,600,0,90", "--scene", &shaft, "--feedback", "--log", &log, "--json"];
+    let args =
+        ["grow", "--to", "0,0,600,0,90", "--scene", &shaft, "--margin", "0", "--feedback", "--log", &log, "--json"];
     // The tube has a radius of 22.8 mm, and the uncertainty of the position exceeds the rest of the shaft.
     shaft_of(23.3);
     let refused = growbot(&[&args, &SENSORS[..]].concat());
@@ -172,4 +173,78 @@ fn without_a_detour_a_start_is_refused_and_an_active_growth_pauses() {
     // Only layers that were already in progress follow.
     let laid = events(&log, "laid").len() as u64;
     assert!(laid < 776 && laid <= too_near[0]["layer"].as_u64().unwrap(), "{laid} {too_near:?}");
+}
+
+/// Writes a scene without a margin: a wall above a body that ends level at a height of 300 mm. `spare` is the distance
+/// between the wall and the outside of the tube.
+fn wall_above(fixture: &Fixture, spare: f64) -> String {
+    let (wall, top) = (fixture.path("wall.toml"), 300.0 + 22.8 + spare);
+    let plane = format!("[[halfspace]]\npoint_mm = [0, 0, {top}]\nnormal = [0, 0, -1]\n");
+    fs::write(&wall, format!("format = \"growbot-scene/1\"\n{plane}")).unwrap();
+    wall
+}
+
+const LEVEL: &str = "400,0,300,0,0";
+
+#[test]
+fn a_plan_keeps_the_expected_deviation_of_its_robot_unless_another_margin_is_given() {
+    let fixture = Fixture::new();
+    let wall = wall_above(&fixture, 0.05);
+    let plan = |more: &[&str]| growbot(&[&["plan", "--to", LEVEL, "--scene", &wall, "--json"], more].concat());
+    let refused = plan(&[]);
+    assert_eq!(refused.code, Some(1), "{}", refused.err);
+    let words = refused.err.replace("\n    ", " ");
+    // Half the tube is 22.8 mm, and 3 standard deviations of robot A are 4.82 mm.
+    assert!(words.contains("needs 27.62") && words.contains("--margin"), "{words}");
+    let near = plan(&["--margin", "0.01"]);
+    assert_eq!(near.code, Some(0), "{}", near.err);
+    let found = json(&near);
+    assert_eq!(found["scene"]["margin_mm"], 0.01);
+    let warning = &found["warnings"][0];
+    assert_eq!(warning["code"], "near-obstacle");
+    assert_eq!(warning["limit"], 4.82);
+    let message = warning["message"].as_str().unwrap();
+    let touching: u32 = message.split(" of 100 simulated").next().unwrap().rsplit(' ').next().unwrap().parse().unwrap();
+    assert!((30..=70).contains(&touching), "{message}");
+    for bad in ["-1", "nan", "1e9"] {
+        assert_eq!(plan(&["--margin", bad]).code, Some(2), "{bad}");
+    }
+    // The text shows the margin, and a plan file keeps it.
+    let file = fixture.path("near.json");
+    let shown = growbot(&["plan", "--to", LEVEL, "--scene", &wall, "--margin", "0.01", "-o", &file]);
+    assert!(shown.out.contains("\n  margin    0.01 mm\n"), "{}", shown.out);
+    assert!(shown.out.contains("warning (near-obstacle): "), "{}", shown.out);
+    for command in ["simulate", "view", "layers"] {
+        let output = fixture.path(&format!("{command}.html"));
+        let args = if command == "view" { vec![command, &file, "-o", &output] } else { vec![command, &file] };
+        assert_eq!(growbot(&args).code, Some(0), "{command}");
+    }
+    assert!(
+        fs::read_to_string(fixture.path("view.html")).unwrap().contains("simulated growths with that noise touch it")
+    );
+    let wider = growbot(&["simulate", &file, "--scene", &wall, "--margin", "3"]);
+    assert!(wider.err.replace("\n    ", " ").contains("the margin is 3 mm"), "{}", wider.err);
+}
+
+#[test]
+fn the_grown_body_is_checked_for_contact() {
+    let fixture = Fixture::new();
+    let (wall, log) = (wall_above(&fixture, 0.05), fixture.path("run.jsonl"));
+    let grow = |more: &[&str]| {
+        let args = ["grow", "--to", LEVEL, "--scene", &wall, "--margin", "0", "--overwrite", "--log", &log, "--json"];
+        growbot(&[&args, more].concat())
+    };
+    let touches = grow(&["--bias", "2"]);
+    assert_eq!(touches.code, Some(0), "{}", touches.err);
+    let result = json(&touches);
+    assert_eq!((&result["scene"]["contact"], &result["warnings"][0]["code"]), (&true.into(), &"far-from-plan".into()));
+    assert_eq!(result["warnings"][1]["code"], "touches-obstacle");
+    assert!(result["scene"]["obstacle"].as_str().unwrap().starts_with("the half space"), "{result}");
+    assert!(touches.err.contains("touches-obstacle"), "{}", touches.err);
+    let end = &events(&log, "end")[0]["result"];
+    assert_eq!((&end["scene"], &end["plan_deviation"]), (&result["scene"], &result["plan_deviation"]));
+    let clear = json(&grow(&["--bias", "-1"]));
+    assert_eq!(clear["scene"]["contact"], false);
+    assert!(clear["scene"]["clearance_mm"].as_f64().unwrap() > 0.05, "{clear}");
+    assert!(clear["warnings"].is_null() || clear["warnings"][0]["code"] == "far-from-plan", "{clear}");
 }

@@ -1,5 +1,6 @@
 //! The service as its users meet it: the program itself, killed and restarted, with valid and invalid requests.
 
+use crate::fake_board::FakeBoard;
 use crate::lab;
 use crate::running;
 
@@ -249,6 +250,72 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
 }
 
 #[test]
+fn requests_of_another_release_are_refused_with_the_advice_to_reload() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let reload = "reload the page, or update the program, that sent it";
+    for (method, path, body, status, cause) in [
+        (
+            "POST",
+            "/robots/lab/orders",
+            r#"{"order":"emergency-stop"}"#,
+            404,
+            "this release has no route POST /api/v1/robots/lab/orders: ",
+        ),
+        (
+            "POST",
+            "/jobs/1/live/orders/stop",
+            "",
+            404,
+            "this release has no route POST /api/v1/jobs/1/live/orders/stop: ",
+        ),
+        ("GET", "/addresses", "", 404, "this release has no route GET /api/v1/addresses: "),
+        ("GET", "/events/socket", "", 404, "this release has no route GET /api/v1/events/socket: "),
+        ("POST", "/robots/lab/commands", r#"{"order":"stop"}"#, 422, "unknown field `order`, expected `command`"),
+        ("POST", "/robots/lab/jobs", r#"{"to":"0,0,60,0,90","scale":2}"#, 422, "unknown field `scale`"),
+        ("GET", "/jobs?max=5", "", 400, "unknown field `max`, expected `limit`"),
+    ] {
+        // Browsers send the origin with each request of a page.
+        let (port, [control, _]) = lab.pages.as_ref().unwrap();
+        let headers = [format!("host: 127.0.0.1:{port}"), format!("origin: http://127.0.0.1:{port}")];
+        let headers = headers.each_ref().map(String::as_str);
+        let (found, text) = http(lab.page(), method, &format!("/{control}/api/v1{path}"), &headers, body);
+        let problem: Value =
+            serde_json::from_str(&text).unwrap_or_else(|error| panic!("{path}: {found}: {text:?}: {error}"));
+        let detail = problem["detail"].as_str().unwrap();
+        assert_eq!((found, &problem["status"]), (status, &json!(status)), "{path}: {text}");
+        assert!(detail.contains(cause) && detail.contains(reload), "{path}: {detail}");
+        assert_eq!(lab.ask(method, path, body), (found, problem), "{path} on the socket");
+    }
+    // Nothing was read in part: no job was started, and the robot was not stopped.
+    assert_eq!(lab.ask("GET", "/jobs", "").1, json!([]));
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["state"], "ready");
+}
+
+#[test]
+fn a_board_of_another_release_gets_no_job_and_can_be_stopped() {
+    let board = FakeBoard::lasting("growbot-a2");
+    board.set_other_release(true);
+    let lab = Lab::configured(&format!("[robots.lab]\nport = \"{}\"\nrobot = \"growbot-a2\"\n", board.port()));
+    let cause = "the board's firmware is of another release";
+    wait_for("the board is refused", || {
+        let (_, robot) = lab.ask("GET", "/robots/lab", "");
+        robot["connection_error"].as_str().is_some_and(|error| error.contains(cause)).then_some(())
+    });
+    let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains(cause), "{problem}");
+    for command in ["stop", "emergency-stop"] {
+        let (status, robot) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": command }).to_string());
+        assert_eq!(status, 200, "{command}: {robot}");
+    }
+    board.set_other_release(false);
+    wait_for("the board has stopped", || {
+        let (_, robot) = lab.ask("GET", "/robots/lab", "");
+        (robot["board_state"] == "emergency-stop").then_some(())
+    });
+}
+
+#[test]
 fn the_job_list_is_rebuilt_from_the_run_logs() {
     let mut lab = Lab::new(100.0);
     lab.wait_until_ready();
@@ -278,7 +345,7 @@ fn the_job_list_is_rebuilt_from_the_run_logs() {
         let heard = lab.heard().replace("\n    ", " ");
         assert!(
             heard.contains(
-                "its format is \"growbot-run/5\", but this version reads \"growbot-run/4\": use growbot 0.1.0"
+                "its format is \"growbot-run/5\", but this version reads \"growbot-run/4\": use the growbot that wrote it (0.1.0)"
             ),
             "{heard}"
         );

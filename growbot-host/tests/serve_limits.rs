@@ -212,3 +212,26 @@ fn only_one_of_several_simultaneous_jobs_begins() {
     let of = |order: &str| lab.orders().iter().filter(|of| of["command"] == order && of["error"].is_null()).count();
     assert_eq!((of("grow"), of("cancel")), (9, 4), "four that began, and five answered with the job of the fourth");
 }
+
+/// A plan that no board can store is refused before its layers are computed, also by force. A key is for one request.
+#[test]
+fn too_many_layers_and_reused_keys_are_refused() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let begin = |key: &str, body: Value| {
+        let stream = UnixStream::connect(lab.socket()).unwrap();
+        http(stream, "POST", "/api/v1/robots/lab/jobs", &[&format!("idempotency-key: {key}")], &body.to_string())
+    };
+    let (status, said) = begin("far", json!({ "to": "0,0,8000,0,90", "force": true }));
+    assert!(status == 409 && said.contains("layers, but a board can store 6143"), "{status}: {said}");
+    let (status, first) = begin("one", json!({ "to": GOAL }));
+    assert_eq!(status, 201, "{first}");
+    assert_eq!(begin("one", json!({ "to": GOAL })).0, 200);
+    let (status, said) = begin("one", json!({ "to": "0,0,100,0,90" }));
+    assert!(status == 409 && said.contains("whose request was another"), "{status}: {said}");
+    assert_eq!(lab.ask("POST", "/robots/lab/commands", r#"{"command":"stop"}"#).0, 200);
+    let id = serde_json::from_str::<Value>(&first).unwrap()["id"].as_str().unwrap().to_owned();
+    assert_eq!(lab.wait_for_end(&id)["state"], "interrupted");
+    assert_eq!(lab.ask("POST", "/robots/lab/commands", r#"{"command":"cancel"}"#).0, 200);
+    assert_eq!(lab.ask("GET", &format!("/jobs/{id}"), "").1["state"], "failed");
+}

@@ -51,7 +51,7 @@ fn the_service_keeps_bodies_clear_of_their_scene() {
     let around = [[62.83, 0.0], [-62.83, 0.0], [0.0, 62.83], [0.0, -62.83]];
     let balls = around.map(|[x, y]| format!("[[ball]]\ncenter_mm = [{x}, {y}, 40]\nradius_mm = 40\n"));
     fs::write(&scene, format!("format = \"growbot-scene/1\"\n{}", balls.concat())).unwrap();
-    let wanted = json!({ "to": "0,0,60,0,90", "scene": scene, "feedback": true });
+    let wanted = json!({ "to": "0,0,60,0,90", "scene": scene, "margin_mm": 0.0, "feedback": true });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
     assert!(
         status == 409 && problem["detail"].as_str().unwrap().contains("no sensor that measures layers"),
@@ -153,6 +153,19 @@ fn a_page_sends_its_scenes_and_cannot_name_local_files() {
     let (status, planned) = ask("/plans?robot=lab", &json!({ "to": "0,0,60,0,90", "scene": name }).to_string());
     assert_eq!(status, 200, "{planned}");
     assert!(planned["plan"]["scene"]["clearance_mm"].as_f64().unwrap() >= 5.0, "{planned}");
+    assert_eq!(planned["plan"]["scene"]["margin_mm"], 5.0);
+    assert_eq!(kept["box"], json!({ "min_mm": [30.0, -40.0, 0.0], "max_mm": [110.0, 40.0, 80.0] }));
+    // A request may set another margin. The tube is 22.8 mm thick from its centre, and the ball begins at 30 mm.
+    let with_margin = |margin: f64| {
+        let request = json!({ "to": "0,0,60,0,90", "scene": name, "margin_mm": margin });
+        ask("/plans?robot=lab", &request.to_string())
+    };
+    let (status, near) = with_margin(1.0);
+    assert_eq!((status, &near["plan"]["scene"]["margin_mm"]), (200, &json!(1.0)), "{near}");
+    for refused in [20.0, -1.0, 1e9] {
+        let (status, problem) = with_margin(refused);
+        assert!(status == 422 && problem["detail"].as_str().unwrap().contains("margin"), "{status} {problem}");
+    }
     // The plan names the scene that was sent, so it can be grown as it is.
     let (status, job) = ask("/robots/lab/jobs", &json!({ "plan": planned["plan"], "scene": name }).to_string());
     assert_eq!(status, 201, "{job}");

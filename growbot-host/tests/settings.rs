@@ -145,6 +145,54 @@ fn settings_errors_are_reported_and_affect_only_commands_with_settings() {
 }
 
 #[test]
+fn unknown_keys_are_refused_with_the_known_ones() {
+    let place = Place::new();
+    for (text, expected) in [
+        (
+            "baud = 9600\n",
+            "unknown field `baud`, expected one of `robot`, `port`, `robots`, `serve`: remove or rename it",
+        ),
+        ("robot = \"growbot-a\"\nports = \"sim\"\n", "line 2, column 1: unknown field `ports`"),
+        (
+            "[serve.notice]\nwebhook = \"https://example.org\"\n",
+            "unknown field `notice`, expected one of `port`, `request_s`",
+        ),
+        ("[robots.lab]\nport = \"sim\"\nspeed = 2\n", "unknown field `speed`, expected one of `port`, `robot`, `pace`"),
+    ] {
+        place.write("lab/growbot.toml", text);
+        let ran = place.run(&["rmin"]);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+        assert!(ran.err.contains("growbot.toml, line") && ran.err.contains(expected), "{}", ran.err);
+        assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);
+    }
+}
+
+#[test]
+fn unknown_variables_are_refused_but_do_not_prevent_a_stop() {
+    let mut place = Place::new();
+    place.environment = vec![("GROWBOT_PROT", "/dev/ttyNONE7".to_owned())];
+    let refusal = "unknown environment variable \"GROWBOT_PROT\" (did you mean GROWBOT_PORT?): unset it, or rename it; \
+                   growbot reads GROWBOT_ROBOT, GROWBOT_PORT, GROWBOT_EMULATOR_TIME";
+    for args in [&["rmin"][..], &["status", "--port", "sim"], &[]] {
+        let ran = place.run(args);
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{args:?}: {}", ran.err);
+        assert!(ran.err.contains(refusal), "{args:?}: {}", ran.err);
+    }
+    for command in ["stop", "estop"] {
+        let ran = place.run(&[command, "--port", "sim"]);
+        assert!(ran.code == Some(0) && ran.err.contains(refusal), "{command}: {}", ran.err);
+    }
+    // A command of a notification calls growbot with these variables. Empty variables count as not set.
+    place.environment = vec![
+        ("GROWBOT_NOTIFICATION_EVENT", "done".to_owned()),
+        ("GROWBOT_NOTIFICATION_ROBOT", "lab".to_owned()),
+        ("GROWBOT_NOTIFICATION_MESSAGE", "done".to_owned()),
+        ("GROWBOT_PROT", String::new()),
+    ];
+    assert_eq!(place.robot(), "growbot-a");
+}
+
+#[test]
 fn a_plan_embeds_its_robot_and_another_one_is_refused() {
     let place = Place::new();
     place.write("lab/project/deep/ours.toml", &own_robot());

@@ -142,7 +142,7 @@ fn a_picture_has_a_title_and_a_limited_file_size() {
     assert_ne!(fs::read_to_string(path("side.svg")).unwrap(), svg);
     done(&["view", text(&run), "--svg"]);
     let grown = fs::read_to_string(path("run.svg")).unwrap();
-    assert!(grown.contains("off the goal, as the tip says") && grown.contains("stroke-dasharray"));
+    assert!(grown.contains("off the goal, as the tip says; up to ") && grown.contains("stroke-dasharray"));
     assert!(grown.contains(">plan</text>") && !grown.contains(">estimated</text>"));
     // A plan and its log often have the same name.
     fs::copy(&plan, path("run.json")).unwrap();

@@ -238,6 +238,34 @@ fn an_example_is_determined_by_its_seed_and_passable() {
     }
     assert_eq!(growbot(&["scene", "pipe-rack", "-o", &fixture.path("a.json")]).code, Some(2));
     assert_eq!(growbot(&["scene", "attic"]).code, Some(2));
+    assert_eq!(growbot(&["scene", "pipe-rack", "--json"]).code, Some(2));
+}
+
+#[test]
+fn scene_shows_what_was_read_from_a_file() {
+    let fixture = Fixture::new();
+    let shown = fixture.done(&["scene", &fixture.path("room.toml")]).out;
+    assert!(shown.contains("  x          -215.00 to     215.00 mm\n"), "{shown}");
+    assert!(
+        shown.contains("3 boxes, balls and capsules, 1 half spaces") && shown.contains("margin    5 mm"),
+        "{shown}"
+    );
+    // An exported body is read where it is, from both formats.
+    let read = |name: &str| -> Value {
+        fixture.made("export", "straight.json", name, &[]);
+        serde_json::from_str(&fixture.done(&["scene", &fixture.path(name), "--json"]).out).unwrap()
+    };
+    let [stl, glb] = [read("body.stl"), read("body.glb")];
+    assert_eq!((&stl["margin_mm"], &stl["triangles"]), (&Value::Null, &glb["triangles"]));
+    for corner in ["min_mm", "max_mm"] {
+        for axis in 0..3 {
+            let [stl, glb] = [&stl, &glb].map(|scene| scene["box"][corner][axis].as_f64().unwrap());
+            assert!((stl - glb).abs() < 0.01, "{corner} {axis}: {stl} {glb}");
+        }
+    }
+    assert!((glb["box"]["max_mm"][2].as_f64().unwrap() - 300.0).abs() < 0.01, "{glb}");
+    let with_seed = growbot(&["scene", &fixture.path("body.stl"), "--seed", "2"]);
+    assert!(with_seed.code == Some(2) && with_seed.err.contains("remove them"), "{}", with_seed.err);
 }
 
 /// Returns the page of a growth, from the address that the growth prints.

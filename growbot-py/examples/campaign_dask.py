@@ -20,7 +20,10 @@ def main() -> None:
         with Client(sys.argv[1]) as client:
             result = growbot.run_campaign(SPEC, client)
     else:
-        with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
+        with (
+            LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+            Client(cluster) as client,
+        ):
             result = growbot.run_campaign(SPEC, client)
     for row in result.table():
         robot, goal, conditions = SPEC.cell(int(row["cell"]))

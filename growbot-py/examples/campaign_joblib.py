@@ -12,4 +12,6 @@ SPEC = growbot.CampaignSpec(
 
 chunks = joblib.Parallel(n_jobs=2)(joblib.delayed(growbot.run_chunk)(SPEC, chunk) for chunk in range(SPEC.chunk_count))
 result = growbot.merge_chunks(SPEC, chunks)
-print(f"{result.growth_count} simulated growths: {result.summaries[0].position_error_mm['mean']:.3f} mm off in the mean")
+print(
+    f"{result.growth_count} simulated growths: {result.summaries[0].position_error_mm['mean']:.3f} mm off in the mean"
+)

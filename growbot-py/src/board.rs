@@ -170,6 +170,7 @@ impl BoardWorker {
         let GrowTask { plan: Plan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
+        let known_scene = scene.as_ref().map(|scene| &scene.loaded.scene);
         let scene = scene.as_ref().map(|scene| SceneContext::new(robot, &scene.loaded, plan.radius));
         let feedback = conditions.feedback().then(|| {
             let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
@@ -232,7 +233,8 @@ impl BoardWorker {
         };
         match grown {
             Ok(grown) => {
-                let mut result = GrowthResult::new(&grown, plan, seed, simulated);
+                let mut result =
+                    GrowthResult::new(&grown, (robot.as_ref(), plan.as_ref()), known_scene, seed, simulated);
                 let _ = log.end(&result);
                 result.log_lines_missing = Some(log.missing_lines()).filter(|missing| *missing > 0);
                 let error = outcome_error(&result);

@@ -177,7 +177,7 @@ impl From<ScenePlanError> for Error {
                     NoPathError::AtResolution { step, .. } => {
                         Self::with(ErrorKind::NoPath, message, error.code(), step)
                     }
-                    NoPathError::NotClear => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
+                    NoPathError::TwoPlaneBlocked => Self::with(ErrorKind::NoPath, message, "two-plane", "shortest"),
                     NoPathError::NotFound => {
                         Self::with(ErrorKind::NoPath, message, error.code(), "effort and time_limit_s")
                     }

@@ -1,7 +1,7 @@
 //! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
 
 use growbot_client::plan::{Plan, SceneClearance, SearchSummary};
-use growbot_client::warning::warnings;
+use growbot_client::warning::Warning;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
 use growbot_core::plan::{Planner, requirements};
@@ -14,8 +14,12 @@ use crate::pose::{pose_from, state_of};
 type Numbers = (f64, f64, f64, f64, f64);
 /// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
 type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
-/// Planner, radius, start, legs, the numbers of each segment, and the scene.
-pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<(String, u64, f64)>);
+/// File, hash, clearance and margin of a scene.
+type SceneState = (String, u64, f64, f64);
+/// Code, message, value and limit of a warning.
+type WarningState = (String, String, f64, f64);
+/// Planner, radius, start, legs, the numbers of each segment, the scene, and the warnings.
+pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<SceneState>, Vec<WarningState>);
 
 /// Returns the values of a plan.
 pub fn of(plan: &Plan) -> PlanState {
@@ -30,13 +34,18 @@ pub fn of(plan: &Plan) -> PlanState {
             vec![m0.x, m0.y, m0.z, p.x, p.y, p.z, radius, length]
         }
     });
-    let scene = plan.scene.as_ref().map(|scene| (scene.file.clone(), scene.hash, scene.clearance));
+    let scene = plan.scene.as_ref().map(|scene| (scene.file.clone(), scene.hash, scene.clearance, scene.margin));
     let shortest = plan.planner == Planner::Shortest;
-    (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene)
+    let warnings =
+        plan.warnings.iter().map(|found| (found.code.clone(), found.message.clone(), found.value, found.limit));
+    (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene, warnings.collect())
 }
 
 /// Returns the plan of these values.
-pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): PlanState) -> Result<Plan, Error> {
+pub fn plan(
+    robot: &Robot,
+    (shortest, radius, start, legs, segments, scene, warnings): PlanState,
+) -> Result<Plan, Error> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;
     let requirements = requirements(&path, robot);
@@ -60,10 +69,13 @@ pub fn plan(robot: &Robot, (shortest, radius, start, legs, segments, scene): Pla
         legs: all,
         choices,
         free_directions,
-        warnings: warnings(&path, &requirements, robot),
+        warnings: warnings
+            .into_iter()
+            .map(|(code, message, value, limit)| Warning { code, message, value, limit })
+            .collect(),
         requirements,
         path,
-        scene: scene.map(|(file, hash, clearance)| SceneClearance { file, hash, clearance }),
+        scene: scene.map(|(file, hash, clearance, margin)| SceneClearance { file, hash, clearance, margin }),
     })
 }
 

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::atomic_file::write_atomic;
 use growbot_client::degrees::degrees_below_turn;
+use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
@@ -239,7 +240,7 @@ pub fn plan(
             let through = SceneOptions {
                 file: &file,
                 loaded: &scene.loaded,
-                margin: scene.loaded.margin,
+                margin: planning_margin_mm(&robot, &scene.loaded),
                 grown: None,
                 effort: *effort,
                 deadline: *deadline,

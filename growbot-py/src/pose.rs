@@ -7,9 +7,9 @@ use growbot_core::pose::{Frame, Pose as Inner, Position};
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
-use pyo3::types::{PySequence, PyType};
+use pyo3::types::{PyList, PyString, PyTuple, PyType};
 
-use crate::arguments::{fixed, number, real_number, wrong_shape, wrong_type};
+use crate::arguments::{Rows, fixed, number, real_number, wrong_shape, wrong_type};
 use crate::error::{Error, ErrorKind};
 
 /// Tolerance of a rotation matrix, and smallest length of a direction.
@@ -46,29 +46,30 @@ pub fn goal_of(numbers: &[f64]) -> Result<Goal, Error> {
     }
 }
 
-/// Returns the numbers of a sequence of one of these lengths. NumPy is not needed for plain sequences.
+/// Returns the numbers of a sequence of one of these lengths, in order. NumPy is not needed for lists and tuples. It
+/// reads everything else, because a sequence such as a pandas Series may find items by a label.
 fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Error> {
     let wanted = if counts.contains(&3) {
         "a growbot.Pose, (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction"
     } else {
         "a growbot.Pose or (x_mm, y_mm, z_mm, heading_deg, pitch_deg)"
     };
-    let sequence = match value.cast::<PySequence>() {
-        Ok(sequence) => sequence.as_any().clone(),
-        // For Python, an array is not a sequence.
-        Err(_) if value.hasattr("__array__")? && value.hasattr("__len__")? => value.clone(),
-        Err(_) => return Err(wrong_type(name, value, wanted)),
-    };
-    let count = sequence.len().map_err(|_| wrong_type(name, value, wanted))?;
-    if !counts.contains(&count) {
-        return Err(wrong_shape(name, &[count], wanted));
+    if !value.is_instance_of::<PyList>() && !value.is_instance_of::<PyTuple>() {
+        if value.is_instance_of::<PyString>() || !value.hasattr("__len__")? {
+            return Err(wrong_type(name, value, wanted));
+        }
+        let numbers = Rows::flat(name, value)?.numbers;
+        let found = numbers.len();
+        return if counts.contains(&found) { Ok(numbers) } else { Err(wrong_shape(name, &[found], wanted)) };
     }
-    (0..count)
-        .map(|index| {
-            let item = sequence.get_item(index)?;
-            real_number(&item).ok_or_else(|| wrong_type(&format!("{name}[{index}]"), &item, wanted))
-        })
-        .collect()
+    let items: Vec<Bound<PyAny>> = value.try_iter()?.collect::<PyResult<_>>()?;
+    if !counts.contains(&items.len()) {
+        return Err(wrong_shape(name, &[items.len()], wanted));
+    }
+    let number = |(index, item): (usize, &Bound<PyAny>)| {
+        real_number(item).ok_or_else(|| wrong_type(&format!("{name}[{index}]"), item, wanted))
+    };
+    items.iter().enumerate().map(number).collect()
 }
 
 /// Converts a pose or five numbers to a pose.

@@ -1,8 +1,10 @@
 //! Checks before a growth, and the scene around a plan.
 
+use std::ffi::CString;
 use std::path::PathBuf;
 
 use growbot_client::feedback::can_measure;
+use growbot_client::margin::near_obstacle;
 use growbot_client::plan as client;
 use growbot_client::plan_file::format_hash;
 use growbot_client::scene_planning::check_clearance;
@@ -10,6 +12,7 @@ use growbot_client::warning::BLOCKING;
 use growbot_core::simulation::Disturbance;
 use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_scene::scene_file::LoadedScene;
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 
 use crate::conditions::Conditions;
@@ -20,19 +23,29 @@ use crate::scene::Scene;
 /// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
 /// scene through which the plan was made.
 pub fn scene_for_growth(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
-    if let Some(scene) = scene {
-        let scene = Scene::given(scene)?;
-        check_clearance(&plan.inner, &plan.robot, &scene.file.display().to_string(), &scene.loaded)
+    if let Some(given) = scene {
+        let scene = Scene::given(given)?;
+        let file = scene.file.display().to_string();
+        let found = check_clearance(&plan.inner, &plan.robot, &file, &scene.loaded)
             .map_err(|unclear| Error::new(ErrorKind::Input, format!("{unclear}; or set ignore_scene=True")))?;
+        if let Some(near) = near_obstacle(&plan.inner, &plan.robot, &scene.loaded, found.clearance) {
+            warn(given.py(), &near.message)?;
+        }
         return Ok(Some(scene));
     }
     through(&plan.inner)
 }
 
+/// Issues a warning of Python.
+fn warn(py: Python<'_>, message: &str) -> Result<(), Error> {
+    let message = CString::new(message.replace('\0', "")).map_err(|error| Error::new(ErrorKind::Input, error))?;
+    Ok(PyErr::warn(py, &py.get_type::<PyUserWarning>(), &message, 1)?)
+}
+
 /// Returns the scene through which a plan was made.
 fn through(plan: &client::Plan) -> Result<Option<Scene>, Error> {
     let Some(through) = &plan.scene else { return Ok(None) };
-    let found = Scene::read(PathBuf::from(&through.file))
+    let found = Scene::read(PathBuf::from(&through.file), Some(through.margin))
         .map_err(|error| Error::new(ErrorKind::File, format!("{error}; or give the plan's scene as scene=")))?;
     if found.loaded.hash == through.hash {
         return Ok(Some(found));

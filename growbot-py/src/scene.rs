@@ -4,16 +4,19 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use growbot_client::plan_file::format_hash;
-use growbot_scene::scene_file::{LoadedScene, SceneError, load};
+use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, SceneError, load};
 use nalgebra::Vector3;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 
-use crate::arguments::{Rows, path, wrong_type};
+use crate::arguments::{Rows, path, within, wrong_type};
 use crate::error::{Error, ErrorKind};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
+///
+/// margin_mm replaces the margin of the file: the distance that bodies keep from all obstacles. A pickled scene names its
+/// file, which must have the same content when it is read again.
 #[pyclass(frozen, module = "growbot")]
 #[derive(Clone)]
 pub struct Scene {
@@ -27,22 +30,43 @@ impl Scene {
         Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
     }
 
-    pub fn read(file: PathBuf) -> Result<Self, SceneError> {
-        Ok(Self { loaded: Arc::new(load(&file)?), file })
+    /// Reads a scene. A margin (mm) replaces that of the file.
+    pub fn read(file: PathBuf, margin: Option<f64>) -> Result<Self, SceneError> {
+        let mut loaded = load(&file)?;
+        loaded.margin = margin.or(loaded.margin);
+        Ok(Self { loaded: Arc::new(loaded), file })
     }
 }
 
 #[pymethods]
 impl Scene {
     #[new]
-    #[pyo3(signature = (file))]
-    fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
+    #[pyo3(signature = (file, *, margin_mm = None))]
+    fn new(py: Python<'_>, file: &Bound<PyAny>, margin_mm: Option<&Bound<PyAny>>) -> Result<Self, Error> {
         let file = path("file", file)?;
-        py.detach(|| Self::read(file)).map_err(|error| Error::new(ErrorKind::File, error))
+        let margin = margin_mm.map(|margin| within("margin_mm", margin, [0.0, MAX_LENGTH], "mm")).transpose()?;
+        py.detach(|| Self::read(file, margin)).map_err(|error| Error::new(ErrorKind::File, error))
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (PathBuf,)) {
-        (slf.get_type(), (slf.get().file.clone(),))
+    /// Reads the file of a pickled scene, which must have the same content.
+    #[classmethod]
+    fn _from_state(cls: &Bound<PyType>, file: PathBuf, hash: &str, margin: Option<f64>) -> Result<Self, Error> {
+        let scene = cls.py().detach(|| Self::read(file, margin)).map_err(|error| Error::new(ErrorKind::File, error))?;
+        let found = format_hash(scene.loaded.hash);
+        if found == hash {
+            return Ok(scene);
+        }
+        let message = format!(
+            "{} is not the scene that was pickled: its hash is {found}, and that of the pickled scene {hash}: restore \
+             the file, or read the new one with growbot.Scene",
+            scene.file.display()
+        );
+        Err(Error::with(ErrorKind::File, message, found, hash))
+    }
+
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (PathBuf, String, Option<f64>))> {
+        let scene = slf.get();
+        Ok((slf.get_type().getattr("_from_state")?.unbind(), (scene.file.clone(), scene.hash(), scene.loaded.margin)))
     }
 
     /// Name of the scene's file.
@@ -57,10 +81,18 @@ impl Scene {
         format_hash(self.loaded.hash)
     }
 
-    /// Required clearance between the outside of the tube and all obstacles, mm.
+    /// Required clearance between the outside of the tube and all obstacles, mm: that given, or that of the file. None
+    /// if neither states one. A plan then keeps the distance by which its robot is expected to deviate.
     #[getter]
-    fn margin_mm(&self) -> f64 {
+    fn margin_mm(&self) -> Option<f64> {
         self.loaded.margin
+    }
+
+    /// Box that holds everything but half spaces, mm: the smallest and the greatest x, y and z. It shows axes and units
+    /// that were read otherwise than expected. None for a scene of half spaces alone.
+    #[getter]
+    fn box_mm(&self) -> Option<([f64; 3], [f64; 3])> {
+        self.loaded.bounding_box().map(|bounds| (bounds.min_mm, bounds.max_mm))
     }
 
     /// Returns the distances of points (n, 3), mm, from the nearest obstacle, shape (n,), mm. They are negative inside
@@ -86,7 +118,7 @@ impl Scene {
     fn __eq__(&self, other: &Bound<PyAny>) -> bool {
         other.cast::<Self>().is_ok_and(|other| {
             let other = other.get();
-            (self.loaded.hash, &self.file) == (other.loaded.hash, &other.file)
+            (self.loaded.hash, &self.file, self.loaded.margin) == (other.loaded.hash, &other.file, other.loaded.margin)
         })
     }
 
@@ -95,6 +127,7 @@ impl Scene {
     }
 
     fn __repr__(&self) -> String {
-        format!("Scene({:?}, margin_mm={:?})", self.file.display().to_string(), self.loaded.margin)
+        let margin = self.loaded.margin.map_or_else(|| "None".to_owned(), |margin| format!("{margin:?}"));
+        format!("Scene({:?}, margin_mm={margin})", self.file.display().to_string())
     }
 }

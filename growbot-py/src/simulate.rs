@@ -5,9 +5,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use growbot_client::plan as client;
+use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
-use growbot_pictures::view::Subject;
+use growbot_pictures::view::{SimulatedBody, Subject};
 use growbot_sim::parallel;
 use growbot_sim::simulation::{Simulation, SimulationResult as CoreResult};
 use numpy::PyArray1;
@@ -93,8 +94,8 @@ impl SimulationResult {
         let conditions = conditions.map(|conditions| conditions.clone().unbind());
         let (outcome, laid) = py.detach(|| {
             let mut laid = Vec::new();
-            let outcome = simulation.run_by_layer(seed, |layer| laid.push(layer.layer));
-            (outcome, laid)
+            let outcome = simulation.run_by_layer(seed, |layer| laid.push(*layer));
+            (outcome, simulation.layers_as_laid(&laid))
         });
         Ok(Self { plan: Arc::clone(&plan.inner), robot: Arc::clone(&plan.robot), seed, conditions, outcome, laid })
     }
@@ -204,8 +205,16 @@ impl SimulationResult {
         self.outcome.sag.map(|hung| hung.deflection)
     }
 
-    /// Returns the layers as they were laid: a structured array of shape (n,) with the fields layer, segment (always
-    /// 0), alpha_deg, height_mm and tilt_deg.
+    /// Greatest distance of the body, as it lies, from the planned path, mm.
+    #[getter]
+    fn plan_deviation_mm(&self, py: Python<'_>) -> f64 {
+        let start = self.plan.start.frame();
+        py.detach(|| PlanDeviation::of(&self.plan, &self.robot, &centreline(&start, self.laid.iter().copied())).max_mm)
+    }
+
+    /// Returns the layers of the body as it lies: a structured array of shape (n,) with the fields layer, segment
+    /// (always 0), alpha_deg, height_mm and tilt_deg. Each begins where the one before ends, so twist is part of all
+    /// later angles. With sag the layers are bent as the body hangs.
     fn layers<'py>(&self, py: Python<'py>) -> Result<Bound<'py, PyAny>, Error> {
         layer_array(py, self.laid.len(), self.laid.iter().map(|layer| (0, *layer)))
     }
@@ -217,7 +226,7 @@ impl SimulationResult {
             robot: &self.robot,
             plan: &self.plan,
             run: None,
-            laid: Some(&self.laid),
+            laid: Some(SimulatedBody { layers: &self.laid, tip: self.outcome.arrival.final_pose }),
             scene: None,
         };
         page_of(py, &subject)

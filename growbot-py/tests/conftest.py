@@ -41,10 +41,14 @@ def goals(count: int, seed: int = 2026) -> npt.NDArray[np.float64]:
     return np.column_stack([position, angles])
 
 
+def environment() -> dict[str, str]:
+    """Returns the environment without growbot's variables and those of the tests, which growbot would refuse."""
+    return {name: value for name, value in os.environ.items() if not name.startswith("GROWBOT_")}
+
+
 def run(command: Path, *arguments: str, stdin: str | None = None) -> str:
-    environment = {**os.environ, "GROWBOT_PORT": "", "GROWBOT_ROBOT": ""}
     done = subprocess.run(
-        [str(command), *arguments], input=stdin, capture_output=True, text=True, check=False, env=environment
+        [str(command), *arguments], input=stdin, capture_output=True, text=True, check=False, env=environment()
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

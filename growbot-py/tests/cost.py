@@ -64,12 +64,17 @@ def growths() -> None:
                 times[threads - 1, index] = min(times[threads - 1, index], took)
                 used[threads - 1, index] = min(used[threads - 1, index], processors)
     gain, alike = (float(np.divide(*each.sum(axis=1))) for each in (times, used))
-    print(f"10,000 growths of 1,000 layers: {gain:.2f} times as fast on two threads; of the processors {1 / alike:.2f} times")
+    print(
+        f"10,000 growths of 1,000 layers: {gain:.2f} times as fast on two threads; "
+        f"of the processors {1 / alike:.2f} times"
+    )
 
 
 def begin() -> None:
     code = "import time; begun = time.process_time(); import growbot; print(time.process_time() - begun)"
-    times = [float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout) for _ in range(7)]
+    times = [
+        float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout) for _ in range(7)
+    ]
     print(f"import growbot: {1e3 * min(times):.0f} ms of a processor")
 
 

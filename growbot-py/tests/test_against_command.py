@@ -23,7 +23,9 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
     wanted = goals(1000)
     header = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg\n"
     rows = "".join(f"{i}," + ",".join(repr(float(number)) for number in goal) + "\n" for i, goal in enumerate(wanted))
-    answers = [json.loads(line) for line in run(command, "plan", "--batch", "-", "--json", stdin=header + rows).splitlines()]
+    answers = [
+        json.loads(line) for line in run(command, "plan", "--batch", "-", "--json", stdin=header + rows).splitlines()
+    ]
     plans = growbot.plan_many(START, wanted)
     for plan, goal, answer in zip(plans, wanted, answers, strict=True):
         assert plan == growbot.plan(START, goal)
@@ -45,7 +47,9 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
         assert tuple(rows[0]) == layers.dtype.names
         assert np.array_equal(np.array(rows[1:], dtype=float), np.array(layers.tolist(), dtype=float))
         options = ("--json", "--seed", str(index), *NOISY_OPTIONS)
-        assert_same_growth(read.simulate(seed=index, conditions=NOISY), json.loads(run(command, "simulate", file, *options)))
+        assert_same_growth(
+            read.simulate(seed=index, conditions=NOISY), json.loads(run(command, "simulate", file, *options))
+        )
         # The same comparison without a file.
         to = "--to=" + ",".join(repr(float(number)) for number in wanted[index])
         said = json.loads(run(command, "simulate", to, "--planner", "shortest", *options))
@@ -73,12 +77,33 @@ def test_all_conditions(command: Path, tmp_path: Path) -> None:
     plan = growbot.Plan.load(tmp_path / "plan.json")
     for conditions, options in [
         (growbot.Conditions(), ()),
-        (growbot.Conditions(bias_percent=-5, alpha_bias_deg=1, tilt_bias_percent=2), ("--bias", "-5", "--alpha-bias", "1", "--tilt-bias", "2")),
+        (
+            growbot.Conditions(bias_percent=-5, alpha_bias_deg=1, tilt_bias_percent=2),
+            ("--bias", "-5", "--alpha-bias", "1", "--tilt-bias", "2"),
+        ),
         (growbot.Conditions(alpha_noise_deg=2, twist_noise_deg=0.1), ("--alpha-noise", "2", "--twist-noise", "0.1")),
         (growbot.Conditions(noise_percent=10, feedback=True), ("--noise", "10", "--feedback")),
         (
-            growbot.Conditions(noise_percent=10, feedback=True, gravity_only=True, odometry_scale_percent=1, odometry_noise_percent=2, direction_noise_deg=0.3),
-            ("--noise", "10", "--feedback", "--gravity-only", "--odometry-scale", "1", "--odometry-noise", "2", "--direction-noise", "0.3"),
+            growbot.Conditions(
+                noise_percent=10,
+                feedback=True,
+                gravity_only=True,
+                odometry_scale_percent=1,
+                odometry_noise_percent=2,
+                direction_noise_deg=0.3,
+            ),
+            (
+                "--noise",
+                "10",
+                "--feedback",
+                "--gravity-only",
+                "--odometry-scale",
+                "1",
+                "--odometry-noise",
+                "2",
+                "--direction-noise",
+                "0.3",
+            ),
         ),
         (growbot.Conditions(sag=True), ("--sag",)),
         (growbot.Conditions(slicing="whole", step_mm=3.096), ("--slice", "whole", "--step", "3.096")),
@@ -93,12 +118,32 @@ def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
     growbot.plan(START, (100, 0, 300, 20, 30)).save(tmp_path / "plan.json")
     plan = growbot.Plan.load(tmp_path / "plan.json")
     # More growths than are stored at a time.
-    said = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--repeat", "20000", "--seed", "5", *NOISY_OPTIONS))
+    said = json.loads(
+        run(
+            command,
+            "simulate",
+            str(tmp_path / "plan.json"),
+            "--json",
+            "--repeat",
+            "20000",
+            "--seed",
+            "5",
+            *NOISY_OPTIONS,
+        )
+    )
     summary = growbot.simulate_repeated(plan, 20_000, seed=5, conditions=NOISY)
     assert summary.growth_count == 20_000 and summary.layer_count == said["layers"]
-    errors = ("position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg", "direction_error_deg")
+    errors = (
+        "position_error_mm",
+        "normalized_position_error",
+        "heading_error_deg",
+        "pitch_error_deg",
+        "direction_error_deg",
+    )
     for name in errors:
         assert getattr(summary, name) == said[name]
     assert summary.worst_seed == said["worst_seed"]
     rows = growbot.simulate_many(plan, np.arange(5, 205), conditions=NOISY)
-    assert [plan.simulate(seed=int(row["seed"]), conditions=NOISY).position_error_mm for row in rows] == list(rows["position_error_mm"])
+    assert [plan.simulate(seed=int(row["seed"]), conditions=NOISY).position_error_mm for row in rows] == list(
+        rows["position_error_mm"]
+    )

@@ -34,7 +34,12 @@ def test_a_growth_is_its_events(tmp_path: Path) -> None:
     states = [event.state for event in seen if isinstance(event, growbot.events.StateChanged)]
     assert states[-4:] == ["heating", "homing", "growing", "done"]
     run = growbot.RunLog(log)
-    assert (run.outcome, run.simulated, run.damage, run.plan) == ("done", True, None, growbot.Plan.from_json(PLAN.to_json()))
+    assert (run.outcome, run.simulated, run.damage, run.plan) == (
+        "done",
+        True,
+        None,
+        growbot.Plan.from_json(PLAN.to_json()),
+    )
     assert run.result == result and len(run.layers()) == PLAN.layer_count
     simulated = run.simulated_layers()
     assert simulated is not None and len(simulated) == PLAN.layer_count
@@ -117,7 +122,9 @@ with growbot.connect("sim") as board:
 
 def test_ctrl_c_stops_the_robot_first(tmp_path: Path) -> None:
     log = tmp_path / "run.jsonl"
-    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED, str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, str(log)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None and process.stdout.readline() == "growing\n"
     process.send_signal(signal.SIGINT)
     out, error = process.communicate(timeout=600)
@@ -126,8 +133,13 @@ def test_ctrl_c_stops_the_robot_first(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_ends_long_work() -> None:
-    script = "import growbot; p = growbot.plan((0,0,0,0,90),(0,0,500,0,90)); print('on', flush=True); growbot.simulate_repeated(p, 10**9)"
-    process = subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    script = (
+        "import growbot; p = growbot.plan((0,0,0,0,90),(0,0,500,0,90)); print('on', flush=True); "
+        "growbot.simulate_repeated(p, 10**9)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", script], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None and process.stdout.readline() == "on\n"
     time.sleep(0.5)
     process.send_signal(signal.SIGINT)

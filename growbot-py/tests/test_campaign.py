@@ -25,7 +25,10 @@ def spec(growths_per_cell: int = 700, growths_per_chunk: int = 300) -> growbot.C
     return growbot.CampaignSpec(
         robots=[growbot.Robot(), growbot.Robot("growbot-a3")],  # type: ignore[arg-type]
         goals=[(0, 0, 150), (60, 0, 300, 0, 45)],  # type: ignore[arg-type]
-        conditions=[growbot.Conditions(noise_percent=10), growbot.Conditions(bias_percent=2, sag=True)],  # type: ignore[arg-type]
+        conditions=[  # type: ignore[arg-type]
+            growbot.Conditions(noise_percent=10),
+            growbot.Conditions(bias_percent=2, sag=True),
+        ],
         growths_per_cell=growths_per_cell,
         first_seed=5,
         growths_per_chunk=growths_per_chunk,
@@ -38,7 +41,10 @@ def test_order_chunks_and_threads_do_not_show() -> None:
     assert growbot.run_campaign(spec(growths_per_chunk=5600)).hash == whole.hash
     chunks = list(range(spec().chunk_count))
     random.Random(1).shuffle(chunks)
-    assert growbot.merge_chunks(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json() == whole.to_json()
+    assert (
+        growbot.merge_chunks(spec(), (growbot.run_chunk(spec(), chunk) for chunk in chunks)).to_json()
+        == whole.to_json()
+    )
     robot, goal, conditions = spec().cell(5)
     alone = growbot.simulate_repeated(growbot.plan(START, goal, robot=robot), 700, seed=5, conditions=conditions)
     assert alone == whole.summaries[5]
@@ -47,7 +53,9 @@ def test_order_chunks_and_threads_do_not_show() -> None:
 
 
 def test_joblib() -> None:
-    partials = joblib.Parallel(n_jobs=2)(joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunk_count))
+    partials = joblib.Parallel(n_jobs=2)(
+        joblib.delayed(growbot.run_chunk)(spec(), chunk) for chunk in range(spec().chunk_count)
+    )
     assert growbot.merge_chunks(spec(), partials).hash == growbot.run_campaign(spec()).hash
 
 
@@ -77,6 +85,34 @@ def test_a_cell_without_a_plan_is_told() -> None:
     assert result.growth_count == 3 and np.isnan(result.table()["mean_mm"][1])
 
 
+def test_chunks_of_another_campaign_twice_or_missing_are_refused() -> None:
+    chunks = [growbot.run_chunk(spec(), chunk) for chunk in range(spec().chunk_count)]
+    for wrong, words in (
+        (chunks[:-1], "1 of 19 chunks are missing, the first is 18"),
+        (chunks + chunks[3:4], "chunk 3 was added before"),
+    ):
+        with pytest.raises(growbot.InputError, match=words):
+            growbot.merge_chunks(spec(), wrong)
+    other = growbot.CampaignSpec(
+        (growbot.Robot("growbot-a6"), growbot.Robot("growbot-a3")), *(spec().goals, spec().conditions), 700,
+        first_seed=5, growths_per_chunk=300,
+    )
+    with pytest.raises(growbot.InputError, match="another campaign"):
+        growbot.merge_chunks(other, chunks)
+    result = growbot.CampaignResult(spec())
+    with pytest.raises(growbot.InputTypeError):
+        result.add(chunks[0].summaries[0])  # type: ignore[arg-type]
+    # Equal numbers of other types are the same campaign.
+    same = growbot.CampaignSpec(spec().robots, spec().goals, spec().conditions, np.int64(700), first_seed=5, growths_per_chunk=300)  # type: ignore[arg-type]
+    assert same.hash == spec().hash != other.hash
+
+
+def test_a_campaign_refuses_what_no_cell_could_plan() -> None:
+    for wrong in ({"planner": "fastest"}, {"planner": None}, {"radius_mm": -1}, {"radius_mm": float("nan")}, {"radius_mm": "wide"}):
+        with pytest.raises((growbot.InputError, growbot.InputTypeError)):
+            growbot.CampaignSpec((growbot.Robot(),), ((0, 0, 150),), (growbot.Conditions(),), 3, **wrong)  # type: ignore[arg-type]
+
+
 #: Program for a separate process: a cluster of two workers that are processes.
 DASK = """
 import os, signal, sys, time
@@ -104,7 +140,8 @@ def main():
             assert left[0] == 0, "no worker was killed"
             memory = client.run(lambda: __import__("resource").getrusage(0).ru_maxrss, on_error="ignore")
             import resource
-            print(result.hash, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, *memory.values(), time.time() - begun)
+            own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            print(result.hash, own, *memory.values(), time.time() - begun)
 
 if __name__ == "__main__":
     main()
@@ -131,6 +168,9 @@ def test_dask_and_lost_workers_change_no_byte(tmp_path: Path) -> None:
     wanted = growbot.run_campaign(one).hash
     for kills in (0, 2):
         found = by_dask(tmp_path, growths, layers, kills)
-        print(f"Dask, {growths} growths of {layers} layers, {kills} workers killed: memory (kB) {found[1:-1]}, {found[-1]} s")
+        print(
+            f"Dask, {growths} growths of {layers} layers, {kills} workers killed: "
+            f"memory (kB) {found[1:-1]}, {found[-1]} s"
+        )
         assert found[0] == wanted
         assert all(int(memory) < 500_000 for memory in found[1:-1])

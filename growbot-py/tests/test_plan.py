@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas
@@ -146,3 +147,92 @@ def test_a_scene(tmp_path: Path) -> None:
     with pytest.raises(growbot.NoPathError) as refused:
         growbot.plan(START, (0, 0, 400), scene=scene)
     assert refused.value.value == pytest.approx(-100) and refused.value.limit is not None
+
+
+def end_of(start: tuple[float, ...], layers: Any) -> Any:
+    """Returns the position of the tip after these layers, by Eq 4."""
+    frame = growbot.Pose(*start).matrix
+    for layer in layers:
+        bend, alpha, length = np.radians(layer["tilt_deg"]), np.radians(layer["alpha_deg"]) + np.pi, layer["height_mm"]
+        c, s = np.cos(alpha), np.sin(alpha)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+        about_y = np.array([[np.cos(bend), 0, np.sin(bend)], [0, 1, 0], [-np.sin(bend), 0, np.cos(bend)]])
+        step = np.eye(4)
+        step[:3, :3] = turn @ about_y @ turn.T
+        radius = length / bend if bend > 1e-12 else 0.0
+        along = [radius * (1 - np.cos(bend)), 0, radius * np.sin(bend)] if bend > 1e-12 else [0, 0, length]
+        step[:3, 3] = turn @ along
+        frame = frame @ step
+    return frame[:3, 3]
+
+
+def test_a_twisted_body_is_shown_as_it_was_laid() -> None:
+    plan = growbot.plan(START, (200, 100, 600, 0, 45))
+    grown = plan.simulate(conditions=growbot.Conditions(twist_bias_deg=0.1))
+    assert grown.position_error_mm > 20
+    assert np.allclose(end_of(START, grown.layers()), grown.final_pose.position_mm, atol=1e-6)
+    assert f"{grown.position_error_mm:.3f} mm" in grown.html()
+    # The tip lies a little nearer to another part of the path than to its end.
+    assert 0.9 * grown.position_error_mm < grown.plan_deviation_mm <= grown.position_error_mm
+
+
+def test_a_sagging_body_is_shown_with_its_sag() -> None:
+    start = (0.0, 0.0, 0.0, 0.0, 0.0)
+    plan = growbot.plan(start, (1500, 0, 0, 0, 0))
+    grown = plan.simulate(conditions=growbot.Conditions(sag=True))
+    assert grown.sag_mm is not None and grown.sag_mm == pytest.approx(grown.position_error_mm) and grown.sag_mm > 20
+    assert f"{grown.position_error_mm:.3f} mm" in grown.html()
+    off = np.linalg.norm(end_of(start, grown.layers()) - grown.final_pose.position_mm)
+    assert off < 0.05 * grown.sag_mm
+    assert grown.plan_deviation_mm == pytest.approx(grown.sag_mm, rel=0.05)
+
+
+def test_a_series_is_read_by_position() -> None:
+    frame = pandas.DataFrame({"x": [1, 200], "y": [2, 100], "z": [3, 600], "heading": [4, 0], "pitch": [5, 45]})
+    goal = frame.iloc[1]
+    wanted = growbot.plan(START, tuple(goal))
+    assert growbot.plan(START, goal) == wanted
+    labelled = pandas.Series([200, 100, 600, 0, 45], index=[4, 3, 2, 1, 0])
+    assert growbot.plan(START, labelled) == wanted
+    assert growbot.plan(pandas.Series(START, index=[3, 1, 4, 0, 2]), np.array(goal)) == wanted
+    assert growbot.plan(START, wanted.goal, via=[pandas.Series([0, 0, 100], index=[2, 1, 0])]).via[0].z_mm == 100
+    for bad in ("12345", {0: 1}, pandas.Series(list("abcde")), pandas.Series([1, 2, 3, 4]), [[1, 2, 3]]):
+        with pytest.raises((growbot.InputError, growbot.InputTypeError)):
+            growbot.plan(START, bad)  # type: ignore[arg-type]
+
+
+def test_a_pickled_scene_refuses_another_file(tmp_path: Path) -> None:
+    file = tmp_path / "room.toml"
+    ball = 'format = "growbot-scene/1"\n[[ball]]\ncenter_mm = [0, 0, {}]\nradius_mm = 100\n'
+    file.write_text(ball.format(400))
+    scene = growbot.Scene(file, margin_mm=2)
+    kept = pickle.dumps(scene)
+    assert pickle.loads(kept) == scene and pickle.loads(kept).margin_mm == 2
+    assert scene.box_mm == ([-100, -100, 300], [100, 100, 500])
+    file.write_text(ball.format(900))
+    with pytest.raises(growbot.FileError, match="not the scene that was pickled"):
+        pickle.loads(kept)
+
+
+def test_the_margin_of_a_scene(tmp_path: Path) -> None:
+    file = tmp_path / "wall.toml"
+    file.write_text('format = "growbot-scene/1"\n[[halfspace]]\npoint_mm = [0, 0, 322.85]\nnormal = [0, 0, -1]\n')
+    goal = (400, 0, 300, 0, 0)
+    assert growbot.Scene(file).margin_mm is None
+    with pytest.raises(growbot.NoPathError):
+        growbot.plan(START, goal, scene=growbot.Scene(file))
+    near = growbot.plan(START, goal, scene=growbot.Scene(file, margin_mm=0.01))
+    assert [warning.code for warning in near.warnings] == ["near-obstacle"]
+    assert "of 100 simulated growths" in near.warnings[0].message
+    assert pickle.loads(pickle.dumps(near)) == near and near.warnings[0].limit == 4.82
+    for bad in (-1, float("nan"), 1e9):
+        with pytest.raises(growbot.InputError):
+            growbot.Scene(file, margin_mm=bad)
+
+
+def test_a_path_of_200_m_is_simulated_or_refused() -> None:
+    plan = growbot.plan(START, (0, 0, 200_000, 0, 90))
+    conditions = growbot.Conditions(feedback=True)
+    assert plan.simulate(conditions=conditions).position_error_mm < 200
+    with pytest.raises(growbot.InputError):
+        plan.html()

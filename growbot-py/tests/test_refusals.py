@@ -70,7 +70,9 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
     "connect.port": lambda it: growbot.connect(it).close(),
     "CampaignSpec.robots": lambda it: growbot.CampaignSpec(it, [(0, 0, 1)], [growbot.Conditions()], 1),
     "CampaignSpec.goals": lambda it: growbot.CampaignSpec([growbot.Robot()], it, [growbot.Conditions()], 1),
-    "CampaignSpec.growths_per_cell": lambda it: growbot.CampaignSpec([growbot.Robot()], [(0, 0, 1)], [growbot.Conditions()], it),
+    "CampaignSpec.growths_per_cell": lambda it: growbot.CampaignSpec(
+        [growbot.Robot()], [(0, 0, 1)], [growbot.Conditions()], it
+    ),
     "run_campaign": growbot.run_campaign,
     "run_campaign.scheduler": lambda it: growbot.run_campaign(SPEC, it),
     "run_campaign.threads": lambda it: growbot.run_campaign(SPEC, threads=it),
@@ -80,15 +82,57 @@ FUNCTIONS: dict[str, Callable[[Any], Any]] = {
 NUMBERS: list[Any] = [math.nan, math.inf, -math.inf, -1, 0, 1e300, -1e300, 2**70, -(2**70), 10**400, 1e-320, True]
 #: Arrays of many shapes, some without memory.
 ARRAYS: list[Any] = [
-    np.zeros((0, 5)), np.zeros((0,)), np.zeros((3, 3, 3)), np.full((2, 5), np.nan), np.zeros((2, 5), dtype=complex),
-    np.array([["a", "b"]]), np.zeros((2, 5), dtype=object), np.broadcast_to(0.0, (10**11, 5)), np.zeros(5)[::-1],
-    np.broadcast_to(0.0, (10**13,)), np.broadcast_to(np.int8(1), (10**12,)), np.zeros((2, 5)), np.datetime64("2026-01-01"),
+    np.zeros((0, 5)),
+    np.zeros((0,)),
+    np.zeros((3, 3, 3)),
+    np.full((2, 5), np.nan),
+    np.zeros((2, 5), dtype=complex),
+    np.array([["a", "b"]]),
+    np.zeros((2, 5), dtype=object),
+    np.broadcast_to(0.0, (10**11, 5)),
+    np.zeros(5)[::-1],
+    np.broadcast_to(0.0, (10**13,)),
+    np.broadcast_to(np.int8(1), (10**12,)),
+    np.zeros((2, 5)),
+    np.datetime64("2026-01-01"),
     np.ma.masked_array([1.0, 2.0], [True, False]),
 ]
 OTHERS: list[Any] = [
-    None, "", "abc", "\0", "a" * 100_000, b"abc", object(), object, [], {}, set(), [[]], [None], [[1, 2], [3]], lambda: 1,
-    range(3), iter([1]), 1j, PLAN, SUMMARY, growbot.Pose(*START), growbot.Robot(), growbot.Conditions(), Ellipsis,
-    {"x": 1}, [[[[1]]]], ("sim",), growbot.Error("no"), "/", "/dev/zero", "/nowhere/at-all", "{}", "[1]", "tcp:nowhere", "null",
+    None,
+    "",
+    "abc",
+    "\0",
+    "a" * 100_000,
+    b"abc",
+    object(),
+    object,
+    [],
+    {},
+    set(),
+    [[]],
+    [None],
+    [[1, 2], [3]],
+    lambda: 1,
+    range(3),
+    iter([1]),
+    1j,
+    PLAN,
+    SUMMARY,
+    growbot.Pose(*START),
+    growbot.Robot(),
+    growbot.Conditions(),
+    Ellipsis,
+    {"x": 1},
+    [[[[1]]]],
+    ("sim",),
+    growbot.Error("no"),
+    "/",
+    "/dev/zero",
+    "/nowhere/at-all",
+    "{}",
+    "[1]",
+    "tcp:nowhere",
+    "null",
 ]
 
 
@@ -110,11 +154,23 @@ def test_anything(name: str) -> None:
 
 
 @settings(max_examples=300, deadline=None)
-@given(st.sampled_from(sorted(FUNCTIONS)), st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8).map(lambda text: "?" + text) | st.binary(max_size=8),
-    lambda inner: st.lists(inner, max_size=6) | st.tuples(inner, inner, inner) | st.dictionaries(st.text(max_size=3), inner, max_size=3),
-    max_leaves=8,
-))
+@given(
+    st.sampled_from(sorted(FUNCTIONS)),
+    st.recursive(
+        st.none()
+        | st.booleans()
+        | st.integers()
+        | st.floats()
+        | st.text(max_size=8).map(lambda text: "?" + text)
+        | st.binary(max_size=8),
+        lambda inner: (
+            st.lists(inner, max_size=6)
+            | st.tuples(inner, inner, inner)
+            | st.dictionaries(st.text(max_size=3), inner, max_size=3)
+        ),
+        max_leaves=8,
+    ),
+)
 def test_anything_at_random(name: str, it: Any) -> None:
     try:
         FUNCTIONS[name](it)
@@ -134,7 +190,12 @@ def test_refusals_tell_value_limit_and_remedy() -> None:
         (lambda: PLAN.simulate(seed=-1), growbot.InputError, -1.0, 0.0),
         (lambda: PLAN.simulate(conditions=growbot.Conditions(noise_percent=91)), growbot.InputError, 91.0, 90.0),
         (lambda: growbot.plan_many(START, np.broadcast_to(0.0, (2_000_000, 5))), growbot.InputError, 2e6, 1e6),
-        (lambda: growbot.plan_many(START, [[1, 2]]), growbot.InputTypeError, "(1, 2)", "an array of shape (n, 3) or (n, 5)"),
+        (
+            lambda: growbot.plan_many(START, [[1, 2]]),
+            growbot.InputTypeError,
+            "(1, 2)",
+            "an array of shape (n, 3) or (n, 5)",
+        ),
         (lambda: growbot.plan("up", (0, 0, 1)), growbot.InputTypeError, None, None),
     ]:
         with pytest.raises(kind) as refused:
@@ -164,11 +225,20 @@ def test_nothing_leaks() -> None:
             pass
 
     functions: list[Callable[[], Any]] = [
-        lambda: growbot.plan(START, (10, 0, 60)), lambda: growbot.plan_many(START, [(0, 0, 60)], threads=1),
-        lambda: short.layers(), lambda: short.sample(5), lambda: short.frames([0, 1]), lambda: short.segments,
-        lambda: short.simulate(conditions=noisy), lambda: growbot.simulate_many(short, [1, 2], threads=1),
-        lambda: pickle.loads(pickle.dumps(short)), lambda: short.to_json(), lambda: growbot.simulate_repeated(short, 2, threads=1),
-        lambda: growbot.Pose(1, 2, 3, 4, 5).matrix, lambda: SUMMARY.merged(SUMMARY), lambda: growbot.Robot("growbot-a"),
+        lambda: growbot.plan(START, (10, 0, 60)),
+        lambda: growbot.plan_many(START, [(0, 0, 60)], threads=1),
+        lambda: short.layers(),
+        lambda: short.sample(5),
+        lambda: short.frames([0, 1]),
+        lambda: short.segments,
+        lambda: short.simulate(conditions=noisy),
+        lambda: growbot.simulate_many(short, [1, 2], threads=1),
+        lambda: pickle.loads(pickle.dumps(short)),
+        lambda: short.to_json(),
+        lambda: growbot.simulate_repeated(short, 2, threads=1),
+        lambda: growbot.Pose(1, 2, 3, 4, 5).matrix,
+        lambda: SUMMARY.merged(SUMMARY),
+        lambda: growbot.Robot("growbot-a"),
         refused,
     ]
     for function in functions:
@@ -183,3 +253,11 @@ def test_nothing_leaks() -> None:
     gc.collect()
     # The limit is less than a small object for each call.
     assert resident() - before < max(calls * 24, 2_000_000)
+
+
+def test_a_name_of_another_release_is_refused_with_the_known_ones() -> None:
+    for name in ("Simulated", "Summary", "repeat", "Partial", "campaign", "merge"):
+        with pytest.raises(AttributeError) as refused:
+            getattr(growbot, name)
+        assert str(refused.value).startswith(f"growbot has no {name!r} in this release: use one of Board, BoardError, ")
+        assert "simulate_repeated" in str(refused.value)

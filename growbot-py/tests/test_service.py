@@ -13,7 +13,7 @@ from typing import Iterator
 import pytest
 
 import growbot
-from conftest import START, run
+from conftest import START, environment, run
 
 ROBOT = "growbot-a2"
 PLAN = growbot.plan(START, (0, 0, 40, 0, 90), robot=ROBOT)
@@ -40,7 +40,8 @@ def lab(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     for key, name in [("XDG_STATE_HOME", "state"), ("XDG_RUNTIME_DIR", "run")]:
         monkeypatch.setenv(key, str(tmp_path / name))
         (tmp_path / name).mkdir()
-    with subprocess.Popen([str(command), "serve", "--page-port", "0"], cwd=tmp_path, stdout=subprocess.PIPE) as service:
+    arguments = [str(command), "serve", "--page-port", "0"]
+    with subprocess.Popen(arguments, cwd=tmp_path, env=environment(), stdout=subprocess.PIPE) as service:
         assert service.stdout is not None and b"127.0.0.1" in service.stdout.readline()
         try:
             with growbot.connect("sim:lab") as board:
@@ -65,7 +66,9 @@ def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
             board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5))
         with pytest.raises(growbot.BoardError, match="no active job"):
             board.attach()
-    assert [event.layer for event in seen if isinstance(event, growbot.events.LayerLaid)] == list(range(PLAN.layer_count))
+    assert [event.layer for event in seen if isinstance(event, growbot.events.LayerLaid)] == list(
+        range(PLAN.layer_count)
+    )
     assert growbot.RunLog(log).outcome == "done"
     with pytest.raises(growbot.BoardError, match="disconnected"):
         board.status()
@@ -115,7 +118,9 @@ with growbot.connect("sim:lab") as board:
 
 
 def test_ctrl_c_stops_the_robot_of_the_service(lab: Path) -> None:
-    process = subprocess.Popen([sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     assert process.stdout is not None and process.stdout.readline() == "growing\n"
     process.send_signal(signal.SIGINT)
     assert "KeyboardInterrupt" in process.communicate(timeout=600)[1]

@@ -75,8 +75,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     for directory in &options.directories {
         let written: ProblemSetJson = serde_json::from_slice(&fs::read(directory.join("problems.json"))?)?;
         let points = read::geometry(&directory.join("scene.ply"))?.geometry.points;
-        for (name, asked) in &written.problems {
-            let answer = answer(&written, asked, &points, &options);
+        for (name, query) in &written.problems {
+            let answer = answer(&written, query, &points, &options);
             let place = directory.file_name().unwrap_or_default().to_string_lossy();
             let rival =
                 published_length(directory, &place, name).map_or(String::new(), |length| format!("; RCS* {length}"));
@@ -100,15 +100,15 @@ struct Answer {
     decided: bool,
 }
 
-fn answer(written: &ProblemSetJson, asked: &QueryJson, points: &[Vector3<f64>], options: &Options) -> Answer {
-    let start = Vector3::from(asked.start_mm);
+fn answer(written: &ProblemSetJson, query: &QueryJson, points: &[Vector3<f64>], options: &Options) -> Answer {
+    let start = Vector3::from(query.start_mm);
     let kept = points.iter().copied().filter(|point| (point - start).norm() >= options.start_free).collect();
     let scene = Scene::new(vec![], vec![], vec![Cloud::new(kept, written.point_radius_mm)], vec![]);
     let tube = 0.5 * written.tube_diameter_mm;
     let problem = PlanningProblem {
         scene: &scene,
-        start: TipPose { position: start, direction: Vector3::from(asked.start_direction).normalize() },
-        goal: PlannerGoal::Position { at: asked.goal_mm.into(), tolerance: written.goal_tolerance_mm },
+        start: TipPose { position: start, direction: Vector3::from(query.start_direction).normalize() },
+        goal: PlannerGoal::Position { at: query.goal_mm.into(), tolerance: written.goal_tolerance_mm },
         radius: written.radius_mm,
         required_clearance: RequiredClearance { distance: tube, tolerance: 1e-3 * tube },
         max_length: written.length_max_mm,

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use growbot_scene::clearance::RequiredClearance;
 use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
 use growbot_scene::random_scenes::{
-    FAMILIES, Family, GroundTruth, POINT_RADIUS, RandomScene, TubeLimits, brute_force_clearance, random_scene,
+    FAMILIES, GroundTruth, POINT_RADIUS, RandomScene, SceneFamily, TubeLimits, brute_force_clearance, random_scene,
 };
 use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
@@ -64,7 +64,7 @@ fn main() {
     }
 }
 
-fn one(family: Family, number: u64, seconds: u64, counts: &mut Counts) -> Value {
+fn one(family: SceneFamily, number: u64, seconds: u64, counts: &mut Counts) -> Value {
     let drawn = random_scene(family, number, &BODY);
     // If nothing is known there may be no path, so a second is enough.
     let seconds = if drawn.known == GroundTruth::Unknown { 1 } else { seconds };

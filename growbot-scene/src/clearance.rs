@@ -1,7 +1,7 @@
 //! Proof that a body is clear of a scene along its whole length, without sampling.
 //!
 //! The distance from a point to the obstacles changes by no more than the point moves. So the part of a curve within
-//! the length `d - need` of a point at distance `d` stays clear by `need`. The rest of a stretch is halved repeatedly,
+//! the length `d - need` of a point at distance `d` stays clear by `required`. The rest of a stretch is halved repeatedly,
 //! until all is proven, or a point is too near.
 
 use std::time::Instant;
@@ -25,8 +25,8 @@ pub struct RequiredClearance {
 
 /// Reports whether a stretch stays clear of the obstacles.
 #[must_use]
-pub fn is_clear(scene: &Scene, stretch: &impl Curve, need: &RequiredClearance, work: &mut DistanceQueries) -> bool {
-    is_clear_between(scene, stretch, [0.0, stretch.length()], need, work)
+pub fn is_clear(scene: &Scene, stretch: &impl Curve, required: &RequiredClearance, work: &mut DistanceQueries) -> bool {
+    is_clear_between(scene, stretch, [0.0, stretch.length()], required, work)
 }
 
 /// Like [`is_clear`], but for the part between two lengths along the stretch.
@@ -35,7 +35,7 @@ pub fn is_clear_between(
     scene: &Scene,
     stretch: &impl Curve,
     between: [f64; 2],
-    need: &RequiredClearance,
+    required: &RequiredClearance,
     work: &mut DistanceQueries,
 ) -> bool {
     // Parts that are not proven yet. Halving leaves one waiting part for each level.
@@ -48,13 +48,13 @@ pub fn is_clear_between(
         let middle = from + half;
         work.0 += 1;
         let reach = stretch.chord_bound(half);
-        let enough = need.distance + reach.max(need.tolerance);
+        let enough = required.distance + reach.max(required.tolerance);
         let distance = scene.distance_within(&stretch.point(middle), enough);
         if distance >= enough {
             continue;
         }
-        let spare = distance - need.distance;
-        if spare < need.tolerance && spare < reach {
+        let spare = distance - required.distance;
+        if spare < required.tolerance && spare < reach {
             return false;
         }
         if spare < reach && half > 0.0 {

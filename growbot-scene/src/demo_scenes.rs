@@ -66,7 +66,7 @@ impl DemoScene {
         let mut random = Rng::new(&[self as u64, seed, 47]);
         let free = self.free();
         let is_free = |shape: &Shape| free.iter().all(|point| shape.distance(point) > ROOM);
-        let mut scene = SceneFile { format: FORMAT.to_owned(), margin_mm: MARGIN, ..SceneFile::default() };
+        let mut scene = SceneFile { format: FORMAT.to_owned(), margin_mm: Some(MARGIN), ..SceneFile::default() };
         match self {
             Self::PipeRack => pipe_rack(&mut random, &mut scene, is_free),
             Self::RubbleHeap => rubble_heap(&mut random, &mut scene, is_free),
@@ -140,7 +140,8 @@ fn rubble_heap(random: &mut Rng, scene: &mut SceneFile, is_free: impl Fn(&Shape)
 #[must_use]
 pub fn to_toml(scene: &SceneFile, comments: &[String]) -> String {
     let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
-    text += &format!("format = {:?}\nmargin_mm = {:?}\n", scene.format, scene.margin_mm);
+    text += &format!("format = {:?}\n", scene.format);
+    text += &scene.margin_mm.map_or_else(String::new, |margin| format!("margin_mm = {margin:?}\n"));
     for it in &scene.half_spaces {
         text += &format!("\n[[halfspace]]\npoint_mm = {:?}\nnormal = {:?}\n", it.point_mm, it.normal);
     }

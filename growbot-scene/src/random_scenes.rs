@@ -15,7 +15,7 @@ use crate::shapes::{Shape, Triangle};
 
 /// Kind of random scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Family {
+pub enum SceneFamily {
     /// Upright round pillars and boxes.
     Pillars,
     /// Walls across the way, each with a window.
@@ -29,7 +29,8 @@ pub enum Family {
 }
 
 /// All families.
-pub const FAMILIES: [Family; 5] = [Family::Pillars, Family::Walls, Family::Pipes, Family::Rubble, Family::Points];
+pub const FAMILIES: [SceneFamily; 5] =
+    [SceneFamily::Pillars, SceneFamily::Walls, SceneFamily::Pipes, SceneFamily::Rubble, SceneFamily::Points];
 
 /// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -55,7 +56,7 @@ pub struct TubeLimits {
 #[derive(Debug, Clone)]
 pub struct RandomScene {
     /// Family of the scene.
-    pub family: Family,
+    pub family: SceneFamily,
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
     /// The triangles of a closed mesh.
@@ -86,7 +87,7 @@ impl RandomScene {
 /// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a planted path and one
 /// is sealed.
 #[must_use]
-pub fn random_scene(family: Family, number: u64, body: &TubeLimits) -> RandomScene {
+pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> RandomScene {
     let mut random = Rng::new(&[family as u64, number, 17]);
     let start = TipPose { position: Vector3::zeros(), direction: Vector3::z() };
     let way = random_path(&mut random, start, body);
@@ -110,11 +111,11 @@ pub fn random_scene(family: Family, number: u64, body: &TubeLimits) -> RandomSce
     let kept: &[ArcSegment] = if matches!(drawn.known, GroundTruth::Path(_)) { &way } else { &ends };
     let free: Vec<Vector3<f64>> = kept.iter().flat_map(|stretch| sampled(stretch, 4.0)).collect();
     match family {
-        Family::Pillars => pillars(&mut random, &mut drawn, &free, room),
-        Family::Walls => walls(&mut random, &mut drawn, &way, &free, room),
-        Family::Pipes => pipes(&mut random, &mut drawn, &free, room),
-        Family::Rubble => rubble(&mut random, &mut drawn, &free, room),
-        Family::Points => boulders(&mut random, &mut drawn, &free, room),
+        SceneFamily::Pillars => pillars(&mut random, &mut drawn, &free, room),
+        SceneFamily::Walls => walls(&mut random, &mut drawn, &way, &free, room),
+        SceneFamily::Pipes => pipes(&mut random, &mut drawn, &free, room),
+        SceneFamily::Rubble => rubble(&mut random, &mut drawn, &free, room),
+        SceneFamily::Points => boulders(&mut random, &mut drawn, &free, room),
     }
     if drawn.known == GroundTruth::NoPath {
         seal(&mut drawn, body);
@@ -153,7 +154,7 @@ fn sampled(stretch: &ArcSegment, apart: f64) -> Vec<Vector3<f64>> {
 }
 
 /// Returns the minimum distance from these points.
-fn least(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f64 {
+fn min_distance(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     points.iter().map(distance).fold(f64::INFINITY, f64::min)
 }
 
@@ -166,7 +167,7 @@ fn anywhere(random: &mut Rng, drawn: &RandomScene, margin: f64) -> Vector3<f64> 
 
 /// Adds a shape if it leaves the points free. The points are so dense that they represent the curve.
 fn add(drawn: &mut RandomScene, shape: Shape, free: &[Vector3<f64>], room: f64) {
-    if least(free, |point| shape.distance(point)) > room + 0.1 {
+    if min_distance(free, |point| shape.distance(point)) > room + 0.1 {
         drawn.shapes.push(shape);
     }
 }
@@ -262,7 +263,7 @@ fn rubble(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room
     for _ in 0..120 {
         let centre = anywhere(random, drawn, 150.0);
         let size = random.uniform_between(25.0, 90.0);
-        if least(free, |point| (point - centre).norm()) < room + size + 0.1 {
+        if min_distance(free, |point| (point - centre).norm()) < room + size + 0.1 {
             continue;
         }
         let points: Vec<Vector3<f64>> =
@@ -275,7 +276,7 @@ fn boulders(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], ro
     for _ in 0..80 {
         let centre = anywhere(random, drawn, 150.0);
         let size = random.uniform_between(20.0, 90.0);
-        if least(free, |point| (point - centre).norm()) < room + size + POINT_RADIUS + 0.1 {
+        if min_distance(free, |point| (point - centre).norm()) < room + size + POINT_RADIUS + 0.1 {
             continue;
         }
         shell(&mut drawn.points, &centre, size, 8.0);
@@ -299,8 +300,8 @@ fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
     // The size is large enough for the body, and too small for the start to be inside.
     let size = (2.5 * body.clearance).min(0.4 * (centre - drawn.start.position).norm());
     match drawn.family {
-        Family::Points => shell(&mut drawn.points, &centre, 1.5 * size, 8.0),
-        Family::Rubble => {
+        SceneFamily::Points => shell(&mut drawn.points, &centre, 1.5 * size, 8.0),
+        SceneFamily::Rubble => {
             let (corners, faces) = stone();
             for (scale, inwards) in [(1.7, false), (1.5, true)] {
                 let points: Vec<Vector3<f64>> = corners.iter().map(|corner| centre + corner * (size * scale)).collect();
@@ -327,7 +328,7 @@ fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
 #[must_use]
 pub fn brute_force_clearance(drawn: &RandomScene, stretches: &[ArcSegment], apart: f64) -> f64 {
     let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
-    least(&points, |point| {
+    min_distance(&points, |point| {
         let shapes = drawn.shapes.iter().map(|shape| brute_force_shape(shape, point));
         let cloud = drawn.points.iter().map(|centre| (point - centre).norm() - POINT_RADIUS);
         let faces = drawn.triangles.iter().map(|triangle| brute_force_triangle(triangle, point));

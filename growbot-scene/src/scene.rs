@@ -86,7 +86,7 @@ impl Mesh {
     }
 
     /// Reports whether the mesh encloses a point.
-    fn holds(&self, point: &Vector3<f64>) -> bool {
+    fn encloses(&self, point: &Vector3<f64>) -> bool {
         let mut winding = 0;
         self.triangles.along_x(point.y, point.z, |triangles| {
             winding += triangles.iter().map(|triangle| triangle.ray_crossing(point)).sum::<i32>();
@@ -123,7 +123,7 @@ impl Scene {
     /// Reports whether a point is inside a solid mesh.
     #[must_use]
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
-        self.meshes.iter().any(|mesh| mesh.solid && mesh.holds(point))
+        self.meshes.iter().any(|mesh| mesh.solid && mesh.encloses(point))
     }
 
     /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. It is not negative

@@ -7,7 +7,7 @@ use growbot_core::angle::radians;
 use nalgebra::{Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::read::{self, GeometryFile, MAX_GEOMETRY_BYTES, MeshDefects, RawGeometry, ReadError};
+use crate::read::{self, GeometryFile, MAX_GEOMETRY_BYTES, MeshDefects, ReadError};
 use crate::scene::{Cloud, Mesh, Scene};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
@@ -27,9 +27,10 @@ pub const MAX_FILE_BYTES: u64 = 16 << 20;
 pub struct SceneFile {
     /// Format of the file: `growbot-scene/1`.
     pub format: String,
-    /// Minimum distance between the outside of the tube and everything in the scene, mm.
-    #[serde(default)]
-    pub margin_mm: f64,
+    /// Minimum distance between the outside of the tube and everything in the scene, mm. By default that by which the
+    /// robot is expected to deviate.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin_mm: Option<f64>,
     /// Boxes.
     #[serde(default, rename = "box", skip_serializing_if = "Vec::is_empty")]
     pub boxes: Vec<BoxToml>,
@@ -106,9 +107,9 @@ pub struct HalfSpaceToml {
 pub struct MeshToml {
     /// File of the mesh, STL, OBJ, PLY or GLB, relative to the scene's file.
     pub file: String,
-    /// Length of a unit of the mesh file, mm.
-    #[serde(default = "one")]
-    pub scale: f64,
+    /// Length of a unit of the mesh file, mm. By default 1000 for GLB, which is in metres, and 1 for other formats.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// True if the enclosed volume is an obstacle too. The mesh must then be closed.
     #[serde(default = "yes")]
     pub solid: bool,
@@ -121,15 +122,11 @@ pub struct MeshToml {
 pub struct PointsToml {
     /// File of the cloud, PLY or PCD, relative to the scene's file.
     pub file: String,
-    /// Length of a unit of the cloud file, mm.
-    #[serde(default = "one")]
-    pub scale: f64,
+    /// Length of a unit of the cloud file, mm. 1 by default.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<f64>,
     /// Radius of the ball round each point, mm.
     pub radius_mm: f64,
-}
-
-fn one() -> f64 {
-    1.0
 }
 
 fn yes() -> bool {
@@ -224,15 +221,35 @@ pub enum SceneError {
     },
 }
 
+/// A box with sides along the axes that holds everything in a scene but its half spaces.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct SceneBox {
+    /// Smallest coordinates, mm.
+    pub min_mm: [f64; 3],
+    /// Greatest coordinates, mm.
+    pub max_mm: [f64; 3],
+}
+
 /// A scene that was loaded from its files.
 #[derive(Debug, Clone)]
 pub struct LoadedScene {
     /// The obstacles.
     pub scene: Scene,
-    /// Minimum distance between the outside of the tube and the obstacles, mm.
-    pub margin: f64,
+    /// Minimum distance between the outside of the tube and the obstacles, mm. `None` if the scene does not state one.
+    pub margin: Option<f64>,
     /// Hash of the scene's file and of all files that it names, CRC-64/XZ.
     pub hash: u64,
+}
+
+impl LoadedScene {
+    /// Returns the box that holds the obstacles as they were read. It shows axes and units that are not as expected.
+    /// `None` if there are only half spaces, or nothing.
+    #[must_use]
+    pub fn bounding_box(&self) -> Option<SceneBox> {
+        let bounds = self.scene.bounds();
+        (!bounds.is_empty()).then(|| SceneBox { min_mm: bounds.min.into(), max_mm: bounds.max.into() })
+    }
 }
 
 /// Loads a scene: a scene file, or a single mesh or cloud, according to its extension.
@@ -262,27 +279,27 @@ pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
         let file = beside.join(&mesh.file);
         let read = geometry(&file)?;
         hasher.write_bytes(&read.hash.to_le_bytes());
-        meshes.push(mesh_of(&read.geometry, mesh.scale, mesh.solid, &file.display().to_string())?);
+        meshes.push(mesh_of(&read, mesh.scale, mesh.solid, &file.display().to_string())?);
     }
     for points in &written.clouds {
         let file = beside.join(&points.file);
         let read = geometry(&file)?;
         hasher.write_bytes(&read.hash.to_le_bytes());
-        clouds.push(cloud_of(&read.geometry, points.scale, points.radius_mm, &file.display().to_string())?);
+        clouds.push(cloud_of(&read, points.scale, points.radius_mm, &file.display().to_string())?);
     }
     let scene = Scene::new(written.shapes(), written.half_spaces(), clouds, meshes);
     Ok(LoadedScene { scene, margin: written.margin_mm, hash: hasher.finish() })
 }
 
-/// Loads a single mesh or cloud. Points are balls without a radius. The margin is 0.
+/// Loads a single mesh or cloud. Points are balls without a radius.
 fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
     let read = read::geometry(path)?;
     let scene = if read.geometry.triangles.is_empty() {
-        Scene::new(vec![], vec![], vec![cloud_of(&read.geometry, 1.0, 0.0, name)?], vec![])
+        Scene::new(vec![], vec![], vec![cloud_of(&read, None, 0.0, name)?], vec![])
     } else {
-        Scene::new(vec![], vec![], vec![], vec![mesh_of(&read.geometry, 1.0, true, name)?])
+        Scene::new(vec![], vec![], vec![], vec![mesh_of(&read, None, true, name)?])
     };
-    Ok(LoadedScene { scene, margin: 0.0, hash: read.hash })
+    Ok(LoadedScene { scene, margin: None, hash: read.hash })
 }
 
 /// Parses a scene file. `file` is its name in error messages.
@@ -318,7 +335,9 @@ impl SceneFile {
             return Err(SceneError::TooMany { file: file.to_owned(), kind, count });
         }
         let check = Check { file };
-        check.size("margin_mm", self.margin_mm, true)?;
+        if let Some(margin) = self.margin_mm {
+            check.size("margin_mm", margin, true)?;
+        }
         for (index, written) in self.boxes.iter().enumerate() {
             check.point(&format!("center_mm of [[box]] {}", index + 1), &written.center_mm)?;
             for side in written.size_mm {
@@ -339,11 +358,13 @@ impl SceneFile {
             check.point(&format!("point_mm of [[halfspace]] {}", index + 1), &written.point_mm)?;
             check.normal(&format!("normal of [[halfspace]] {}", index + 1), &written.normal)?;
         }
-        for written in &self.meshes {
-            check.size(&format!("scale of {}", written.file), written.scale, false)?;
+        let meshes = self.meshes.iter().map(|written| (&written.file, written.scale));
+        for (file, scale) in meshes.chain(self.clouds.iter().map(|written| (&written.file, written.scale))) {
+            if let Some(scale) = scale {
+                check.size(&format!("scale of {file}"), scale, false)?;
+            }
         }
         for written in &self.clouds {
-            check.size(&format!("scale of {}", written.file), written.scale, false)?;
             check.size(&format!("radius_mm of {}", written.file), written.radius_mm, true)?;
         }
         Ok(())
@@ -415,9 +436,10 @@ impl Check<'_> {
 }
 
 /// Returns the points in mm after checking that each coordinate is finite and within range.
-fn scaled(geometry: &RawGeometry, scale: f64, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
-    let mut points = Vec::with_capacity(geometry.points.len());
-    for (index, point) in geometry.points.iter().enumerate() {
+fn scaled(read: &GeometryFile, scale: Option<f64>, file: &str) -> Result<Vec<Vector3<f64>>, SceneError> {
+    let scale = scale.unwrap_or(read.unit_mm);
+    let mut points = Vec::with_capacity(read.geometry.points.len());
+    for (index, point) in read.geometry.points.iter().enumerate() {
         let point = point * scale;
         if let Some(value) = point.iter().find(|value| !value.is_finite() || value.abs() > MAX_LENGTH) {
             let field = format!("a coordinate of point {} in mm", index + 1);
@@ -429,16 +451,17 @@ fn scaled(geometry: &RawGeometry, scale: f64, file: &str) -> Result<Vec<Vector3<
     Ok(points)
 }
 
-fn cloud_of(geometry: &RawGeometry, scale: f64, radius: f64, file: &str) -> Result<Cloud, SceneError> {
-    let points = scaled(geometry, scale, file)?;
+fn cloud_of(read: &GeometryFile, scale: Option<f64>, radius: f64, file: &str) -> Result<Cloud, SceneError> {
+    let points = scaled(read, scale, file)?;
     if points.is_empty() {
         return Err(SceneError::Empty { file: file.to_owned(), what: "points" });
     }
     Ok(Cloud::new(points, radius))
 }
 
-fn mesh_of(geometry: &RawGeometry, scale: f64, solid: bool, file: &str) -> Result<Mesh, SceneError> {
-    let points = scaled(geometry, scale, file)?;
+fn mesh_of(read: &GeometryFile, scale: Option<f64>, solid: bool, file: &str) -> Result<Mesh, SceneError> {
+    let points = scaled(read, scale, file)?;
+    let geometry = &read.geometry;
     let corner = |index: u32| points.get(index as usize).copied().unwrap_or_default();
     let triangles: Vec<Triangle> = geometry.triangles.iter().map(|face| Triangle(face.map(corner))).collect();
     if triangles.is_empty() {

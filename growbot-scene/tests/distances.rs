@@ -84,7 +84,7 @@ fn distances_to_random_meshes_are_lower_bounds() {
 fn points_inside_a_closed_mesh_are_distinguished_from_outside() {
     let mut random = Rng::new(&[11]);
     for number in 0..10 {
-        let drawn = random_scene(growbot_scene::random_scenes::Family::Rubble, number, &BODY);
+        let drawn = random_scene(growbot_scene::random_scenes::SceneFamily::Rubble, number, &BODY);
         let scene = drawn.scene();
         for _ in 0..200 {
             let point = anywhere(&mut random);

@@ -102,7 +102,7 @@ fn ply() -> String {
     text
 }
 
-/// Returns a cube round the origin, in a node that moves it, below one that enlarges it.
+/// Returns a cube round the origin, in a node that moves it, below one that makes metres of its millimetres.
 fn glb() -> Vec<u8> {
     glb_with("", "")
 }
@@ -115,7 +115,7 @@ fn glb_with(from: &str, to: &str) -> Vec<u8> {
         data.extend([a, b, c, a, c, d].iter().flat_map(|index| (*index as u16).to_le_bytes()));
     }
     let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],
-        "nodes":[{"scale":[1,1,1],"children":[1]},{"translation":[3,0,0],"mesh":0}],
+        "nodes":[{"scale":[0.001,0.001,0.001],"children":[1]},{"translation":[3,0,0],"mesh":0}],
         "meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],
         "accessors":[{"bufferView":0,"componentType":5126,"count":8,"type":"VEC3"},
                      {"bufferView":1,"componentType":5123,"count":36,"type":"SCALAR"}],
@@ -170,7 +170,7 @@ fn written(name: &str, bytes: impl AsRef<[u8]>) -> (TempDir, std::path::PathBuf)
 fn a_scene_contains_everything_in_its_file() {
     let directory = directory();
     let loaded = load(&directory.path().join("scene.toml")).unwrap();
-    assert_eq!((loaded.margin, loaded.scene.len()), (5.0, 4 + 12 + 2));
+    assert_eq!((loaded.margin, loaded.scene.len()), (Some(5.0), 4 + 12 + 2));
     let distance = |x: f64, y: f64, z: f64| loaded.scene.distance(&Vector3::new(x, y, z));
     // The box is turned: 60 mm along x. The mesh is a cube of 2 m round x = 3 m.
     assert!((distance(135.0, 0.0, 200.0) - 5.0).abs() < 1e-9);
@@ -211,6 +211,26 @@ fn every_format_gives_the_same_cube() {
 }
 
 #[test]
+fn a_glb_is_read_in_metres_with_y_up() {
+    // Half a turn about glTF's x axis turns the cube of side 2, which is moved in the axes of the node above it.
+    let node = r#""translation":[100,200,300],"rotation":[1,0,0,0],"scale":[1,20,5]"#;
+    let (_directory, path) = written("part.glb", glb_with(r#""translation":[3,0,0]"#, node));
+    let bounds = load(&path).unwrap().scene.bounds();
+    let expected = [Vector3::new(99.0, -305.0, 180.0), Vector3::new(101.0, -295.0, 220.0)];
+    for (found, expected) in [bounds.min, bounds.max].iter().zip(expected) {
+        assert!((found - expected).amax() < 1e-4, "{bounds:?}");
+    }
+    // A scene file may give another length of a unit. The axes remain those of glTF.
+    let scene = path.with_file_name("scene.toml");
+    let entry = "format = \"growbot-scene/1\"\n[[mesh]]\nfile = \"part.glb\"\n";
+    for (scale, unit) in [("", 1000.0), ("scale = 25.4\n", 25.4)] {
+        fs::write(&scene, format!("{entry}{scale}")).unwrap();
+        let bounds = load(&scene).unwrap().scene.bounds();
+        assert!((bounds.max - expected[1] * (unit / 1000.0)).amax() < 1e-4, "{bounds:?}");
+    }
+}
+
+#[test]
 fn an_open_mesh_is_not_a_solid() {
     let open = obj().replacen("f 1/1/1", "# ", 1);
     let (directory, path) = written("open.obj", &open);
@@ -230,8 +250,11 @@ fn a_mesh_with_an_inverted_face_is_not_a_solid() {
     let (_directory, path) = written("flipped.obj", wedge.replace("f 2 3 4", "f 4 3 2"));
     let refusal = load(&path).unwrap_err();
     assert!(matches!(refusal, SceneError::FlippedFaces { flipped: 3, .. }), "{refusal}");
-    let said = refusal.to_string();
-    assert!(said.contains("3 edges") && said.contains("inside out") && said.contains("solid = false"), "{said}");
+    let message = refusal.to_string();
+    assert!(
+        message.contains("3 edges") && message.contains("inside out") && message.contains("solid = false"),
+        "{message}"
+    );
     // If all faces are inside out, they enclose the same volume.
     let (_directory, path) =
         written("outside.obj", "v 0 0 0\nv 100 0 0\nv 0 100 0\nv 0 0 100\nf 2 3 1\nf 4 2 1\nf 4 3 2\nf 3 4 1\n");

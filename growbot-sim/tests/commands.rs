@@ -27,8 +27,8 @@ fn grow_over(
     order: impl FnMut(&JobEvent, &CommandQueue),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
 ) -> (GrowthReport, Vec<JobEvent>) {
-    let (grown, told) = try_to_grow(order, line);
-    (grown.unwrap(), told)
+    let (grown, events) = try_to_grow(order, line);
+    (grown.unwrap(), events)
 }
 
 /// Like [`grow_over`], but the growth may fail.
@@ -51,39 +51,42 @@ fn try_to_grow_in(
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
-    let (orders, mut told) = (CommandQueue::default(), Vec::new());
+    let (orders, mut events) = (CommandQueue::default(), Vec::new());
     let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
         order(event, &orders);
-        told.push(event.clone());
+        events.push(event.clone());
     });
-    (grown, told)
+    (grown, events)
 }
 
-fn tells(told: &[JobEvent], expected: &JobEvent) -> usize {
-    told.iter().filter(|event| *event == expected).count()
+fn count_events(events: &[JobEvent], expected: &JobEvent) -> usize {
+    events.iter().filter(|event| *event == expected).count()
 }
 
 #[test]
 fn a_growth_pauses_and_continues_on_command_without_repeated_layers() {
-    let (grown, told) = grow(|event, orders| match event {
+    let (grown, events) = grow(|event, orders| match event {
         JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
         JobEvent::State(State::Paused) => orders.push(Command::Continue),
         _ => {}
     });
     assert_eq!(grown.outcome, Outcome::Done);
-    assert_eq!((grown.body.len(), tells(&told, &JobEvent::State(State::Paused))), (20, 1));
+    assert_eq!((grown.body.len(), count_events(&events, &JobEvent::State(State::Paused))), (20, 1));
     assert_eq!(
-        (tells(&told, &JobEvent::Command(Command::Pause)), tells(&told, &JobEvent::Command(Command::Continue))),
+        (
+            count_events(&events, &JobEvent::Command(Command::Pause)),
+            count_events(&events, &JobEvent::Command(Command::Continue))
+        ),
         (1, 1)
     );
-    assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
+    assert_eq!(events.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
 }
 
 #[test]
 fn a_parked_growth_waits_only_if_it_can_be_continued() {
     let park = |parked| {
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked };
-        let (grown, told) = try_to_grow_in(
+        let (grown, events) = try_to_grow_in(
             manner,
             |event, orders| match event {
                 JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
@@ -93,29 +96,29 @@ fn a_parked_growth_waits_only_if_it_can_be_continued() {
             },
             |sim| Box::new(sim),
         );
-        (grown.unwrap(), told)
+        (grown.unwrap(), events)
     };
-    let (grown, told) = park(OnParked::Wait);
+    let (grown, events) = park(OnParked::Wait);
     assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20));
-    assert_eq!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
-    assert_eq!(tells(&told, &JobEvent::State(State::Homing)), 2, "it homes anew");
+    assert_eq!(events.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count(), 20);
+    assert_eq!(count_events(&events, &JobEvent::State(State::Homing)), 2, "it homes anew");
 
-    let (grown, told) = park(OnParked::End);
+    let (grown, events) = park(OnParked::End);
     assert_eq!(grown.outcome, Outcome::Parked);
-    assert_eq!(tells(&told, &JobEvent::Command(Command::Continue)), 0);
+    assert_eq!(count_events(&events, &JobEvent::Command(Command::Continue)), 0);
 }
 
 #[test]
 fn a_growth_stops_on_stop_and_emergency_stop() {
     for order in [Command::Stop, Command::EmergencyStop] {
-        let (grown, told) = grow(|event, orders| {
+        let (grown, events) = grow(|event, orders| {
             if let JobEvent::Laid { index: 4, .. } = event {
                 orders.push(order);
             }
         });
         assert_eq!(grown.outcome, Outcome::Stopped);
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
-        assert_eq!(tells(&told, &JobEvent::Command(order)), 1);
+        assert_eq!(count_events(&events, &JobEvent::Command(order)), 1);
     }
 }
 
@@ -149,7 +152,7 @@ impl Port for Stalled {
 #[test]
 fn an_undelivered_stop_becomes_an_emergency_stop() {
     let (is_stalled, board) = (Rc::new(Cell::new(false)), RefCell::new(None));
-    let (grown, told) = grow_over(
+    let (grown, events) = grow_over(
         |event, orders| {
             if let JobEvent::Laid { index: 4, .. } = event {
                 is_stalled.set(true);
@@ -163,7 +166,7 @@ fn an_undelivered_stop_becomes_an_emergency_stop() {
         },
     );
     assert_eq!(grown.outcome, Outcome::Stopped);
-    assert_eq!(tells(&told, &JobEvent::State(State::EmergencyStop)), 1);
+    assert_eq!(count_events(&events, &JobEvent::State(State::EmergencyStop)), 1);
     assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
 }
 
@@ -200,7 +203,7 @@ fn a_command_is_retried_after_a_link_loss() {
     for (order, losses) in [(Command::Pause, 150), (Command::Stop, 150), (Command::EmergencyStop, 50)] {
         let cut = Rc::new(Cell::new(0));
         let mut given = false;
-        let (grown, told) = grow_over(
+        let (grown, events) = grow_over(
             |event, orders| match event {
                 JobEvent::Laid { index: 4, .. } if !given => {
                     given = true;
@@ -215,8 +218,8 @@ fn a_command_is_retried_after_a_link_loss() {
         );
         let expected = if order == Command::Pause { Outcome::Done } else { Outcome::Stopped };
         assert_eq!((grown.outcome, cut.get()), (expected, 0), "{order:?}");
-        assert!(tells(&told, &JobEvent::NoResponse) > 0, "{order:?} was not cut off");
-        assert!(tells(&told, &JobEvent::Command(order)) > 1, "{order:?} was not given again");
+        assert!(count_events(&events, &JobEvent::NoResponse) > 0, "{order:?} was not cut off");
+        assert!(count_events(&events, &JobEvent::Command(order)) > 1, "{order:?} was not given again");
     }
 }
 
@@ -285,13 +288,17 @@ fn commands_in_any_state_keep_the_body_complete() {
     for (state, order) in
         [(State::Heating, Command::Pause), (State::Homing, Command::Pause), (State::Growing, Command::Continue)]
     {
-        let (grown, told) = grow(|event, orders| match event {
+        let (grown, events) = grow(|event, orders| match event {
             JobEvent::State(now) if *now == state => orders.push(order),
             JobEvent::State(State::Paused) | JobEvent::CommandFailed(_) => orders.push(Command::Continue),
             _ => {}
         });
         assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{state:?}, {order:?}");
-        assert_eq!(tells(&told, &JobEvent::State(State::Paused)) > 0, order == Command::Pause, "{state:?}, {order:?}");
+        assert_eq!(
+            count_events(&events, &JobEvent::State(State::Paused)) > 0,
+            order == Command::Pause,
+            "{state:?}, {order:?}"
+        );
     }
 }
 
@@ -303,7 +310,7 @@ fn a_growth_without_filament_waits_and_continues_its_layer() {
         (Rc::clone(&board), vec![Command::Continue, Command::Purge, Command::Load, Command::Preheat]);
     let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked: OnParked::End };
     let mut refused = Vec::new();
-    let (grown, told) = try_to_grow_in(
+    let (grown, events) = try_to_grow_in(
         manner,
         |event, orders| match event {
             JobEvent::CommandFailed(why) => {
@@ -330,8 +337,8 @@ fn a_growth_without_filament_waits_and_continues_its_layer() {
     );
     let grown = grown.unwrap();
     assert_eq!((grown.outcome, grown.body.len()), (Outcome::Done, 20), "{refused:?}");
-    assert_eq!(tells(&told, &JobEvent::State(State::Paused)), 1);
-    assert!(told.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count() == 20);
+    assert_eq!(count_events(&events, &JobEvent::State(State::Paused)), 1);
+    assert!(events.iter().filter(|event| matches!(event, JobEvent::Laid { .. })).count() == 20);
     assert!(
         refused.iter().all(|why| why.contains("still moving")) && !refused.is_empty(),
         "one after the other: {refused:?}"

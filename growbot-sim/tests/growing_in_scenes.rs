@@ -116,7 +116,7 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let number = number / 5 * 10 + number % 5;
     let body = TubeLimits { radius: RADIUS, clearance: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
     let drawn = random_scenes::random_scene(family, number, &body);
-    let loaded = LoadedScene { scene: drawn.scene(), margin: MARGIN, hash: 0 };
+    let loaded = LoadedScene { scene: drawn.scene(), margin: Some(MARGIN), hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
     let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, avoid_self_collision: true };
     let through = SceneOptions {

@@ -3,5 +3,7 @@
 mod clock;
 mod commands;
 mod configuring;
+mod disturbed;
+mod follower;
 mod growing_in_scenes;
 mod requests;

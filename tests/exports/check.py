@@ -28,8 +28,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 GROWBOT = sys.argv[1]
-# Environment without the configured port of a robot, so that no check moves it.
-ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "GROWBOT_PORT"}
+# Environment without growbot's settings, so that no check moves the configured robot.
+ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("GROWBOT_")}
 # Max error of a wall's volume, as a fraction of the filament used.
 VOLUME = 0.005
 
@@ -103,7 +103,10 @@ def check_wall(name, directory, source, options, volume, parts=0):
     (x0, y0, z0), (x1, y1, z1) = turned
     far = numpy.abs(numpy.array([[x0, -z1, y0], [x1, -z0, y1]]) - in_mm.bounds).max()
     demand(far < 1e-2, f"{name}: STL and GLB are {far} mm apart")
-    print(f"{name:30} {len(in_mm.faces):9} {len(content) / 1e6:9.1f} {glb.stat().st_size / 1e6:9.1f} {took:7.2f} {100 * off:+10.4f}")
+    print(
+        f"{name:30} {len(in_mm.faces):9} {len(content) / 1e6:9.1f} {glb.stat().st_size / 1e6:9.1f} {took:7.2f} "
+        f"{100 * off:+10.4f}"
+    )
 
 
 def table(source):
@@ -154,7 +157,9 @@ def read_recording(name, path):
             stamp = content.get("timestamp")
             demand(not stamp or stamp["sec"] * 10**9 + stamp["nsec"] == last, f"{name}: two times in one message")
             messages.setdefault(channel.topic, []).append((last / 1e9, content))
-        demand(reader.get_summary().statistics.message_count == sum(map(len, messages.values())), f"{name}: messages lost")
+        demand(
+            reader.get_summary().statistics.message_count == sum(map(len, messages.values())), f"{name}: messages lost"
+        )
     return messages
 
 
@@ -171,7 +176,9 @@ def check_recording(name, directory, log):
     tip = [1000 * position[axis] for axis in "xyz"]
     demand(math.dist(tip, numbers(rows[-1], "x_mm", "y_mm", "z_mm")) < 1e-6, f"{name}: the tip is elsewhere")
     reached = json.loads(growbot("replay", log, "--json").stdout)["final"]
-    demand(math.dist(tip, [reached[f"{axis}_mm"] for axis in "xyz"]) < 1e-6, f"{name}: the tip is not where replay has it")
+    demand(
+        math.dist(tip, [reached[f"{axis}_mm"] for axis in "xyz"]) < 1e-6, f"{name}: the tip is not where replay has it"
+    )
     turn = messages["/tip"][-1][1]["pose"]["orientation"]
     demand(abs(sum(part**2 for part in turn.values()) - 1) < 1e-9, f"{name}: no unit quaternion")
     heat = [status["temperature_c"] for _, status in messages["/status"] if "temperature_c" in status]
@@ -299,7 +306,9 @@ def check_ros2_messages(name, messages, log):
     markers = [message for _, message in messages["/growbot/layers"]]
     demand([marker.id for marker in markers] == list(range(len(rows) - 1)), f"{name}: markers")
     heights = [float(row["height_mm"]) / 1000 for row in rows[1:]]
-    demand(all(abs(m.scale.z - h) <= POSE and m.type == m.CYLINDER for m, h in zip(markers, heights)), f"{name}: heights")
+    demand(
+        all(abs(m.scale.z - h) <= POSE and m.type == m.CYLINDER for m, h in zip(markers, heights)), f"{name}: heights"
+    )
     states = [m.status[0] for _, m in messages["/diagnostics"] if m.status[0].name == "growbot: board"]
     demand(len(states) == told["status"], f"{name}: {len(states)} of {told['status']} states")
     hot = [float(value.value) for state in states for value in state.values if value.key == "temperature_c"]
@@ -384,7 +393,9 @@ def check_refusals(directory):
         demand(first.startswith("error: "), f"no error for {args}: {said}")
         one = all(not line.strip() or line.startswith("    ") for line in rest)
         demand(one or "--segments" in args, f"more than one message for {args}: {said}")
-    demand(sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused")
+    demand(
+        sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused"
+    )
 
 
 # Max relative error of the volume of obstacles, which their facets cause.

@@ -30,7 +30,8 @@ try {
     assert.deepEqual(found, { robot: 'growbot-a', state: 'idle', fault: null, check: 'sound' });
     await growbot('estop');
     assert.equal((await status()).state, 'emergency-stop');
-    console.log(`a Pico in rp2040js has started from the UF2 file: image sound (CRC ${image.crc}), configured, stopped`);
+    const result = `image sound (CRC ${image.crc}), configured, stopped`;
+    console.log(`a Pico in rp2040js has started from the UF2 file: ${result}`);
 } finally {
     stop();
 }

@@ -15,13 +15,17 @@ MACHINES = {"x86_64": 62, "aarch64": 183}
 for path in sys.argv[1:]:
     wheel = zipfile.ZipFile(path)
     names = wheel.namelist()
-    assert not any("/sboms/" in name for name in names), f"{path} has a list of parts, with paths of the machine that built it"
+    assert not any("/sboms/" in name for name in names), (
+        f"{path} has a list of parts, with paths of the machine that built it"
+    )
     [library] = [name for name in names if name.endswith(".so")]
     binary = wheel.read(library)
     [machine] = [machine for machine in MACHINES if path.endswith(f"-abi3-manylinux_2_28_{machine}.whl")]
     assert int.from_bytes(binary[18:20], "little") == MACHINES[machine], f"{path}: {library} is for another machine"
     versions = {tuple(map(int, version.split(b"."))) for version in re.findall(rb"GLIBC_(\d+\.\d+)", binary)}
-    assert versions and max(versions) <= NEWEST_GLIBC, f"{path}: {library} needs GLIBC_{max(versions)}, above {NEWEST_GLIBC}"
+    assert versions and max(versions) <= NEWEST_GLIBC, (
+        f"{path}: {library} needs GLIBC_{max(versions)}, above {NEWEST_GLIBC}"
+    )
 
     [metadata] = [wheel.read(name).decode() for name in names if name.endswith(".dist-info/METADATA")]
     for licence in ["LICENSE-APACHE", "LICENSE-MIT", "LICENSE-OF-OTHERS.txt"]:

@@ -117,13 +117,17 @@ def main():
 
     tested = sum(counts.values())
     print(
-        f"{tested} mutants of {len(existing)}: {counts['CaughtMutant']} caught ({by_own} by the tests of their own module), "
+        f"{tested} mutants of {len(existing)}: {counts['CaughtMutant']} caught "
+        f"({by_own} by the tests of their own module), "
         f"{counts['MissedMutant'] + counts['Timeout']} survived, {counts['Unviable']} do not compile"
     )
     for problem in problems:
         print(problem, file=sys.stderr)
     if problems:
-        print(f"{len(problems)} problems: kill each with a test, or list it in {listed_in.name} with the reason", file=sys.stderr)
+        print(
+            f"{len(problems)} problems: kill each with a test, or list it in {listed_in.name} with the reason",
+            file=sys.stderr,
+        )
         return 1
     print("every survivor is listed as equivalent, with a reason")
     return 0

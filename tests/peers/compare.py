@@ -444,8 +444,8 @@ def main():
 - {plane_queries} queries a family in the plane, {space_queries} in space. Times: medians of {rounds} rounds' ratios.
 - growbot's planner in the plane takes goals as the start sees them: converting them is in its time. Its planners in
   space check that the path arrives: that is in their time. OMPL is called from Python; "less the call": without what an
-  empty call from Python takes ({calls:.0f} ns here). growbot's own package for Python adds {python_call(args.plan_bench):.0f} ns
-  to a call of its planner: poses, checks, and a plan with its layers counted.
+  empty call from Python takes ({calls:.0f} ns here). growbot's own package for Python adds
+  {python_call(args.plan_bench):.0f} ns to a call of its planner: poses, checks, and a plan with its layers counted.
 - Vana and Vana-Owen: pitch from -90 to 90 deg.
 - Too long: by more than {TOO_LONG:.0e} R, beside the shortest path that is known to arrive: the one by which the goal
   was laid out, or any planner's that does. In space that is the best of those compared, not the shortest there is.

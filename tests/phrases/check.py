@@ -18,22 +18,38 @@ TABLE = ROOT / "tests/phrases/allowed.txt"
 
 # name, where ("opener" of a doc comment, "comment" or "document"), pattern, what to write instead
 RULES = [
-    ("clause", {"opener"},
-     r"^(What|Why|How|Whether|Where|Which|When|Who|Whose|Whoever|Of|As|Its?|Those|That|These|This of|They|So|And|and"
-     r"|The same|By how|In some)\b",
-     "describe a field or type by a noun phrase, a function by a verb (\"Returns ...\")"),
+    (
+        "clause",
+        {"opener"},
+        r"^(What|Why|How|Whether|Where|Which|When|Who|Whose|Whoever|Of|As|Its?|Those|That|These|This of|They|So|And|and"
+        r"|The same|By how|In some)\b",
+        'describe a field or type by a noun phrase, a function by a verb ("Returns ...")',
+    ),
     ("tell", {"comment", "document"}, r"\b(told|tells?|telling|said|says|heard)\b", "report, print, show, receive"),
     ("ask", {"comment", "document"}, r"\b(asks?|asked|asking)\b", "request, query, poll, prompt"),
     ("anew", {"comment", "document"}, r"\b(anew|midst|lest)\b", "again, middle, so that not"),
-    ("nobody", {"comment", "document"}, r"\b(nobody|somebody|whoever)\b", "the actor: the board, the service, the caller"),
+    (
+        "nobody",
+        {"comment", "document"},
+        r"\b(nobody|somebody|whoever)\b",
+        "the actor: the board, the service, the caller",
+    ),
     ("lend", {"comment", "document"}, r"\b(lent|lends?|borrow(s|ed)?)\b", "lease"),
     ("reckon", {"comment", "document"}, r"\breckon(s|ed)?\b", "compute, estimate"),
     ("go on", {"comment", "document"}, r"\b(gone|goes) on with\b", "continue, resume"),
-    ("is no", {"comment", "document"}, r"\bis no [a-z]+|\bare none\b|\bnone (where|if)\b",
-     "is not a ..., \"`None` if ...\""),
+    (
+        "is no",
+        {"comment", "document"},
+        r"\bis no [a-z]+|\bare none\b|\bnone (where|if)\b",
+        'is not a ..., "`None` if ..."',
+    ),
     ("so long", {"comment", "document"}, r"\bso (long|often|many)\b", "the number or the bound"),
-    ("idiom", {"comment", "document"}, r"\bkeeps? off\b|\bcame to\b|\bin words\b|\blet be\b",
-     "avoid, result, text, keep"),
+    (
+        "idiom",
+        {"comment", "document"},
+        r"\bkeeps? off\b|\bcame to\b|\bin words\b|\blet be\b",
+        "avoid, result, text, keep",
+    ),
 ]
 RULES = [(name, places, re.compile(pattern, 0 if name == "clause" else re.I), instead)
          for name, places, pattern, instead in RULES]
@@ -120,8 +136,10 @@ def main(arguments):
         rises = [row for row in compare(found, limits) if row[2] > row[3]] if limits is not None else []
         if not rises:
             rows = [f"{path}\t{rule}\t{len(places)}" for (path, rule), places in sorted(found.items())]
-            TABLE.write_text("# Phrases that are still there: file, rule, count. tests/phrases/check.py --lower writes it.\n"
-                             + "".join(row + "\n" for row in rows))
+            TABLE.write_text(
+                "# Phrases that are still there: file, rule, count. tests/phrases/check.py --lower writes it.\n"
+                + "".join(row + "\n" for row in rows)
+            )
             return 0
         wrong = rises
     elif arguments:

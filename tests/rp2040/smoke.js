@@ -76,4 +76,4 @@ try {
 } finally {
     third.stop();
 }
-console.log(`the firmware of the Pico in rp2040js: at rest, emergency stop, driver's fault, both lines: all as it should be`);
+console.log("the firmware of the Pico in rp2040js: at rest, emergency stop, driver's fault, both lines: passed");

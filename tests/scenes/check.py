@@ -108,7 +108,10 @@ def main():
         counts["late"] += known == "planted" and scene["seconds"] > WITHIN
         if found:
             tightest[scene["family"]] = min(tightest[scene["family"]], check(file.stem, scene))
-    print(f"{'family':10} {'planted':>8} {'found':>6} {'in 1 s':>7} {'sealed':>7} {'found':>6} {'others':>7} {'found':>6} {'spare, mm':>10}")
+    print(
+        f"{'family':10} {'planted':>8} {'found':>6} {'in 1 s':>7} {'sealed':>7} {'found':>6} {'others':>7} {'found':>6} "
+        f"{'spare, mm':>10}"
+    )
     for family, counts in families.items():
         keys = ["planted", "planted, found", "soon", "sealed", "sealed, found", "nothing", "nothing, found"]
         numbers = [f"{counts[key]:>{width}}" for key, width in zip(keys, (8, 6, 7, 7, 6, 7, 6))]

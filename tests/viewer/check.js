@@ -29,7 +29,8 @@ const MAX_BYTES = 2_000_000;
 const [MIN_DIFFERENCE, MAX_FRACTION] = [48, 0.02];
 
 const directory = mkdtempSync(join(tmpdir(), "growbot-view-"));
-const run = (...args) => execFileSync(growbot, args, { cwd: directory, env: environment, stdio: ["ignore", "pipe", "pipe"] });
+const run = (...args) =>
+  execFileSync(growbot, args, { cwd: directory, env: environment, stdio: ["ignore", "pipe", "pipe"] });
 const plan = (name, ...args) => {
   run("plan", ...args, "-o", `${name}.json`);
   run("view", `${name}.json`);
@@ -48,7 +49,8 @@ async function open(browser, name, options) {
   page.setDefaultTimeout(TIMEOUT_MS);
   await page.goto(pathToFileURL(file).href);
   await page.waitForFunction(() => !document.querySelector(".stage:not([data-drawn])"));
-  const drawn = await page.$$eval(".stage", (stages) => Math.max(...stages.map((stage) => Number(stage.dataset.drawn))));
+  const drawn = await page.$$eval(".stage", (stages) =>
+    Math.max(...stages.map((stage) => Number(stage.dataset.drawn))));
   console.log(`${name}: ${statSync(file).size} bytes, first picture after ${drawn} ms`);
   return page;
 }
@@ -61,7 +63,8 @@ async function fitsPhone(page) {
 }
 
 /** Waits until the next picture is drawn. */
-const settled = (page) => page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
+const settled = (page) =>
+  page.evaluate(() => new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done))));
 const slider = (page) => page.$eval("#slider", (element) => Number(element.value));
 const picture = async (page) => {
   await settled(page);
@@ -132,9 +135,12 @@ async function checkPair(browser) {
     await settled(page);
     return Promise.all([0, 1].map(async (i) => PNG.sync.read(await page.locator(".stage").nth(i).screenshot())));
   };
-  const layers = () => page.$$eval("#both tr:nth-child(4) td", (cells) => cells.map((cell) => Number(cell.textContent)));
-  const scale = () => page.$$eval(".scale", (bars) => bars.map((bar) => `${bar.textContent} ${bar.querySelector("i").style.width}`));
-  const bothDiffer = async (before, why) => (await both()).forEach((after, i) => assert.ok(difference(before[i], after) > 0.005, `${why}: ${i}`));
+  const layers = () =>
+    page.$$eval("#both tr:nth-child(4) td", (cells) => cells.map((cell) => Number(cell.textContent)));
+  const scale = () =>
+    page.$$eval(".scale", (bars) => bars.map((bar) => `${bar.textContent} ${bar.querySelector("i").style.width}`));
+  const bothDiffer = async (before, why) =>
+    (await both()).forEach((after, i) => assert.ok(difference(before[i], after) > 0.005, `${why}: ${i}`));
   const whole = await both();
   const [all, fewer] = await layers();
   assert.ok(all > 1300 && fewer > 100, `${all} and ${fewer} layers`);
@@ -185,7 +191,9 @@ async function checkScene(browser) {
   assert.ok(difference(seen, await picture(page)) > 0.01, "the obstacles cannot be hidden");
   await page.check("#show-scene");
   assert.ok(difference(seen, await picture(page)) < 0.001, "the obstacles do not come back");
-  const dark = await open(browser, "rack", { colorScheme: "dark", viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true });
+  const dark = await open(browser, "rack", {
+    colorScheme: "dark", viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true,
+  });
   await fitsPhone(dark);
 }
 
@@ -215,7 +223,8 @@ async function checkWithoutPicture() {
 const browser = await launch("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader");
 try {
   plan("1300", "--to", "550,345,610,120,-25", "--planner", "two-plane");
-  plan("10000", "--via", "1800,0,1200,90,0", "--via", "900,1800,700,180,20", "--via", "-400,1200,1600,-90,0", "--to", "0,0,500,0,-90");
+  plan("10000", "--via", "1800,0,1200,90,0", "--via", "900,1800,700,180,20", "--via", "-400,1200,1600,-90,0",
+    "--to", "0,0,500,0,-90");
   run("plan", "--to", "120,60,200,30,20", "-o", "short.json");
   run("grow", "short.json", "--noise", "10", "--seed", "1", "--log", "run.jsonl");
   run("view", "run.jsonl");
@@ -224,7 +233,9 @@ try {
 
   const middle = await open(browser, "1300");
   // The picture has the same size with any fonts.
-  await middle.addStyleTag({ content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }" });
+  await middle.addStyleTag({
+    content: "header { height: 48px; overflow: hidden } #bar { height: 52px; overflow: hidden }",
+  });
   await settled(middle);
   await middle.click("[data-viewpoint=corner]");
   assert.ok(statSync(join(directory, "1300.html")).size < MAX_BYTES, "the file is too large");
@@ -259,7 +270,9 @@ try {
   await fed.uncheck("#show-estimated");
   assert.ok(difference(estimated, await picture(fed)) > 0.0003, "no line of the path that feedback estimated");
 
-  const phone = await open(browser, "run", { viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, colorScheme: "dark" });
+  const phone = await open(browser, "run", {
+    viewport: { width: 390, height: 844 }, hasTouch: true, isMobile: true, colorScheme: "dark",
+  });
   assert.equal(await phone.getAttribute("html", "data-theme"), "dark");
   await phone.tap("#play");
   assert.equal(await phone.textContent("#play"), "Pause");

@@ -1,5 +1,5 @@
-// Environment of programs that the checks start. It lacks the configured port of a robot, so that no check moves it.
+// Environment of programs that the checks start. It lacks growbot's settings: no check moves the configured robot.
 
-const { GROWBOT_PORT: _, ...others } = process.env;
+const others = Object.entries(process.env).filter(([name]) => !name.startsWith("GROWBOT_"));
 
-export const environment = others;
+export const environment = Object.fromEntries(others);

@@ -38,8 +38,9 @@ pub enum ClientError {
     },
     /// The messages have another schema.
     #[error(
-        "the board's messages (schema {board:016x}) differ from this program's ({host:016x}): flash the firmware of \
-         this release (`cargo run-stm32f405`), or use the growbot release of the board's firmware"
+        "the board's firmware is of another release (its messages have schema {board:016x}, those of this program \
+         {host:016x}): finish or cancel a body that it stores with the growbot of that release, then flash this \
+         release (`growbot flash`); stop and estop work with any release"
     )]
     Schema {
         /// Schema hash of the board.

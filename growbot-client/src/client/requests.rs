@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_core::link::message::{
     BootReport, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, PassiveRequest,
-    Refusal, SensorReadings, Status,
+    ReadLayers, Refusal, SensorReadings, Status,
 };
 
 use super::clock::{ClockDrift, ClockSample, ClockWatch};
@@ -60,6 +60,21 @@ impl Client {
         }
     }
 
+    /// Checks that this client's session is open. A session never opens again, so an earlier status belongs to it.
+    ///
+    /// # Errors
+    /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
+    pub fn check_session(&mut self) -> Result<(), ClientError> {
+        // The board serves this request in the open session only. No layer has this index, so the response is short.
+        self.request("for its session", &PassiveRequest::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
+    }
+
+    /// Reports whether events have arrived that [`Client::event`] has not returned yet.
+    #[must_use]
+    pub fn has_events(&self) -> bool {
+        !self.events.is_empty()
+    }
+
     /// Stops the board by a request, after which its body can be resumed. If the board does not respond, stops it by
     /// the emergency stop.
     ///
@@ -74,8 +89,8 @@ impl Client {
         }
     }
 
-    /// Clears a fault or an emergency stop, after which the board accepts jobs again. The board refuses this for some milliseconds after a stop by the link, and
-    /// while the button is pressed, so the request is repeated for a while.
+    /// Clears a fault or an emergency stop, after which the board accepts jobs again. The board refuses this for some
+    /// milliseconds after a stop by the link, and while the button is pressed, so the request is repeated for a while.
     ///
     /// # Errors
     /// Like [`Client::request`].

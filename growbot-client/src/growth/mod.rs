@@ -73,7 +73,7 @@ pub enum Outcome {
     ClockDrift(ClockDrift),
     /// A long pause has switched the heater off. The body can be resumed.
     Parked,
-    /// The board has restarted, or another host has taken it. The body can be resumed.
+    /// The board has restarted, or another host has taken it or left it idle. The body can be resumed.
     Interrupted,
     /// The board is silent. It may still be growing.
     Lost,
@@ -307,6 +307,8 @@ struct JobRunner<'a> {
     parked: OnParked,
     /// Permit of the growth, or of the latest order to continue it.
     permit: Permit,
+    /// True once the board has begun the growth: it has accepted a start, or its status shows that it had.
+    is_started: bool,
     sent: UploadState,
     built: LaidProgress,
     board: BoardClock,
@@ -401,6 +403,7 @@ impl<'a> JobRunner<'a> {
             feedback: manner.feedback,
             parked: manner.parked,
             permit: orders.permit(),
+            is_started: false,
             sent: UploadState::new(job, hello.layer_capacity),
             built: LaidProgress::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },
@@ -429,6 +432,7 @@ impl<'a> JobRunner<'a> {
         }
         if self.permit.is_continuation() {
             let status = self.client.status().map_err(GrowthError::Interrupted)?;
+            self.is_started = status.state != State::Idle;
             if orders.pause_waits() || !self.permit.allows_start(&status) {
                 return Ok(());
             }
@@ -444,6 +448,8 @@ impl<'a> JobRunner<'a> {
         let what = "to start";
         let start = Start { plan_id: self.job.plan_id, on_host_silence: self.silence };
         let response = self.client.energize(what, &EnergizingRequest::Start(start), &self.permit)?;
-        self.accept(what, response)
+        self.accept(what, response)?;
+        self.is_started = true;
+        Ok(())
     }
 }

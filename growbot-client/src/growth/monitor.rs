@@ -128,7 +128,12 @@ impl JobRunner<'_> {
             self.built.laid = hello.status.layers_laid;
             self.built.interrupted = hello.status.interrupted;
             self.board.ended_ms = hello.status.uptime_ms;
-            return Ok(Outcome::Interrupted);
+            return Ok(match outcome(hello.status.state, hello.status.fault) {
+                // A board forgets a job that is done. All of it is laid once all of it is reported.
+                _ if self.built.as_built.len() >= self.job.layers.len() => Outcome::Done,
+                Some(fault @ Outcome::Fault(_)) if hello.status.plan_id == self.job.plan_id => fault,
+                _ => Outcome::Interrupted,
+            });
         }
         if self.outcome(&hello.status).is_none() || hello.status.state == State::Done {
             self.attach(&hello.status, OnInterrupted::Redo, on_event)?;
@@ -193,6 +198,12 @@ impl JobRunner<'_> {
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Option<Outcome>, ClientError> {
         let status = self.client.status()?;
+        let has_ended = status.state == State::Idle || status.plan_id != self.job.plan_id;
+        let misses_layers = status.layers_laid as usize > self.built.as_built.len() && !self.client.has_events();
+        if self.is_started && (has_ended || misses_layers) {
+            // The board serves the status without a session, but reports layers in the session only.
+            self.client.check_session()?;
+        }
         let outcome = self.apply_status(&status, on_event)?;
         on_event(&JobEvent::Status(status));
         if let Some(Outcome::Fault(Fault::WatchdogReset | Fault::ProcessorFault | Fault::StackOverflow)) = outcome
@@ -223,8 +234,12 @@ impl JobRunner<'_> {
 
     /// Returns the outcome of a growth whose board has this status. `None` if it has not ended.
     fn outcome(&self, status: &Status) -> Option<Outcome> {
-        let waits = status.state == State::Parked && self.parked == OnParked::Wait;
-        outcome(status.state, status.fault).filter(|_| !waits)
+        match status.state {
+            State::Parked if self.parked == OnParked::Wait => None,
+            // Nothing but another host or a reset leads there from a growth.
+            State::Idle if self.is_started => Some(Outcome::Interrupted),
+            state => outcome(state, status.fault),
+        }
     }
 
     /// Returns the maximum number of layers of the job. A pending amendment may have more of them.

@@ -4,11 +4,14 @@ use growbot_core::hash::Hasher;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::message::InterruptedLayer;
+use growbot_core::pose::Pose;
+use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 use super::{JobRunner, Outcome};
 use crate::arrival::Arrival;
 use crate::feedback::{Feedback, FeedbackReport};
+use crate::plan_deviation::centreline;
 
 /// Result of a growth.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +69,15 @@ impl GrowthReport {
     #[must_use]
     pub fn length_mm(&self) -> f64 {
         self.body.iter().fold(0.0, |length, layer| length + layer.height)
+    }
+
+    /// Returns the start and the position of the tip after each layer (mm), from the source of the measured arrival.
+    #[must_use]
+    pub fn centreline(&self, start: &Pose) -> Vec<Vector3<f64>> {
+        match (&self.feedback, self.measured_by) {
+            (Some(feedback), MeasuredBy::Estimate) => feedback.path.clone(),
+            _ => centreline(&start.frame(), self.body.iter().copied()),
+        }
     }
 
     /// Returns the number of layers of which nothing is known.

@@ -98,6 +98,9 @@ pub struct SceneRefJson {
     pub hash: String,
     /// Proven minimum clearance between the outside of the tube and everything in the scene, mm.
     pub clearance_mm: f64,
+    /// Clearance that was required, mm. By default the scene's `margin_mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub margin_mm: Option<f64>,
 }
 
 /// Path types that a planner searches for.
@@ -369,6 +372,7 @@ impl From<&Plan> for PlanFile {
                 file: scene.file.clone(),
                 hash: format_hash(scene.hash),
                 clearance_mm: scene.clearance,
+                margin_mm: Some(scene.margin),
             }),
         }
     }

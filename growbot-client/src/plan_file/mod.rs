@@ -17,9 +17,11 @@ pub use self::check::pose_from_json;
 pub use self::check_error::PlanCheckError;
 pub use self::json::{GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash};
 use crate::input::{self, InputError};
+use crate::margin::near_obstacle;
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};
 use crate::scene_planning::{self, SceneCheckError};
+use crate::warning::NEAR_OBSTACLE;
 
 /// Format that this version writes and reads.
 pub const FORMAT: &str = "growbot-plan/1";
@@ -198,6 +200,8 @@ pub fn read_in_scene(
     let Some(named) = &written.scene else { return Ok(LoadedPlan { robot, plan, scene: None }) };
     let beside = FilePath::new(file).parent().unwrap_or(FilePath::new(""));
     let (clearance, loaded) = scene_planning::load_verified_scene(named, &plan, &robot, beside, scene)?;
+    plan.warnings.retain(|warning| warning.code != NEAR_OBSTACLE);
+    plan.warnings.extend(near_obstacle(&plan, &robot, &loaded, clearance.clearance));
     plan.scene = Some(clearance);
     Ok(LoadedPlan { robot, plan, scene: Some(loaded) })
 }

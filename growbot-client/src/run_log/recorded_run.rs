@@ -340,16 +340,16 @@ impl RecordedRun {
         Ok(Some(loaded))
     }
 
-    /// Returns the feedback in its state at the end of the log. With `around`, it stays clear of a scene from there on.
+    /// Returns the feedback in its state at the end of the log. With `scene`, it stays clear of a scene from there on.
     /// `None` for a growth without feedback.
     #[must_use]
     pub fn feedback<'a>(
         &self,
         job: &Job<'a>,
         plan: &'a Plan,
-        around: Option<&'a SceneContext<'a>>,
+        scene: Option<&'a SceneContext<'a>>,
     ) -> Option<Feedback<'a>> {
-        self.replay_feedback(job, plan, around, |_| ())
+        self.replay_feedback(job, plan, scene, |_| ())
     }
 
     /// Returns the tip after each layer, as feedback estimated it. `None` for a growth without feedback.
@@ -365,11 +365,11 @@ impl RecordedRun {
         &self,
         job: &Job<'a>,
         plan: &'a Plan,
-        around: Option<&'a SceneContext<'a>>,
+        scene: Option<&'a SceneContext<'a>>,
         mut after_layer: impl FnMut(&Feedback),
     ) -> Option<Feedback<'a>> {
         let mut feedback = Feedback::new(job.robot, job.start, &plan.path, &plan.legs, self.feedback?);
-        feedback = around.into_iter().fold(feedback, Feedback::with_scene);
+        feedback = scene.into_iter().fold(feedback, Feedback::with_scene);
         let mut counts = self.counts.iter().peekable();
         for (index, (as_built, measured)) in self.as_built.iter().zip(&self.measured).enumerate() {
             while let Some(before) = counts.next_if(|before| before.layer <= index) {
@@ -489,9 +489,9 @@ fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
         None => return wrong("its header has no \"format\"".to_string()),
         Some(FORMAT) => {}
         Some(format) => {
-            let by = fields.get("growbot").and_then(Value::as_str).unwrap_or("of its time");
+            let version = fields.get("growbot").and_then(Value::as_str).unwrap_or("of unknown version");
             return wrong(format!(
-                "its format is {format:?}, but this version reads {FORMAT:?}: use growbot {by}, which wrote it"
+                "its format is {format:?}, but this version reads {FORMAT:?}: use the growbot that wrote it ({version})"
             ));
         }
     }

@@ -6,6 +6,8 @@ use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message;
 use growbot_core::path::length;
+use growbot_core::robot::Robot;
+use growbot_scene::scene::Scene;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
@@ -15,7 +17,9 @@ use crate::client::ClockDrift;
 use crate::feedback::FeedbackReport;
 use crate::growth::{GrowthReport, MeasuredBy, Outcome, as_built_hash};
 use crate::plan::Plan;
+use crate::plan_deviation::{BodyClearance, PlanDeviation};
 use crate::plan_file::TipPoseJson;
+use crate::warning::Warning;
 
 /// Result of a growth.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,6 +57,15 @@ pub struct GrowthResult {
     /// Result of the feedback. Null without feedback.
     #[serde(default, deserialize_with = "lenient")]
     pub feedback: Option<FeedbackResult>,
+    /// Greatest distance of the body from the planned path. Its source is `measured_by`. Null if nothing was grown.
+    #[serde(default, deserialize_with = "lenient")]
+    pub plan_deviation: Option<PlanDeviation>,
+    /// Smallest clearance of the body from its scene. Null without a scene.
+    #[serde(default, deserialize_with = "lenient")]
+    pub scene: Option<BodyClearance>,
+    /// Warnings about the body: `far-from-plan`, `touches-obstacle`. Omitted without any.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
     /// Time from the first layer to the last on the board's clock, s. Null if unknown.
     pub duration_s: Option<f64>,
     /// Filament that was fed, mm. Null if unknown.
@@ -214,7 +227,7 @@ impl FeedbackResult {
     /// Creates the result of the feedback on the way to a plan's goal. `truth` is the true tip, if known.
     #[must_use]
     pub fn new(fed_back: &FeedbackReport, plan: &Plan, truth: Option<&Arrival>) -> Self {
-        let FeedbackReport { amendments, estimate } = fed_back;
+        let FeedbackReport { amendments, estimate, .. } = fed_back;
         let estimated = fed_back.arrival(plan);
         let error = truth.map(|truth| estimated.difference_from(truth));
         Self {
@@ -269,6 +282,9 @@ impl GrowthResult {
             seed,
             measured_by: None,
             feedback: None,
+            plan_deviation: None,
+            scene: None,
+            warnings: Vec::new(),
             duration_s: Some(0.0),
             filament_mm: Some(0.0),
             plan_id: None,
@@ -281,9 +297,19 @@ impl GrowthResult {
         }
     }
 
-    /// Creates the result of a growth that has ended.
+    /// Creates the result of a growth that has ended. If a scene is given, the body is checked for contact with it.
     #[must_use]
-    pub fn new(grown: &GrowthReport, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+    pub fn new(
+        grown: &GrowthReport,
+        (robot, plan): (&Robot, &Plan),
+        scene: Option<&Scene>,
+        seed: Option<u64>,
+        simulated: bool,
+    ) -> Self {
+        let body = grown.centreline(&plan.start);
+        let plan_deviation = PlanDeviation::of(plan, robot, &body);
+        let scene = scene.and_then(|scene| BodyClearance::of(scene, robot, &body));
+        let warnings = [plan_deviation.warning(), scene.as_ref().and_then(BodyClearance::warning)];
         let truth = (grown.measured_by == MeasuredBy::Tip).then_some(&grown.arrival);
         let (fault, clock_drift) = match grown.outcome {
             Outcome::Fault(fault) => (Some(fault.code().to_owned()), None),
@@ -298,6 +324,9 @@ impl GrowthResult {
             length_mm: grown.length_mm(),
             measured_by: Some(grown.measured_by),
             feedback: grown.feedback.as_ref().map(|fed_back| FeedbackResult::new(fed_back, plan, truth)),
+            plan_deviation: Some(plan_deviation),
+            scene,
+            warnings: warnings.into_iter().flatten().collect(),
             duration_s: Some(grown.duration_s),
             filament_mm: Some(grown.filament_mm),
             plan_id: Some(grown.plan_id),

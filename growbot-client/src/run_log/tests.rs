@@ -121,7 +121,7 @@ impl Write for Disk {
     }
 }
 
-fn laid(index: u32) -> JobEvent {
+fn laid_event(index: u32) -> JobEvent {
     JobEvent::Laid { index, as_built: Some([index as u8 + 1; 12]), measured: None }
 }
 
@@ -136,13 +136,13 @@ fn no_line_is_lost_if_the_disk_is_full_for_a_while() {
     let whole = {
         let disk = Disk::with_room(usize::MAX / 2);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
-        (0..3).for_each(|index| log.record(&laid(index)).unwrap());
+        (0..3).for_each(|index| log.record(&laid_event(index)).unwrap());
         disk.written().len()
     };
     for room in 0..whole {
         let disk = Disk::with_room(room);
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
-        let failed = (0..3).filter(|index| log.record(&laid(*index)).is_err()).count();
+        let failed = (0..3).filter(|index| log.record(&laid_event(*index)).is_err()).count();
         assert!(failed > 0 && log.missing_lines() > 0, "{room}");
         disk.make_room(10_000);
         log.end(&done()).unwrap();
@@ -216,7 +216,7 @@ fn a_log_is_resumed_without_losing_bytes() {
         fs::write(&path, &before).unwrap();
         let record = RecordedRun::open(&path).unwrap();
         let mut log = RunLog::resume(&path, &record, "sim").unwrap();
-        log.record(&laid(1)).unwrap();
+        log.record(&laid_event(1)).unwrap();
         let after = fs::read(&path).unwrap();
         assert!(after.starts_with(&before), "{end:?}");
         let record = RecordedRun::open(&path).unwrap();
@@ -254,7 +254,7 @@ fn header_has_command_time_and_disturbances_and_events_have_times() {
     let imperfection = ErrorModel { disturbance, seed: 7, ..ErrorModel::default() };
     let origin = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
     let mut log = RunLog::create(&path, &plan, &job, None, origin).unwrap();
-    log.record(&laid(0)).unwrap();
+    log.record(&laid_event(0)).unwrap();
     log.record(&JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }] }).unwrap();
     log.end(&done()).unwrap();
     let bytes = fs::read(&path).unwrap();
@@ -283,33 +283,33 @@ fn header_has_command_time_and_disturbances_and_events_have_times() {
 fn the_kind_of_tip_comes_from_the_header_alone() {
     let imperfection = ErrorModel::default();
     let simulated = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
-    let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let laid = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     let read = |origin, lines: &[Value]| RecordedRun::read(&log_from(origin, lines), "run").unwrap();
     let known = |record: &RecordedRun| (record.tip, record.body_kind(), record.simulated().map(|layers| layers.len()));
     // Three cases: the growth stopped before its first layer; its lines on plastic are missing; its lines are present.
     for (lines, kind, layers) in [
         (&[][..], BodyKind::Laid, Some(0)),
-        (&[told(0)], BodyKind::Commanded, None),
-        (&[told(0), lies(0)], BodyKind::Laid, Some(1)),
+        (&[laid(0)], BodyKind::Commanded, None),
+        (&[laid(0), lies(0)], BodyKind::Laid, Some(1)),
     ] {
         assert_eq!(known(&read(simulated, lines)), (TipKind::Simulated, kind, layers));
         assert_eq!(known(&read("tcp:robot:1".into(), lines)), (TipKind::Robot, BodyKind::AsBuilt, None));
     }
     let text = String::from_utf8(log(&[])).unwrap();
-    for (changed, said) in [("\"tip\":\"both\"", "\"both\""), ("\"tap\":\"robot\"", "has no \"tip\"")] {
+    for (changed, part) in [("\"tip\":\"both\"", "\"both\""), ("\"tap\":\"robot\"", "has no \"tip\"")] {
         let error = RecordedRun::read(text.replace("\"tip\":\"robot\"", changed).as_bytes(), "run").unwrap_err();
-        assert!(error.to_string().contains(said), "{error}");
+        assert!(error.to_string().contains(part), "{error}");
     }
 }
 
 #[test]
 fn missing_simulated_layers_are_counted_without_the_open_layer() {
     let imperfection = ErrorModel::default();
-    let told = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let laid = |layer: u32| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let lies = |layer: u32| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": 0.7, "tilt_deg": 0.0 });
     for (places, missing) in [(&[0, 1, 2][..], 0), (&[0, 2], 1), (&[1], 1), (&[2], 2), (&[0, 1], 0), (&[], 2)] {
-        let lines: Vec<Value> = [told(0), told(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
+        let lines: Vec<Value> = [laid(0), laid(1)].into_iter().chain(places.iter().map(|layer| lies(*layer))).collect();
         let origin = RunOrigin { port: "sim", imperfection: Some(&imperfection), ignores_scene: false };
         let record = RecordedRun::read(&log_from(origin, &lines), "run").unwrap();
         assert_eq!(record.missing_simulated_layers(), missing, "{places:?}");
@@ -334,14 +334,14 @@ fn clock_drift_is_read_back_from_the_end_event() {
 #[test]
 fn extreme_numbers_are_ignored() {
     let lie = |layer: u64, height: f64| json!({ "event": "simulated", "layer": layer, "alpha_deg": 0.0, "height_mm": height, "tilt_deg": 0.0 });
-    let told = |layer: u64| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
+    let laid = |layer: u64| json!({ "event": "laid", "layer": layer, "as_built": hex(&[1; 12]) });
     let most = u64::from(u32::MAX);
     let lines =
-        [told(u64::MAX), told(most), told(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
+        [laid(u64::MAX), laid(most), laid(1 << 40), lie(u64::MAX, 1.0), lie(most, 1.0), lie(0, -1.0), lie(0, 1e300)];
     let record = RecordedRun::read(&log(&lines), "run").unwrap();
     assert!(record.as_built.is_empty() && record.simulated().is_none());
     let amending = |from: u64| json!({ "event": "amendment", "plan_id": "0000000000000007", "from": from, "total": 4_000_000_000_u32, "layers": "" });
-    let record = RecordedRun::read(&log(&[amending(most), amending(0), amending(0), told(0), told(1)]), "run").unwrap();
+    let record = RecordedRun::read(&log(&[amending(most), amending(0), amending(0), laid(0), laid(1)]), "run").unwrap();
     assert_eq!((record.layers.len(), record.commanded().count()), (0, 2));
 }
 
@@ -377,7 +377,7 @@ fn every_event_round_trips() {
     let happened = [
         JobEvent::Crash(words),
         JobEvent::State(growbot_core::link::message::State::Growing),
-        laid(0),
+        laid_event(0),
         JobEvent::Laid { index: 1, as_built: None, measured: Some(measured) },
         JobEvent::Simulated { from: 0, layers: vec![Layer { alpha: 1.0, height: 0.7, tilt: 0.004 }; 2] },
         JobEvent::EncoderReference(EncoderReference { boot_id: 1, laid: 2, filament_pulses: None }),

@@ -126,8 +126,8 @@ mod tests {
             (BoardKind::SkrPico, Some(DriverSettings { microsteps: 512, ..driver }), "512"),
             (BoardKind::SkrPico, Some(stalls), "only in StealthChop"),
         ] {
-            let said = std::format!("{}", with(kind, driver).unwrap_err());
-            assert!(said.contains(why), "{said}");
+            let message = std::format!("{}", with(kind, driver).unwrap_err());
+            assert!(message.contains(why), "{message}");
         }
     }
 }

@@ -197,8 +197,8 @@ mod tests {
             (BoardKind::Pico, PinOverrides { fan: Some(15), emergency_stop: Some(20), ..none }, "step interrupt"),
             (BoardKind::SkrPico, PinOverrides { fan: Some(22), orientation_clock: Some(17), ..none }, "share"),
         ] {
-            let said = refused(kind, pins);
-            assert!(said.contains(why), "{said}");
+            let message = refused(kind, pins);
+            assert!(message.contains(why), "{message}");
         }
     }
 
@@ -206,8 +206,8 @@ mod tests {
     fn signals_without_a_default_pin_need_an_override() {
         let mut robot = with(BoardKind::SkrPico, PinOverrides::default()).unwrap().description().clone();
         robot.sensors.supply = true;
-        let said = std::format!("{}", Robot::new(robot.clone()).unwrap_err());
-        assert!(said.contains("supply") && said.contains("skr-pico"), "{said}");
+        let message = std::format!("{}", Robot::new(robot.clone()).unwrap_err());
+        assert!(message.contains("supply") && message.contains("skr-pico"), "{message}");
         robot.board = Some(BoardDescription {
             kind: BoardKind::SkrPico,
             pins: PinOverrides { supply: Some(26), ..PinOverrides::default() },

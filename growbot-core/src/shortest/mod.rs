@@ -31,9 +31,9 @@ use helicoids::{HelicoidPiece, HelicoidalArc};
 
 /// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
 /// proportion. It is a tenth of the error that [`crate::plan`] accepts.
-const ARRIVED: f64 = 1e-10;
+const MAX_GOAL_ERROR: f64 = 1e-10;
 /// Max distance of the goal (radii) and of its direction (radians) from the plane of the start for a planar path. It
-/// equals [`ARRIVED`].
+/// equals [`MAX_GOAL_ERROR`].
 const IN_PLANE: f64 = 1e-10;
 /// Length below which vectors span no plane, because rounding would change their direction by more than 1e-7.
 const NO_PLANE: f64 = 1e-9;
@@ -166,7 +166,7 @@ pub fn candidates(problem: &PathProblem, longest: f64, found: &mut Candidates, k
     arcs_and_lines(problem, found, &mut overlapping, keep_alive);
     if let Some(planar) = planar(problem) {
         // The search for CSC paths has usually found this path already.
-        if found.iter().all(|other| (other.length() - planar.length()).abs() > ARRIVED) {
+        if found.iter().all(|other| (other.length() - planar.length()).abs() > MAX_GOAL_ERROR) {
             keep(found, planar);
         }
     }

@@ -185,6 +185,38 @@ impl SaggingBody {
         self.by_rings.plus(&self.sections.under(self.tip_weight, &self.reach()))
     }
 
+    /// Calls `each` with the frame of the tip after each layer as the finished body hangs. The last one is
+    /// [`Self::base_from_tip`] of that body.
+    pub fn frames_of(robot: &Robot, base_from_start: &Frame, laid: &[DisturbedLayer], mut each: impl FnMut(Frame)) {
+        let Self { root, ring_weight, tip_weight, stiffness, .. } = Self::new(robot, base_from_start);
+        // Weight beyond a section (N), and its first moment about the root (N mm).
+        let (mut weight, mut moments) = (tip_weight, Vector3::zeros());
+        let mut unloaded = *base_from_start;
+        let middle =
+            |before: &Frame, after: &Frame| 0.5 * (before.translation.vector + after.translation.vector) - root;
+        for layer in laid {
+            let after = advance(&unloaded, &layer.step());
+            weight += ring_weight * layer.layer.height;
+            moments += middle(&unloaded, &after) * (ring_weight * layer.layer.height);
+            unloaded = after;
+        }
+        moments += (unloaded.translation.vector - root) * tip_weight;
+        let (mut unloaded, mut sag) = (*base_from_start, Sag::default());
+        for layer in laid {
+            let after = advance(&unloaded, &layer.step());
+            let (section, ring) = (middle(&unloaded, &after), ring_weight * layer.layer.height);
+            weight -= ring;
+            moments -= section * ring;
+            let axis = tip_direction(&unloaded);
+            let load = moment(&(moments - section * weight));
+            let turn = (load + axis * (POISSON * axis.dot(&load))) * (layer.layer.height / stiffness);
+            sag = sag.plus(&Sag { turn, crossed: turn.cross(&section) });
+            let moved = after.translation.vector + sag.displacement(&(after.translation.vector - root));
+            each(Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * after.rotation));
+            unloaded = after;
+        }
+    }
+
     fn load_root(&mut self) {
         let moment = moment(&(self.rings_moment + self.reach() * self.tip_weight));
         let (bending, all) = (moment.cross(&self.root_direction).norm(), moment.norm());
@@ -382,6 +414,11 @@ mod tests {
             let hung = hang(&robot, &start, laid.iter().copied()).base_from_tip();
             let plain = hang_section_by_section(&robot, &start, &laid);
             prop_assert!((hung.to_homogeneous() - plain.to_homogeneous()).norm() < 1e-11);
+            let mut frames = std::vec::Vec::new();
+            SaggingBody::frames_of(&robot, &start, &laid, |frame| frames.push(frame));
+            prop_assert_eq!(frames.len(), laid.len());
+            let last = frames.last().unwrap();
+            prop_assert!((hung.to_homogeneous() - last.to_homogeneous()).norm() < 1e-11);
         }
     }
 }

@@ -444,14 +444,14 @@ mod tests {
         let doubt = |tilt_noise| {
             let disturbance = Disturbance { growth_noise: 0.1, tilt_noise, ..Disturbance::default() };
             let doubted = (0..20).map(|seed| follow(&disturbance, DirectionSensor::Tip, seed));
-            let (mut error, mut told, mut max) = (0.0, 0.0, 0.0_f64);
+            let (mut error, mut predicted, mut max) = (0.0, 0.0, 0.0_f64);
             for (estimator, truth) in doubted {
                 let doubt = estimator.sigma_scale();
                 error += square(off(&estimator, &truth).1);
-                told += square(doubt * estimator.direction_deviation());
+                predicted += square(doubt * estimator.direction_deviation());
                 max = max.max(doubt);
             }
-            (libm::sqrt(error / told), max)
+            (libm::sqrt(error / predicted), max)
         };
         let (share, max) = doubt(0.0);
         assert!((0.4..1.2).contains(&share) && max < 3.0, "{share} {max}");

@@ -10,5 +10,4 @@ mod tracker;
 
 pub use estimator::SystematicErrors;
 pub use measurement::{MeasuredQuantities, Measurement, SensorNoise};
-pub use reference::GoalError;
 pub use tracker::{Estimate, Tracker};

@@ -10,6 +10,7 @@ use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 use crate::kinematics::step;
 use crate::path::Segment;
+use crate::plan::GoalError;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
@@ -71,12 +72,14 @@ impl Piece {
     }
 
     /// Returns the variances that weight deviations of this segment. `radius` is the scale of lengths, mm.
+    ///
+    /// A rest that is too long is compressed, and beyond a limit it buckles like a rod: a bow then costs less than
+    /// shorter segments. With equal deviations of curvature and length, in radii, this limit is `4 pi^2 / L` for a rest
+    /// of `L` radii, far beyond any surplus.
     fn variances(&self, radius: f64) -> Variances {
         let length = (self.planned.length / radius).max(f64::MIN_POSITIVE);
-        Variances {
-            curvature: PIECE_DEVIATION[0] * PIECE_DEVIATION[0] / (length * radius),
-            length: PIECE_DEVIATION[1] * PIECE_DEVIATION[1] * length * radius,
-        }
+        let [curvature, along] = [PIECE_DEVIATION[0] / radius, PIECE_DEVIATION[1] * radius];
+        Variances { curvature: curvature * curvature / length, length: along * along * length }
     }
 
     /// Returns the segment without its first `length` mm.
@@ -85,15 +88,6 @@ impl Piece {
         let planned = PieceShape { length: self.planned.length * share, ..self.planned };
         Self { length: self.length * share, planned, ..self }
     }
-}
-
-/// The error at the end of a reference trajectory.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct GoalError {
-    /// Distance from the goal, mm.
-    pub distance: f64,
-    /// Angle between the directions of growth, radians.
-    pub angle: f64,
 }
 
 /// The rest of a path as a reference trajectory.
@@ -376,12 +370,16 @@ impl Linear {
     fn pull(&self, reference: &mut ReferenceTrajectory) {
         let mut at = self.dual(&reference.multipliers);
         for _ in 0..NEWTON_STEPS {
-            let Some(step) = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope)) else { break };
+            let step = at.hessian.cholesky().map(|cholesky| cholesky.solve(&at.slope));
+            let Some(step) = step.filter(|step| step.norm().is_finite()) else { break };
             let decrease = step.dot(&at.slope);
             let (mut share, mut next) = (1.0, self.dual(&(reference.multipliers - step)));
             while next.value > at.value - 1e-4 * share * decrease && share > 1e-3 {
                 share *= 0.5;
                 next = self.dual(&(reference.multipliers - step * share));
+            }
+            if !next.value.is_finite() {
+                break;
             }
             reference.multipliers -= step * share;
             at = next;
@@ -492,6 +490,25 @@ mod tests {
         }
         // Paths of three bends without a line allow no correction.
         assert!(missed <= 4, "{missed} of 40");
+    }
+
+    #[test]
+    fn paths_up_to_a_kilometre_are_corrected_and_longer_ones_stay_finite() {
+        for length in [1e3, 1e4, 1e5, 2e5, 1e6, 1e7] {
+            let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+            let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
+            let mut random = Rng::new(&[7]);
+            let mut reference = ReferenceTrajectory::from_path(&[Segment::Straight { length }], 100.0);
+            for _ in 0..50 {
+                let mut off = start.frame();
+                off.translation.vector += random.normal_vector() * 3.0;
+                off.rotation = super::super::estimator::rotation(&(random.normal_vector() * 0.01)) * off.rotation;
+                let miss = reference.correct(&off, &goal, 0.01, 0.774);
+                assert!(reference.length().is_finite(), "{length} mm: {miss:?}");
+                // Poses may be up to 10 km apart, but the five numbers of the dual have too few digits for that.
+                assert!(length > 1e6 || miss.distance < 1e-3 * length, "{length} mm: {miss:?}");
+            }
+        }
     }
 
     #[test]

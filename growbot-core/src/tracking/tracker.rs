@@ -6,10 +6,11 @@ use nalgebra::Vector2;
 
 use super::estimator::{Estimator, SystematicErrors};
 use super::measurement::{MeasuredQuantities, Measurement, SensorNoise};
-use super::reference::{GoalError, ReferenceTrajectory};
+use super::reference::ReferenceTrajectory;
 use crate::angle::wrap_positive;
 use crate::layer::Layer;
 use crate::path::{Leg, MAX_SEGMENTS, Segment, end};
+use crate::plan::GoalError;
 use crate::pose::{Frame, Pose};
 use crate::robot::Robot;
 
@@ -334,6 +335,36 @@ mod tests {
     }
 
     #[test]
+    fn a_straight_path_is_followed_while_layers_are_in_flight() {
+        let (robot, (start, _)) = (robot_a(), poses());
+        let goal = Pose::from_degrees([0.0, 0.0, 600.0, 0.0, 90.0]).unwrap();
+        let path = [Segment::Straight { length: 600.0 }];
+        let legs = [Leg { goal, segment_count: 1 }];
+        let disturbance = Disturbance { growth_noise: 0.1, ..Disturbance::default() };
+        let exact = SensorNoise { odometry: 0.0, direction: 0.0 };
+        let sensors = SimulatedSensors { noise: exact, odometry_scale: 0.0, direction: DirectionSensor::Gravity };
+        for under_way in [0, 2] {
+            for seed in 0..5 {
+                let mut tracker = Tracker::new(&robot, &start, &path, &legs, exact);
+                let (mut truth, mut index, mut farthest) = (start.frame(), 0, 0.0_f64);
+                let mut queue: VecDeque<Layer> = tracker.remaining_layers().take(under_way).collect();
+                tracker.replan(queue.make_contiguous());
+                loop {
+                    queue.extend(tracker.next_layer());
+                    let Some(layer) = queue.pop_front() else { break };
+                    let laid = disturbance.lay(seed, index, &layer);
+                    truth *= laid.step();
+                    farthest = farthest.max(truth.translation.vector.xy().norm());
+                    tracker.record_layer(&layer, &sensors.measure(seed, index, &layer, &laid, &truth));
+                    tracker.replan(queue.make_contiguous());
+                    index += 1;
+                }
+                assert!(farthest < 0.1, "{under_way} under way, seed {seed}: {farthest} mm from the line");
+            }
+        }
+    }
+
+    #[test]
     fn forecast_deviations_match_later_estimates() {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;
@@ -342,12 +373,12 @@ mod tests {
         for direction in [DirectionSensor::Tip, DirectionSensor::Gravity] {
             let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction };
             let mut tracker = Tracker::new(&robot, &start, &path, &legs, NOISE);
-            let (mut truth, mut index, mut told) = (start.frame(), 0, Vec::new());
+            let (mut truth, mut index, mut predicted) = (start.frame(), 0, Vec::new());
             while let Some(layer) = tracker.next_layer() {
                 if index == 100 {
                     let tip = direction == DirectionSensor::Tip;
                     let seen = MeasuredQuantities { growth: true, direction: tip, up: !tip };
-                    told = tracker.forecast(tracker.remaining_layers(), seen).collect();
+                    predicted = tracker.forecast(tracker.remaining_layers(), seen).collect();
                 }
                 let laid = disturbance.lay(5, index, &layer);
                 truth *= laid.step();
@@ -355,8 +386,8 @@ mod tests {
                 tracker.replan(&[]);
                 index += 1;
             }
-            let (told, known) = (*told.last().unwrap(), tracker.estimate().position_sd);
-            assert!((told / known - 1.0).abs() < 0.1, "{told} {known}");
+            let (predicted, known) = (*predicted.last().unwrap(), tracker.estimate().position_sd);
+            assert!((predicted / known - 1.0).abs() < 0.1, "{predicted} {known}");
         }
     }
 

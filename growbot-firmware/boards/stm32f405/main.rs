@@ -143,6 +143,9 @@ mod app {
             EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
+        // The journal is opened below. If the supply falls meanwhile, the board must restart, because the journal may have
+        // been read wrongly.
+        brown_out::arm(&device.PWR, &device.EXTI);
         let parts = BoardResources {
             heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
@@ -173,7 +176,6 @@ mod app {
         );
         let controller = Controller::new(robot, identity, parts, &MAILBOX);
         let logged = controller.state();
-        brown_out::arm(&device.PWR, &device.EXTI);
         (Shared {}, Local { engine, step_timer, uart, controller, logged })
     }
 

@@ -339,17 +339,21 @@ impl<B: Board> Controller<B> {
     /// Switches everything off. If a layer was in progress it becomes the interrupted layer, and its progress is
     /// recorded.
     pub(super) fn abort_layer(&mut self, handover: &Mailbox) {
-        // A layer whose report is pending is already laid.
-        if self.job.layers_begun > self.job.layers_laid
-            && let Some(Report::Laid(turn)) = handover.pop_report()
-        {
-            self.record_turn(&turn, handover);
+        // From here on the engine makes no step, so that its reports and its progress are final.
+        self.switch_outputs_off(handover);
+        while let Some(report) = handover.pop_ended_move() {
+            // The head is homed again before the next layer.
+            if report != Report::Homed {
+                self.handle_report(report, handover);
+            }
         }
-        let sectors = handover.sectors_done();
+        let sectors = handover.take_sectors_done();
         self.switch_off(handover);
         if self.job.layers_begun > self.job.layers_laid {
-            let min = sectors.min(SECTORS as u32 - 1) as u8;
-            self.job.interrupted = Some(InterruptedLayer { min, max: min + 1 });
+            self.job.interrupted = sectors.map(|sectors| {
+                let min = sectors.min(SECTORS as u32 - 1) as u8;
+                InterruptedLayer { min, max: min + 1 }
+            });
             self.job.forget_given();
         }
     }

@@ -69,8 +69,12 @@ impl<B: Board> Controller<B> {
         self.pause_on_silence();
         self.check_maintenance_timeout(handover);
         if self.state == State::Growing {
-            self.sectors = handover.sectors_done() as u8;
-            self.retain();
+            let sectors = handover.sectors_done().unwrap_or_default();
+            // A waiting report may be that of the current layer, and the progress that of the next one.
+            if !handover.has_report() {
+                self.sectors = sectors as u8;
+                self.retain();
+            }
         }
     }
 
@@ -231,21 +235,28 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Switches heater, fan and steppers off. Each is switched even if another one fails.
+    /// Switches heater, fan and steppers off, and forgets all moves.
     pub(super) fn switch_off(&mut self, handover: &Mailbox) {
+        self.switch_outputs_off(handover);
+        handover.discard_ended_moves();
+        self.motion.halt();
+    }
+
+    /// Switches heater, fan and steppers off. Each is switched even if another one fails.
+    pub(super) fn switch_outputs_off(&mut self, handover: &Mailbox) {
         self.heater.switch_off();
         let _ = self.parts.heater_enable.set_low();
         let _ = self.parts.heater_power.set_duty_cycle_fully_off();
         let _ = self.parts.fan.set_duty_cycle_fully_off();
         self.fan = 0.0;
         handover.halt();
-        self.motion.halt();
     }
 
     /// Switches everything off and latches a fault, unless an earlier one is latched.
     pub(super) fn latch_fault(&mut self, fault: Fault, handover: &Mailbox) {
-        let record = self.record(Some(fault));
+        let mut record = self.record(Some(fault));
         self.abort_layer(handover);
+        record.laid = self.job.layers_laid;
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.fault = Some(fault);
             self.retained.record = Some(record);
@@ -255,8 +266,9 @@ impl<B: Board> Controller<B> {
 
     /// Switches everything off and latches the emergency stop.
     pub(super) fn latch_emergency_stop(&mut self, handover: &Mailbox) {
-        let record = self.record(None);
+        let mut record = self.record(None);
         self.abort_layer(handover);
+        record.laid = self.job.layers_laid;
         if !matches!(self.state, State::Fault | State::EmergencyStop) {
             self.retained.record = Some(record);
             self.apply_event(Event::EmergencyStop);

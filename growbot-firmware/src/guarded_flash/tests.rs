@@ -70,3 +70,33 @@ fn a_start_at_low_supply_writes_nothing_and_the_next_one_finds_the_job() {
     assert_eq!(journal.record_laid(1, &LAYER, true), Err(JournalError::Flash));
     assert_eq!(journal.job(), None);
 }
+
+#[test]
+fn a_repair_refused_at_a_start_is_made_before_the_next_record() {
+    for is_valid in [false, true] {
+        let flash = Small::new(2);
+        let mut journal = Journal::open(flash.clone());
+        while journal.erase_step(4).unwrap() {}
+        journal.begin_job(1, 2, 4).unwrap();
+        journal.record_laid(0, &LAYER, true).unwrap();
+        // Power was lost while this record was programmed. Its cells read as torn or as valid until they are programmed
+        // again.
+        let mut torn = flash.bytes();
+        let record = torn[32 * 2..32 * 3].to_vec();
+        let mut mask = std::vec![0; 32];
+        mask[8] = !record[8];
+        torn[32 * 2 + 8] = 0xff;
+        flash.weaken(32 * 2, &mask);
+        flash.set_bytes(&torn);
+        flash.read_weak_as(if is_valid { &record } else { &[0xff; 32] });
+        let (supplied, supply) = below(&flash, false);
+        let mut journal = Journal::open(supplied);
+        let laid = u32::from(is_valid);
+        assert_eq!(journal.job().map(|job| job.layers_laid), Some(laid));
+        supply.set(true);
+        journal.record_laid(laid, &LAYER, false).unwrap();
+        // At the next start the cells read the other way, unless they were programmed again.
+        flash.read_weak_as(if is_valid { &[0xff; 32] } else { &record });
+        assert_eq!(Journal::open(flash).job().map(|job| job.layers_laid), Some(laid + 1), "valid: {is_valid}");
+    }
+}

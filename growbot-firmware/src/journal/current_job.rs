@@ -3,7 +3,7 @@
 use super::record::{LAST_COUNT, LAST_INDEX, Record, RecordKind, join, lean_owed};
 
 /// The latest job in the journal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct JournalJob {
     /// Id of the plan.
     pub plan_id: u64,
@@ -20,7 +20,7 @@ pub struct JournalJob {
 }
 
 /// Carry from the laid layers to the next ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RoundingCarry {
     /// Sum of the planned heights of the laid layers, units of [`growbot_core::layer_bytes`].
     pub height_units: u64,

@@ -10,10 +10,12 @@
 //!
 //! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and
 //!   the next one is written to the next slot.
-//! - Cells that lost their power while they were programmed may read differently at each start. The journal therefore
-//!   fixes their content at each start: the last record is programmed again if it is valid, and struck out if not. The
-//!   first blank slot may have been written to and read as blank. It is skipped, and struck out before anything is
-//!   written after it.
+//! - Cells that lost their power while they were programmed may read differently at each start, and at each reading. A
+//!   slot therefore gets three looks before it counts as invalid. The journal fixes the uncertain content at each start:
+//!   the last record is programmed again if it is valid, and struck out if not. The first blank slot may have been
+//!   written to and read as blank. It is skipped, and struck out before anything is written after it.
+//! - The flash may refuse such a repair, because the supply is low. The repair is then tried again before anything is
+//!   appended, because a record that reads differently later must be the last one.
 //! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read
 //!   as if it had accepted it.
 //! - Every record has the number of its job. The numbers of jobs never start again. The present job is the one with the
@@ -22,7 +24,7 @@
 //!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. Without
 //!   that record the sector has no journal, even after an interrupted erasure.
 //! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
-//!   is better than one that is resumed at the wrong layer.
+//!   is better than one that is resumed at the wrong layer. If that is refused too, each later record tries it again.
 
 mod current_job;
 mod record;
@@ -31,6 +33,7 @@ mod tests;
 
 use embedded_storage::nor_flash::MultiwriteNorFlash;
 use growbot_core::layer_bytes::LayerBytes;
+use heapless::Vec;
 
 use current_job::{CurrentJob, LookupHint};
 pub use current_job::{JournalJob, RoundingCarry};
@@ -39,6 +42,13 @@ use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split
 
 /// Number of slots in which a record is tried before the flash counts as broken.
 const MAX_WRITE_ATTEMPTS: u32 = 3;
+/// Number of readings after which a slot without a valid record counts as invalid.
+const MAX_READS: u32 = 3;
+/// Max number of sectors that the journal uses.
+const MAX_SECTORS: usize = 4;
+/// Max number of repairs that the flash has refused: one for each sector, the last record, the blank slot after it, and
+/// the first record of a job.
+const MAX_REPAIRS: usize = MAX_SECTORS + 3;
 /// One part in this number of the area is reserved for records that are not layers: those of pauses and of amended
 /// plans.
 const SPARE_DIVISOR: u32 = 4;
@@ -59,7 +69,7 @@ pub enum JournalError {
 }
 
 /// A layer of the present job that is laid.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct StoredLayer {
     /// The layer as built.
     pub as_built: LayerBytes,
@@ -67,7 +77,7 @@ pub struct StoredLayer {
     pub interrupted: bool,
 }
 
-/// The journal in one area of flash. It uses the whole area.
+/// The journal in one area of flash. It uses the whole area, up to [`MAX_SECTORS`] sectors.
 ///
 /// The slots of records are numbered through all sectors, without the first record of each sector.
 pub struct Journal<F> {
@@ -80,9 +90,18 @@ pub struct Journal<F> {
     erase_count: u32,
     /// Largest number of any job.
     last_job: u32,
-    /// Slot that reads as blank, and may have been written to when power was lost.
-    suspect_slot: Option<u32>,
+    /// Repairs that must succeed before anything is appended. The last one comes first.
+    repairs: Vec<Repair, MAX_REPAIRS>,
+    /// The last record of the area, if it could not be programmed again.
+    weak_tail: Option<LastRecord>,
     present: Option<CurrentJob>,
+}
+
+/// A write that fixes the content of a slot or of a sector's first record.
+#[derive(Clone, Copy)]
+struct Repair {
+    offset: u32,
+    bytes: RecordBytes,
 }
 
 /// The last slot that is not blank, as far as the journal has been read.
@@ -90,6 +109,8 @@ pub struct Journal<F> {
 struct LastRecord {
     place: u32,
     bytes: RecordBytes,
+    /// `None` if the bytes are not a valid record.
+    record: Option<Record>,
 }
 
 impl<F: MultiwriteNorFlash> Journal<F> {
@@ -103,21 +124,33 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Reads the area, and fixes the content that a loss of power has left uncertain. Flash without a journal counts as
     /// flash to be erased, and nothing is written there.
     pub fn open(flash: F) -> Self {
-        let mut journal =
-            Self { flash, next_slot: 0, free_slots: 0, erase_count: 0, last_job: 0, suspect_slot: None, present: None };
-        let sectors = journal.sectors();
-        let mut newest = sectors.saturating_sub(1);
-        for sector in 0..sectors {
-            if let Some(Record { content: [erasures, ..], .. }) = journal.sector_record(sector)
+        let mut journal = Self {
+            flash,
+            next_slot: 0,
+            free_slots: 0,
+            erase_count: 0,
+            last_job: 0,
+            repairs: Vec::new(),
+            weak_tail: None,
+            present: None,
+        };
+        // Each sector's record is read once, because a second reading may differ.
+        let mut sectors: Vec<Option<Record>, MAX_SECTORS> = Vec::new();
+        let mut newest = journal.sectors().saturating_sub(1) as usize;
+        for sector in 0..journal.sectors() {
+            let record = journal.sector_record(sector);
+            if let Some(Record { content: [erasures, ..], .. }) = record
                 && erasures >= journal.erase_count
             {
-                (newest, journal.erase_count) = (sector, erasures);
+                (newest, journal.erase_count) = (sector as usize, erasures);
             }
+            // The vector is not full, because there are at most `MAX_SECTORS`.
+            let _ = sectors.push(record);
         }
         // The sector after the one erased last was written longest ago.
         let mut tail = None;
-        for sector in (0..sectors).cycle().skip(newest as usize + 1).take(sectors as usize) {
-            journal.read_sector(sector, &mut tail);
+        for (sector, record) in (0..).zip(&sectors).cycle().skip(newest + 1).take(sectors.len()) {
+            journal.read_sector(sector, *record, &mut tail);
         }
         journal.repair_tail(tail);
         journal
@@ -163,13 +196,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             self.free_slots -= (Self::SLOTS_PER_SECTOR - into).min(self.free_slots);
             self.next_slot = self.wrap((sector + 1) * Self::SLOTS_PER_SECTOR);
         }
-        if self.suspect_slot.is_some_and(|place| place / Self::SLOTS_PER_SECTOR == sector) {
-            self.suspect_slot = None;
-        }
         let from = sector * F::ERASE_SIZE as u32;
         let flash = |_| JournalError::Flash;
         self.flash.write(from, &STRUCK).map_err(flash)?;
-        self.flash.erase(from, from + F::ERASE_SIZE as u32).map_err(flash)?;
+        let end = from + F::ERASE_SIZE as u32;
+        self.flash.erase(from, end).map_err(flash)?;
+        self.repairs.retain(|repair| !(from..end).contains(&repair.offset));
+        self.weak_tail = self.weak_tail.filter(|tail| !(from..end).contains(&Self::offset(tail.place)));
         self.erase_count = self.erase_count.saturating_add(1);
         let record = Record {
             kind: RecordKind::Sector,
@@ -288,7 +321,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     }
 
     fn sectors(&self) -> u32 {
-        (self.flash.capacity() / F::ERASE_SIZE) as u32
+        (self.flash.capacity() / F::ERASE_SIZE).min(MAX_SECTORS) as u32
     }
 
     /// Returns the number of slots in the area.
@@ -316,82 +349,130 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
     }
 
+    /// Reads a slot, or a sector's first record, up to [`MAX_READS`] times until it is valid. A slot that first reads as
+    /// blank counts as blank.
+    fn look(&mut self, offset: u32) -> (RecordBytes, Option<Record>) {
+        let mut bytes = self.read(offset);
+        if bytes == BLANK {
+            return (bytes, None);
+        }
+        let mut reads = 1;
+        loop {
+            match Record::from_bytes(&bytes) {
+                None if reads < MAX_READS => (reads, bytes) = (reads + 1, self.read(offset)),
+                None => return (STRUCK, None),
+                record => return (bytes, record),
+            }
+        }
+    }
+
     fn record(&mut self, place: u32) -> Option<Record> {
-        Record::from_bytes(&self.read(Self::offset(place)))
+        self.look(Self::offset(place)).1
     }
 
     /// Returns the first record of a sector. `None` if the sector has no journal.
     fn sector_record(&mut self, sector: u32) -> Option<Record> {
-        let bytes = self.read(sector * F::ERASE_SIZE as u32);
-        Record::from_bytes(&bytes).filter(|record| record.kind == RecordKind::Sector)
+        self.look(sector * F::ERASE_SIZE as u32).1.filter(|record| record.kind == RecordKind::Sector)
     }
 
     /// Reads a sector's records except for the last one, which becomes the tail, and finds the blank part of the ring.
-    fn read_sector(&mut self, sector: u32, tail: &mut Option<LastRecord>) {
+    fn read_sector(&mut self, sector: u32, own: Option<Record>, tail: &mut Option<LastRecord>) {
         let first = sector * Self::SLOTS_PER_SECTOR;
-        let Some(own) = self.sector_record(sector) else {
+        let Some(own) = own else {
             (self.next_slot, self.free_slots) = (self.wrap(first + Self::SLOTS_PER_SECTOR), 0);
             return;
         };
         self.apply(&own, first);
         let mut blank = true;
         for place in first..first + Self::SLOTS_PER_SECTOR {
-            let bytes = self.read(Self::offset(place));
+            let (bytes, record) = self.look(Self::offset(place));
             if bytes == BLANK {
                 self.free_slots += 1;
                 continue;
             }
             (self.next_slot, self.free_slots) = (self.wrap(place + 1), 0);
             blank = false;
-            if let Some(LastRecord { place, bytes }) = tail.replace(LastRecord { place, bytes })
-                && let Some(record) = Record::from_bytes(&bytes)
+            if let Some(LastRecord { place, record: Some(record), .. }) =
+                tail.replace(LastRecord { place, bytes, record })
             {
                 self.apply(&record, place);
             }
         }
         if blank {
             // Power may have been lost while this record was written.
-            let _ = self.write(sector * F::ERASE_SIZE as u32, &own.to_bytes());
+            self.repair(Repair { offset: sector * F::ERASE_SIZE as u32, bytes: own.to_bytes() });
         }
     }
 
-    /// Decides whether the last record is valid, and in which slot the next one goes.
+    /// Fixes the last record, and decides in which slot the next one goes.
     fn repair_tail(&mut self, tail: Option<LastRecord>) {
         if self.free_slots > 0 {
-            self.suspect_slot = Some(self.next_slot);
+            // This slot is struck out once something is appended, so that a start alone takes no slot.
+            self.postpone(Repair { offset: Self::offset(self.next_slot), bytes: STRUCK });
             (self.next_slot, self.free_slots) = (self.wrap(self.next_slot + 1), self.free_slots - 1);
         }
-        let Some(LastRecord { place, mut bytes }) = tail else { return };
-        let mut looks = 1;
-        let record = loop {
-            match Record::from_bytes(&bytes) {
-                None if looks < MAX_WRITE_ATTEMPTS => (looks, bytes) = (looks + 1, self.read(Self::offset(place))),
-                found => break found,
-            }
-        };
-        match record {
-            Some(record) => {
-                self.apply(&record, place);
-                if !self.write(Self::offset(place), &bytes)
-                    && record.job == self.last_job
-                    && let Ok(copy) = self.append(&record)
-                {
-                    // The cells of this slot are weak. The record is now in another slot.
-                    self.invalidate_slot(place);
-                    if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
-                        present.at = copy;
-                    }
-                }
-            }
-            None => self.invalidate_slot(place),
+        let Some(tail) = tail else { return };
+        let Some(record) = tail.record else { return self.invalidate_slot(tail.place) };
+        self.apply(&record, tail.place);
+        if !self.write(Self::offset(tail.place), &tail.bytes) && record.job == self.last_job {
+            self.weak_tail = Some(tail);
+            // If this is refused, it is tried again before the next record.
+            let _ = self.finish_repairs();
         }
+    }
+
+    /// Makes a repair, or postpones it if the flash refuses it.
+    fn repair(&mut self, repair: Repair) {
+        if !self.is_repaired(&repair) {
+            self.postpone(repair);
+        }
+    }
+
+    fn postpone(&mut self, repair: Repair) {
+        // The vector is not full: see `MAX_REPAIRS`.
+        let _ = self.repairs.push(repair);
+    }
+
+    /// Makes a repair. Returns `false` if it must be tried again. A slot needs only a wrong CRC to be struck out, so that
+    /// a cell that stays set does no harm there.
+    fn is_repaired(&mut self, Repair { offset, bytes }: &Repair) -> bool {
+        self.flash.write(*offset, bytes).is_ok() && (*bytes == STRUCK || self.read(*offset) == *bytes)
+    }
+
+    /// Makes the repairs that the flash has refused. The last record comes first: it must not cease to be the last one
+    /// while it may read differently.
+    fn settle(&mut self) -> Result<(), JournalError> {
+        if let Some(LastRecord { place, bytes, .. }) = self.weak_tail
+            && self.write(Self::offset(place), &bytes)
+        {
+            self.weak_tail = None;
+        }
+        self.finish_repairs()
+    }
+
+    fn finish_repairs(&mut self) -> Result<(), JournalError> {
+        while let Some(repair) = self.repairs.last().copied() {
+            if !self.is_repaired(&repair) {
+                return Err(JournalError::Flash);
+            }
+            self.repairs.pop();
+        }
+        if let Some(LastRecord { place, bytes, .. }) = self.weak_tail {
+            // The cells of this slot are weak, so the record goes to another one.
+            let copy = self.write_next(&bytes)?;
+            self.weak_tail = None;
+            self.invalidate_slot(place);
+            if let Some(present) = self.present.as_mut().filter(|present| present.at == place) {
+                present.at = copy;
+            }
+        }
+        Ok(())
     }
 
     /// Strikes a slot out, so that it never reads as a record again.
     #[inline(never)]
     fn invalidate_slot(&mut self, place: u32) {
-        // If the flash refuses even this, there is nothing else to try.
-        let _ = self.flash.write(Self::offset(place), &STRUCK);
+        self.repair(Repair { offset: Self::offset(place), bytes: STRUCK });
     }
 
     /// Writes a record and reads it back. Returns `false` if it reads differently.
@@ -403,6 +484,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// Writes a record of the present job.
     fn append_to_job(&mut self, kind: RecordKind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
         let Some(present) = self.present.as_mut().filter(|present| !present.state.ended) else {
+            // The record of a job that failed may still wait to be struck out.
+            let _ = self.settle();
             return Err(JournalError::NoJob);
         };
         let record = Record { kind, count: present.count, index, job: self.last_job, content };
@@ -415,19 +498,23 @@ impl<F: MultiwriteNorFlash> Journal<F> {
 
     /// Writes a record to the next slot, or to one of those after it, and returns the slot.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
-        let bytes = record.to_bytes();
+        self.settle()?;
+        self.write_next(&record.to_bytes())
+    }
+
+    fn write_next(&mut self, bytes: &RecordBytes) -> Result<u32, JournalError> {
         for _ in 0..MAX_WRITE_ATTEMPTS {
             let place = self.next_slot;
             self.free_slots = self.free_slots.checked_sub(1).ok_or(JournalError::Full)?;
             self.next_slot = self.wrap(place + 1);
-            if let Some(place) = self.suspect_slot.take() {
-                self.invalidate_slot(place);
-            }
-            if self.write(Self::offset(place), &bytes) {
+            if self.write(Self::offset(place), bytes) {
                 return Ok(place);
             }
             // The slot may later read as a valid record, beside the copy that counts.
             self.invalidate_slot(place);
+            if !self.repairs.is_empty() {
+                break;
+            }
         }
         Err(JournalError::Flash)
     }

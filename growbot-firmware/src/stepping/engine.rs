@@ -68,17 +68,8 @@ enum Mode {
     Rotating(AxisMoveRun),
     /// Laying of a turn. The turn's outline is in [`Engine::turn`], its progress in [`Engine::progress`].
     Laying,
-    /// The end of a task whose report waits until the controller has removed the one before.
-    Finished(Finished),
-}
-
-/// A task that has ended.
-#[derive(Clone, Copy)]
-enum Finished {
-    Homed,
-    Laid,
-    Fed,
-    Rotated,
+    /// Everything is off after an alarm. No move begins before the controller halts, which also drops a pending one.
+    Alarmed,
 }
 
 /// Progress of the current turn.
@@ -179,8 +170,9 @@ where
         handover.set_ticks(self.ticks);
         if let Err(alarm) = self.watch_and_advance(handover) {
             self.release(handover);
+            self.mode = Mode::Alarmed;
             self.outputs.make_safe();
-            handover.post_report(PendingReport::Alarm(alarm));
+            handover.post_alarm(alarm);
         }
     }
 
@@ -191,9 +183,8 @@ where
             return 1;
         }
         match &self.mode {
-            Mode::Idle if handover.has_move() => 1,
-            Mode::Finished(_) if !handover.has_report() => 1,
-            Mode::Idle | Mode::Finished(_) => u32::MAX,
+            Mode::Idle if handover.can_begin_move() => 1,
+            Mode::Idle | Mode::Alarmed => u32::MAX,
             Mode::Homing(run) => run.ticks_to_step.max(1),
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step.max(1),
             Mode::Laying => {
@@ -210,7 +201,7 @@ where
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
             Mode::Idle if ticks > 0 => self.clock = VirtualClock::AT_REST,
-            Mode::Idle | Mode::Finished(_) => {}
+            Mode::Idle | Mode::Alarmed => {}
             Mode::Homing(run) => run.ticks_to_step -= ticks,
             Mode::Feeding(run) | Mode::Rotating(run) => run.ticks_to_step -= ticks,
             Mode::Laying => {
@@ -274,7 +265,7 @@ where
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| EngineFault::Hardware)?;
         let stopped = handover.take_link_stop() || pressed;
         if stopped {
-            handover.set_emergency_stop(true);
+            handover.latch_emergency_stop();
             if handover.has_move() {
                 handover.discard_move();
             }
@@ -288,7 +279,7 @@ where
         self.head.lower()?;
         self.feed.lower()?;
         if matches!(self.mode, Mode::Idle) {
-            if !handover.has_move() {
+            if !handover.can_begin_move() {
                 self.clock = VirtualClock::AT_REST;
                 return read_index_sensor(&mut self.inputs.index, handover).map(|_| ());
             }
@@ -302,11 +293,11 @@ where
             }
         }
         match &mut self.mode {
-            Mode::Idle => Ok(()),
+            Mode::Idle | Mode::Alarmed => Ok(()),
             Mode::Homing(run) => {
                 if run.tick(&mut self.head, &mut self.inputs.index, &self.settings.mark, handover)? {
                     self.watch.homed(&self.settings.mark);
-                    self.finish(Finished::Homed, handover);
+                    self.finish(PendingReport::Homed, handover);
                 }
                 Ok(())
             }
@@ -318,7 +309,7 @@ where
                     }
                 }
                 if run.tick(&mut self.feed)? {
-                    self.finish(Finished::Fed, handover);
+                    self.finish(PendingReport::Fed, handover);
                 }
                 Ok(())
             }
@@ -327,17 +318,11 @@ where
                 // does.
                 read_index_sensor(&mut self.inputs.index, handover)?;
                 if run.tick(&mut self.head)? {
-                    self.finish(Finished::Rotated, handover);
+                    self.finish(PendingReport::Rotated, handover);
                 }
                 Ok(())
             }
             Mode::Laying => self.lay(handover),
-            Mode::Finished(finished) => {
-                let finished = *finished;
-                self.clock = VirtualClock::AT_REST;
-                self.finish(finished, handover);
-                Ok(())
-            }
         }
     }
 
@@ -382,24 +367,11 @@ where
         }
     }
 
-    /// Reports the end of a task, or waits until the controller has removed the report before.
-    fn finish(&mut self, finished: Finished, handover: &Mailbox) {
-        if handover.has_report() {
-            self.mode = Mode::Finished(finished);
-            return;
-        }
+    /// Reports the end of a task.
+    fn finish(&mut self, report: PendingReport, handover: &Mailbox) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());
-        handover.post_report(match finished {
-            Finished::Homed => PendingReport::Homed,
-            Finished::Laid => {
-                let slot = self.made;
-                self.made = slot.other();
-                PendingReport::Laid { slot, head: self.progress.head_made }
-            }
-            Finished::Fed => PendingReport::Fed,
-            Finished::Rotated => PendingReport::Rotated,
-        });
+        handover.post_report(report);
     }
 
     fn start_sector(&mut self, index: usize, handover: &Mailbox) {
@@ -443,7 +415,10 @@ where
                 self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 }, handover);
             } else {
                 self.watch.end_turn()?;
-                self.finish(Finished::Laid, handover);
+                handover.end_progress();
+                let slot = self.made;
+                self.made = slot.other();
+                self.finish(PendingReport::Laid { slot, head: self.progress.head_made }, handover);
             }
         }
         Ok(())

@@ -1,20 +1,32 @@
-//! The handover between controller and step interrupt: one pending move, one pending report, a halt, and the readings
-//! of the interrupt.
+//! The handover between controller and step interrupt: one pending move, reports, a halt, and the readings of the
+//! interrupt.
 //!
 //! The interrupt checks `halt` first in every tick, and accepts a turn at the end of the one before. Sectors are handed
 //! over and counted one by one, in two slots each, because copying a whole turn made the worst tick ten times as long.
-//! If a turn ends before the previous report is removed, it ends at rest and its report waits.
+//!
+//! No report is lost. Two ended moves can wait for the controller, and an alarm beside them. If a turn ends before the
+//! previous report is removed, it ends at rest, and no move begins until then. After a halt the interrupt changes
+//! neither reports nor progress, so the controller reads both after it ([`Mailbox::halt`]).
 //!
 //! The interrupt reports the emergency stop, the edges of the filament's encoder, the index sensor, and the count of
 //! ticks, which proves that it runs. At an emergency stop the engine releases the motors, switches heater and fan off
 //! by itself (`hal::Outputs`), and refuses moves until the controller has halted.
 
 use core::cell::Cell;
-use core::sync::atomic::{AtomicU32, Ordering};
+#[cfg(not(test))]
+use core::sync::atomic::AtomicU32;
+use core::sync::atomic::Ordering;
 
+#[cfg(not(test))]
+use critical_section as exclusive;
 use critical_section::{CriticalSection, Mutex};
 use growbot_core::layer::SECTORS;
+#[cfg(not(test))]
 use portable_atomic::AtomicBool;
+
+// In tests the step interrupt can occur before each access.
+#[cfg(test)]
+use crate::testing::preemption::{self as exclusive, AtomicBool, AtomicU32};
 
 use super::moves::{AxisMove, EngineFault, HomingMove, Move, Report, TurnReport};
 use super::ramp::RampLimits;
@@ -22,7 +34,7 @@ use super::turn::{Sector, Turn};
 
 /// A move as the engine accepts it, without its sectors, which it gets one after the other.
 ///
-/// Here and in [`Done`] the numbers leave 0 for `None`. An empty [`Mailbox`] is therefore all zeros, and costs a board
+/// Here and in [`PendingReport`] the numbers leave 0 for `None`. An empty [`Mailbox`] is therefore all zeros, and costs a board
 /// no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
@@ -47,15 +59,30 @@ impl TurnHeader {
     pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: RampLimits::FULL };
 }
 
-/// A report as the engine writes it, without the steps in each sector, which it has written one after the other.
+/// The report of an ended move as the engine writes it, without the steps in each sector, which it has written one after the other.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingReport {
     Homed = 1,
     Fed = 2,
     Laid { slot: Slot, head: u32 } = 3,
-    Alarm(EngineFault) = 4,
-    Rotated = 5,
+    Rotated = 4,
+}
+
+/// Number of reports of ended moves that can wait. Two turns are counted in two slots.
+const MAX_REPORTS: u32 = 2;
+
+/// Reports that wait for the controller.
+#[derive(Clone, Copy)]
+struct Reports {
+    /// Ended moves, the oldest first.
+    ended: [Option<PendingReport>; MAX_REPORTS as usize],
+    /// First alarm.
+    alarm: Option<EngineFault>,
+}
+
+impl Reports {
+    const NONE: Self = Self { ended: [None; MAX_REPORTS as usize], alarm: None };
 }
 
 /// One of two slots. One turn can be laid while the next one waits, and its steps are counted while the turn before is
@@ -80,7 +107,7 @@ struct Slots<T>(Mutex<[[Cell<T>; SECTORS]; 2]>);
 
 impl<T: Copy> Slots<T> {
     fn with<R>(&self, slot: Slot, sector: usize, act: impl FnOnce(&Cell<T>) -> R) -> Option<R> {
-        critical_section::with(|cs| {
+        exclusive::with(|cs| {
             let [a, b] = self.0.borrow(cs);
             let turn = match slot {
                 Slot::A => a,
@@ -110,11 +137,13 @@ pub struct Mailbox {
     sectors: Slots<Sector>,
     /// Slot of the current turn. The controller owns the other slot.
     laying: Mutex<Cell<Slot>>,
-    done: Mutex<Cell<Option<PendingReport>>>,
+    reports: Mutex<Cell<Reports>>,
     /// Feed steps of the current turn, and of the reported one.
     made: Slots<u32>,
     order_waits: AtomicBool,
-    report_waits: AtomicBool,
+    /// Number of waiting reports of ended moves.
+    ended: AtomicU32,
+    alarm_waits: AtomicBool,
     halt: AtomicBool,
     /// Rate at which the pending turn can be entered; 0 if no turn is pending.
     entry: AtomicU32,
@@ -123,7 +152,9 @@ pub struct Mailbox {
     called: AtomicBool,
     /// Number of emergency stops received over the link.
     calls: AtomicU32,
-    /// Number of finished sectors of the current turn.
+    /// Number of times that the emergency stop was pressed.
+    presses: AtomicU32,
+    /// Number of finished sectors of the current turn, plus 1; 0 if the latest turn has ended.
     progress: AtomicU32,
     /// Feed steps and ticks of the current sector. The steps are 0 while no turn is laid.
     sector_feed: AtomicU32,
@@ -149,15 +180,17 @@ impl Mailbox {
                 [const { [const { Cell::new(Sector { ticks: 0, head_steps: 0, feed_steps: 0 }) }; SECTORS] }; 2],
             )),
             laying: Mutex::new(Cell::new(Slot::A)),
-            done: Mutex::new(Cell::new(None)),
+            reports: Mutex::new(Cell::new(Reports::NONE)),
             made: Slots(Mutex::new([const { [const { Cell::new(0) }; SECTORS] }; 2])),
             order_waits: AtomicBool::new(false),
-            report_waits: AtomicBool::new(false),
+            ended: AtomicU32::new(0),
+            alarm_waits: AtomicBool::new(false),
             halt: AtomicBool::new(false),
             entry: AtomicU32::new(0),
             emergency_stop: AtomicBool::new(false),
             called: AtomicBool::new(false),
             calls: AtomicU32::new(0),
+            presses: AtomicU32::new(0),
             progress: AtomicU32::new(0),
             sector_feed: AtomicU32::new(0),
             sector_ticks: AtomicU32::new(0),
@@ -170,7 +203,7 @@ impl Mailbox {
     /// Returns whether a move can be submitted (controller side).
     #[must_use]
     pub fn can_accept_move(&self) -> bool {
-        !self.order_waits.load(Ordering::Acquire) && !self.halt.load(Ordering::Acquire) && !self.is_emergency_stopped()
+        !self.has_move() && !self.is_halt_requested() && !self.has_alarm() && !self.is_emergency_stopped()
     }
 
     /// Submits the next move (controller side). A pending move is replaced. That is safe only after [`Mailbox::halt`],
@@ -182,7 +215,7 @@ impl Mailbox {
             Move::Feed(feed) => (PendingMove::Feed(feed), 0),
             Move::Rotate(rotate) => (PendingMove::Rotate(rotate), 0),
             Move::Lay(turn) => {
-                let slot = critical_section::with(|cs| self.laying.borrow(cs).get()).other();
+                let slot = exclusive::with(|cs| self.laying.borrow(cs).get()).other();
                 for (index, sector) in turn.sectors.into_iter().enumerate() {
                     self.sectors.set(slot, index, sector);
                 }
@@ -190,20 +223,37 @@ impl Mailbox {
                 (PendingMove::Lay(TurnHeader { slot, backwards, ticks, pace }), pace.entry_rate)
             }
         };
-        critical_section::with(|cs| {
+        exclusive::with(|cs| {
             self.task.borrow(cs).set(Some(task));
             self.entry.store(entry, Ordering::Release);
             self.order_waits.store(true, Ordering::Release);
         });
     }
 
-    /// Removes and returns the report (controller side).
+    /// Removes and returns the oldest report, an alarm after the ended moves (controller side).
     pub fn pop_report(&self) -> Option<Report> {
-        if !self.report_waits.load(Ordering::Acquire) {
+        if let Some(ended) = self.pop_ended_move() {
+            return Some(ended);
+        }
+        if !self.has_alarm() {
             return None;
         }
-        let done = critical_section::with(|cs| self.done.borrow(cs).take());
-        let report = done.map(|done| match done {
+        exclusive::with(|cs| {
+            let mut reports = self.reports.borrow(cs).get();
+            let alarm = reports.alarm.take();
+            self.reports.borrow(cs).set(reports);
+            self.alarm_waits.store(false, Ordering::Release);
+            alarm.map(EngineFault::report)
+        })
+    }
+
+    /// Removes and returns the oldest report of an ended move (controller side).
+    pub fn pop_ended_move(&self) -> Option<Report> {
+        if self.ended.load(Ordering::Acquire) == 0 {
+            return None;
+        }
+        let [oldest, _] = exclusive::with(|cs| self.reports.borrow(cs).get()).ended;
+        let report = match oldest? {
             PendingReport::Homed => Report::Homed,
             PendingReport::Fed => Report::Fed,
             PendingReport::Rotated => Report::Rotated,
@@ -214,25 +264,30 @@ impl Mailbox {
                 }
                 Report::Laid(TurnReport { head, feed })
             }
-            PendingReport::Alarm(alarm) => alarm.report(),
+        };
+        // The report waits until here, so that no turn is counted in its slot meanwhile.
+        exclusive::with(|cs| {
+            let mut reports = self.reports.borrow(cs).get();
+            let [_, next] = reports.ended;
+            reports.ended = [next, None];
+            self.reports.borrow(cs).set(reports);
+            self.ended.store(u32::from(next.is_some()), Ordering::Release);
         });
-        critical_section::with(|cs| {
-            // An alarm may have been written in the meantime.
-            let alarm = self.done.borrow(cs).get();
-            self.report_waits.store(alarm.is_some(), Ordering::Release);
-        });
-        report
+        Some(report)
     }
 
-    /// Stops the steppers and switches their drivers off at the next tick (controller side). Pending moves and reports
-    /// are dropped, and so is an emergency stop that has been released.
+    /// Stops the steppers and switches their drivers off at the next tick (controller side). The pending move is
+    /// dropped, and so is an emergency stop that has been released. Reports and progress stay, and no longer change.
     pub fn halt(&self) {
-        critical_section::with(|cs| {
+        exclusive::with(|cs| {
             self.halt.store(true, Ordering::Release);
-            self.done.borrow(cs).set(None);
-            self.report_waits.store(false, Ordering::Release);
             self.forget(cs);
         });
+    }
+
+    /// Drops the reports of ended moves (controller side). An alarm stays.
+    pub fn discard_ended_moves(&self) {
+        while self.pop_ended_move().is_some() {}
     }
 
     /// Returns whether the emergency stop is pressed, or was pressed since the last [`Mailbox::halt`]. The engine has
@@ -258,19 +313,32 @@ impl Mailbox {
         self.calls.load(Ordering::Acquire)
     }
 
-    /// Returns the number of finished sectors of the latest turn.
+    /// Returns the number of times that the emergency stop was pressed, wrapping, however short.
     #[must_use]
-    pub fn sectors_done(&self) -> u32 {
-        self.progress.load(Ordering::Acquire)
+    pub fn emergency_stop_presses(&self) -> u32 {
+        self.presses.load(Ordering::Acquire)
+    }
+
+    /// Returns the number of finished sectors of the current turn. `None` if no turn has begun since the latest one
+    /// ended.
+    #[must_use]
+    pub fn sectors_done(&self) -> Option<u32> {
+        self.progress.load(Ordering::Acquire).checked_sub(1)
+    }
+
+    /// Like [`Mailbox::sectors_done`], but forgets the turn (controller side). Call it after [`Mailbox::halt`].
+    pub fn take_sectors_done(&self) -> Option<u32> {
+        let sectors = self.sectors_done();
+        self.end_progress();
+        sectors
     }
 
     /// Returns the present feed rate of the current layer, steps a tick; 0 if no layer is laid.
     #[must_use]
     pub fn feed_steps_per_tick(&self) -> f64 {
         // Both values must belong to one sector, so the step interrupt must not run between the reads.
-        let (steps, ticks) = critical_section::with(|_| {
-            (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire))
-        });
+        let (steps, ticks) =
+            exclusive::with(|_| (self.sector_feed.load(Ordering::Acquire), self.sector_ticks.load(Ordering::Acquire)));
         f64::from(steps) / f64::from(ticks.max(1))
     }
 
@@ -297,7 +365,18 @@ impl Mailbox {
     #[must_use]
     #[inline]
     pub fn has_report(&self) -> bool {
-        self.report_waits.load(Ordering::Acquire)
+        self.ended.load(Ordering::Acquire) > 0 || self.has_alarm()
+    }
+
+    #[inline]
+    fn has_alarm(&self) -> bool {
+        self.alarm_waits.load(Ordering::Acquire)
+    }
+
+    /// Returns whether a move can begin (engine side): one is pending, and its report will have room.
+    #[inline]
+    pub(super) fn can_begin_move(&self) -> bool {
+        self.has_move() && self.ended.load(Ordering::Acquire) < MAX_REPORTS
     }
 
     /// Returns whether the controller requests a halt (engine side).
@@ -320,15 +399,15 @@ impl Mailbox {
     }
 
     /// Returns the rate at which the next turn can follow this one (engine side). It is 0 if the engine must stop,
-    /// because no turn is pending or the report of this turn would have to wait.
+    /// because no turn is pending, or none can begin while the report of the turn before this one waits.
     #[inline]
     pub(super) fn next_entry_rate(&self) -> u32 {
-        if self.has_report() { 0 } else { self.entry.load(Ordering::Acquire) }
+        if self.ended.load(Ordering::Acquire) > 0 { 0 } else { self.entry.load(Ordering::Acquire) }
     }
 
     /// Accepts the pending move (engine side).
     pub(super) fn take_move(&self) -> Option<PendingMove> {
-        critical_section::with(|cs| {
+        exclusive::with(|cs| {
             let task = self.task.borrow(cs).get();
             self.forget(cs);
             if let Some(PendingMove::Lay(outline)) = &task {
@@ -345,7 +424,7 @@ impl Mailbox {
 
     /// Drops the pending move.
     pub(super) fn discard_move(&self) {
-        critical_section::with(|cs| self.forget(cs));
+        exclusive::with(|cs| self.forget(cs));
     }
 
     fn forget(&self, cs: CriticalSection) {
@@ -359,11 +438,27 @@ impl Mailbox {
         self.made.set(slot, sector, steps);
     }
 
-    /// Writes a report (engine side).
-    pub(super) fn post_report(&self, done: PendingReport) {
-        critical_section::with(|cs| {
-            self.done.borrow(cs).set(Some(done));
-            self.report_waits.store(true, Ordering::Release);
+    /// Writes the report of an ended move (engine side). There is room: see [`Mailbox::can_begin_move`].
+    pub(super) fn post_report(&self, report: PendingReport) {
+        exclusive::with(|cs| {
+            let mut reports = self.reports.borrow(cs).get();
+            let ended = match reports.ended {
+                [None, _] => [Some(report), None],
+                [oldest, _] => [oldest, Some(report)],
+            };
+            reports.ended = ended;
+            self.reports.borrow(cs).set(reports);
+            self.ended.store(ended.iter().flatten().count() as u32, Ordering::Release);
+        });
+    }
+
+    /// Writes an alarm (engine side). The first one counts.
+    pub(super) fn post_alarm(&self, alarm: EngineFault) {
+        exclusive::with(|cs| {
+            let mut reports = self.reports.borrow(cs).get();
+            reports.alarm.get_or_insert(alarm);
+            self.reports.borrow(cs).set(reports);
+            self.alarm_waits.store(true, Ordering::Release);
         });
     }
 
@@ -379,7 +474,12 @@ impl Mailbox {
     }
 
     pub(super) fn set_progress(&self, sectors: usize) {
-        self.progress.store(sectors as u32, Ordering::Release);
+        self.progress.store(sectors as u32 + 1, Ordering::Release);
+    }
+
+    /// Records that no turn is under way.
+    pub(super) fn end_progress(&self) {
+        self.progress.store(0, Ordering::Release);
     }
 
     /// Publishes the feed of the sector that begins (engine side). The value is [`Sector::default`] once no layer is
@@ -391,6 +491,14 @@ impl Mailbox {
 
     pub(super) fn set_emergency_stop(&self, pressed: bool) {
         self.emergency_stop.store(pressed, Ordering::Release);
+    }
+
+    /// Latches the emergency stop, and counts it if it was not latched (engine side).
+    pub(super) fn latch_emergency_stop(&self) {
+        if !self.is_emergency_stopped() {
+            self.presses.store(self.emergency_stop_presses().wrapping_add(1), Ordering::Release);
+        }
+        self.set_emergency_stop(true);
     }
 
     #[inline]

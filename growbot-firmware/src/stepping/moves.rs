@@ -80,10 +80,13 @@ pub struct TurnReport {
 }
 
 /// The reason why the engine switches everything off.
+///
+/// The numbers leave 0 for `None`, as in the mailbox.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
 pub(super) enum EngineFault {
     /// A pin failed.
-    Hardware,
+    Hardware = 1,
     IndexNotFound,
     IndexMissing,
     IndexStuck,

@@ -164,8 +164,8 @@ fn is_binary(format: ExportFormat) -> bool {
 impl ExportArgs {
     /// Returns the format of `--format`, or else that of the file's extension.
     fn format(&self) -> Result<ExportFormat, Failure> {
-        let asked = self.format.map(|format| [format.ending()]);
-        let formats: &[&str] = asked.as_ref().map_or(&ExportFormat::ENDINGS, |format| format);
+        let requested = self.format.map(|format| [format.ending()]);
+        let formats: &[&str] = requested.as_ref().map_or(&ExportFormat::ENDINGS, |format| format);
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(

@@ -50,12 +50,12 @@ pub fn parse() -> Result<Cli, clap::Error> {
 /// Returns the value of `--color` before the command line is parsed. `Auto` if the value is missing or unknown.
 fn asked_for() -> ColorArg {
     let words: Vec<String> = env::args_os().map(|word| word.to_string_lossy().into_owned()).collect();
-    let told = words.iter().enumerate().find_map(|(index, word)| match word.strip_prefix("--color") {
+    let color = words.iter().enumerate().find_map(|(index, word)| match word.strip_prefix("--color") {
         Some("") => words.get(index + 1).map(String::as_str),
         Some(value) => value.strip_prefix('='),
         None => None,
     });
-    told.and_then(|told| ColorArg::from_str(told, false).ok()).unwrap_or(ColorArg::Auto)
+    color.and_then(|color| ColorArg::from_str(color, false).ok()).unwrap_or(ColorArg::Auto)
 }
 
 impl From<ColorArg> for messages::ColorChoice {

@@ -169,7 +169,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     });
     if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
         return Err(refused(format!(
-            "{too_near}: give a larger margin_mm or another --radius to `growbot plan --scene`, use a better sensor, \
+            "{too_near}: give a larger --margin or another --radius to `growbot plan --scene`, use a better sensor, \
              or ignore the scene with --ignore-scene"
         )));
     }
@@ -198,6 +198,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let following = GrowthMonitor {
         robot: &robot,
         plan: &plan,
+        scene: scene.as_ref().map(|loaded| &loaded.scene),
         log,
         watch,
         print,

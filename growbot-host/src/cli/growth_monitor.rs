@@ -16,6 +16,7 @@ use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_host::watch::WatchPage;
+use growbot_scene::scene::Scene;
 use time::OffsetDateTime;
 
 use super::terminal_commands::{TerminalCommands, waiting_hint};
@@ -63,6 +64,8 @@ pub struct GrowthMonitor<'a> {
     pub robot: &'a Robot,
     /// The plan.
     pub plan: &'a Plan,
+    /// Scene with which the body is compared at the end. `None` without one.
+    pub scene: Option<&'a Scene>,
     /// Log of the growth.
     pub log: RunLog,
     /// Page that follows the growth.
@@ -98,7 +101,7 @@ impl GrowthMonitor<'_> {
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
         self.log.set_forecast(forecast);
         if let Some(watch) = &self.watch {
-            watch.runs_at(self.pace);
+            watch.set_pace(self.pace);
         }
         let mut show = GrowthProgress::new(self.plan.requirements.layers, self.laid as u64, forecast);
         let mut logging = LogHealth::default();
@@ -175,11 +178,14 @@ impl GrowthMonitor<'_> {
     }
 
     fn result(mut self, grown: &GrowthReport, emergency: bool) -> Result<(), Failure> {
-        let mut result = GrowthResult::new(grown, self.plan, self.seed, self.simulated);
+        let mut result = GrowthResult::new(grown, (self.robot, self.plan), self.scene, self.seed, self.simulated);
+        for warning in &result.warnings {
+            growbot_host::warning!("{}: {}", warning.code, warning.message);
+        }
         let logged = self.end(&mut result);
         let printed = match self.print {
             ResultFormat::Json => print(&json_line(&result)),
-            ResultFormat::Table => print(&growth_table::table(self.plan, self.robot, grown, self.seed, self.simulated)),
+            ResultFormat::Table => print(&growth_table::table(self.plan, self.robot, grown, &result)),
             ResultFormat::Nothing => Ok(()),
         };
         // After a complete growth, a failure of log or output is the only one.
@@ -270,7 +276,7 @@ impl LogHealth {
         let Some(words) = words else { return };
         say(&words);
         if let Some(watch) = watch {
-            watch.warn(self.fails.then_some(words));
+            watch.set_warning(self.fails.then_some(words));
         }
     }
 }
@@ -417,7 +423,9 @@ mod tests {
             measured_by: MeasuredBy::Steps,
             feedback: None,
         };
-        let json = |outcome| serde_json::to_value(GrowthResult::new(&grown(outcome), &plan, None, false)).unwrap();
+        let json = |outcome| {
+            serde_json::to_value(GrowthResult::new(&grown(outcome), (&robot, &plan), None, None, false)).unwrap()
+        };
         let drifted = json(Outcome::ClockDrift(DRIFT));
         assert_eq!(drifted["outcome"], "clock-drift");
         assert!((drifted["clock_drift"]["percent"].as_f64().unwrap() + 5.0).abs() < 1e-9, "{drifted}");
@@ -437,12 +445,12 @@ mod tests {
             (Outcome::Lost, false),
         ];
         for (outcome, emergency) in outcomes {
-            let said = |simulated| {
+            let message = |simulated| {
                 let Err(failure) = outcome_result(outcome, emergency, simulated) else { panic!("{outcome:?}") };
                 failure.message().to_owned()
             };
-            assert!(said(true).contains("simulated") && !said(true).contains("power"), "{}", said(true));
-            assert!(!said(false).contains("simulated"), "{}", said(false));
+            assert!(message(true).contains("simulated") && !message(true).contains("power"), "{}", message(true));
+            assert!(!message(false).contains("simulated"), "{}", message(false));
         }
         let silent =
             || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });

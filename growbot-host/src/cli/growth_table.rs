@@ -4,6 +4,8 @@ use growbot_client::arrival::{Arrival, PoseDifference};
 use growbot_client::feedback::FeedbackReport;
 use growbot_client::growth::{GrowthReport, MeasuredBy};
 use growbot_client::plan::Plan;
+use growbot_client::plan_deviation::{BodyClearance, PlanDeviation};
+use growbot_client::run_log::GrowthResult;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::InterruptedLayer;
@@ -15,14 +17,15 @@ use growbot_pictures::figures::fixed;
 use super::simulated_prefix;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
-pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>, simulated: bool) -> String {
+pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthResult) -> String {
+    let GrowthResult { seed, simulated, plan_deviation, scene, .. } = result;
     let length = grown.length_mm();
     let mut table = arrived(&plan.goal, &grown.arrival);
     table += &format!("body      {} layers of {}, {length:.1} mm\n", grown.body.len(), plan.requirements.layers);
     table += &format!(
         "growth    {} on {}{}, {:.2} m of filament\n",
         duration_text(grown.duration_s),
-        simulated_prefix(simulated),
+        simulated_prefix(*simulated),
         robot.name(),
         grown.filament_mm / 1000.0
     );
@@ -31,6 +34,13 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>
     }
     if let Some(fed_back) = &grown.feedback {
         table += &feedback(plan, grown, fed_back);
+    }
+    table += &plan_deviation.as_ref().map(deviates).unwrap_or_default();
+    if let Some(BodyClearance { clearance_mm, obstacle, contact, .. }) = scene {
+        table += &match contact {
+            true => format!("scene     touches {obstacle}, {:.2} mm deep\n", -clearance_mm),
+            false => format!("scene     {clearance_mm:.2} mm clear of everything, as built\n"),
+        };
     }
     if grown.unknown_layers() > 0 {
         table += &format!(
@@ -42,6 +52,11 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, seed: Option<u64>
         table += &format!("layer     {} was interrupted: {}\n", grown.as_built.len(), made(interrupted));
     }
     table
+}
+
+/// Returns the row with the greatest distance of a body from its plan.
+pub fn deviates(PlanDeviation { max_mm, at_mm, .. }: &PlanDeviation) -> String {
+    format!("plan      the body lies up to {max_mm:.3} mm from it, {at_mm:.0} mm along\n")
 }
 
 /// Returns the rows with target and final pose, and the error between them.

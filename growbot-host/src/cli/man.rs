@@ -65,11 +65,11 @@ fn page(command: &Command, root: &Command) -> io::Result<Vec<u8>> {
     if command.has_subcommands() {
         man.render_subcommands_section(&mut page)?;
     }
-    let said = HelpSections::after_help_of(command);
-    section(&mut page, "NOTES", &said.notes)?;
-    section(&mut page, "EXAMPLES", &said.examples)?;
+    let sections = HelpSections::after_help_of(command);
+    section(&mut page, "NOTES", &sections.notes)?;
+    section(&mut page, "EXAMPLES", &sections.examples)?;
     let exit_codes =
-        if said.exit_codes.is_empty() { HelpSections::after_help_of(root).exit_codes } else { said.exit_codes };
+        if sections.exit_codes.is_empty() { HelpSections::after_help_of(root).exit_codes } else { sections.exit_codes };
     section(&mut page, "EXIT STATUS", &exit_codes)?;
     if command.get_name() != root.get_name() {
         section(&mut page, "SEE ALSO", "growbot(1)\n")?;
@@ -89,13 +89,13 @@ impl HelpSections {
     fn after_help_of(command: &Command) -> Self {
         let help = command.get_after_long_help().or_else(|| command.get_after_help());
         let help = help.map(ToString::to_string).unwrap_or_default();
-        let mut said = Self::default();
+        let mut sections = Self::default();
         for paragraph in help.split("\n\n").map(str::trim_end).filter(|paragraph| !paragraph.is_empty()) {
             let (first, rest) = paragraph.split_once('\n').unwrap_or((paragraph, ""));
             let (to, text) = match (first, first.strip_prefix("Exit codes: ")) {
-                ("Example:" | "Examples:", _) => (&mut said.examples, rest.to_owned()),
-                (_, Some(codes)) => (&mut said.exit_codes, format!("{codes}\n{rest}")),
-                _ => (&mut said.notes, paragraph.to_owned()),
+                ("Example:" | "Examples:", _) => (&mut sections.examples, rest.to_owned()),
+                (_, Some(codes)) => (&mut sections.exit_codes, format!("{codes}\n{rest}")),
+                _ => (&mut sections.notes, paragraph.to_owned()),
             };
             if !to.is_empty() {
                 to.push('\n');
@@ -103,7 +103,7 @@ impl HelpSections {
             to.push_str(text.trim_end());
             to.push('\n');
         }
-        said
+        sections
     }
 }
 

@@ -111,7 +111,7 @@ enum CliCommand {
     NewRobot(new_robot::NewRobotArgs),
     Rmin(rmin::RminArgs),
     Plan(Box<plan::PlanArgs>),
-    Scene(scene::DemoSceneArgs),
+    Scene(scene::SceneInfoArgs),
     Layers(layers::LayersArgs),
     View(view::ViewArgs),
     Workspace(workspace::WorkspaceArgs),
@@ -151,6 +151,13 @@ pub fn run() -> ExitCode {
         }
         Err(error) => return estop::usage_error(&error),
     };
+    if let Err(error) = growbot_host::settings::check_environment() {
+        // A variable that growbot does not read must not prevent a robot from stopping.
+        if !matches!(cli.command, Some(CliCommand::Estop(_) | CliCommand::Stop(_))) {
+            return Failure::from(error).report();
+        }
+        growbot_host::warning!("{error}");
+    }
     let done = match cli.command {
         Some(CliCommand::Robots(args)) => robots::run(&args),
         Some(CliCommand::Schema(args)) => schema::run(&args),
@@ -419,12 +426,12 @@ impl SelectedPort {
         self.name.is_simulated()
     }
 
-    /// Returns the speed of the robot's clock, in multiples of real time. `asked` is the requested speed of a simulated
+    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a simulated
     /// robot. `None` if it is not known.
-    fn pace(&self, asked: Option<f64>) -> Option<f64> {
+    fn pace(&self, requested: Option<f64>) -> Option<f64> {
         match self.name.resident() {
             Some(name) => StateDir::of(name).ok()?.pace(),
-            None if self.name.is_virtual() => asked,
+            None if self.name.is_virtual() => requested,
             None => Some(1.0),
         }
     }

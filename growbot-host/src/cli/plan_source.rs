@@ -9,7 +9,7 @@ use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::scene_planning::{self, SceneCheckError};
 use growbot_core::robot::Robot;
-use growbot_scene::scene_file::{self, LoadedScene};
+use growbot_scene::scene_file::LoadedScene;
 
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;
@@ -74,18 +74,13 @@ impl PlanSourceArgs {
             if self.robot.is_none() {
                 growbot_host::detail!("robot {}, from: {}", robot.name(), display_name(path));
             }
-            let (Some(file), None) = (given, &scene) else {
+            // Checked if the plan does not refer to the scene, or another margin is given.
+            let (Some(file), true) = (given, scene.is_none() || self.scene.has_margin()) else {
                 return Ok(ResolvedPlan { robot, plan, scene, clearance_error: None });
             };
-            // The plan does not refer to the scene.
-            let loaded = scene_file::load(file)?;
-            let unclear = match scene_planning::check_clearance(&plan, &robot, &file.display().to_string(), &loaded) {
-                Ok(clearance) => {
-                    plan.scene = Some(clearance);
-                    None
-                }
-                Err(unclear) => Some(unclear),
-            };
+            let loaded = self.scene.load(file)?;
+            let file = file.display().to_string();
+            let unclear = scene_planning::attach_scene(&mut plan, &robot, &file, &loaded).err();
             return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: unclear });
         }
         let robot = RobotArg { robot: self.robot.clone() }.load()?;
@@ -95,7 +90,7 @@ impl PlanSourceArgs {
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan file, or a goal with --to"))?;
         if let Some(file) = given {
             let ends = self.search.start_and_goals(&robot, goal)?;
-            let loaded = scene_file::load(file)?;
+            let loaded = self.scene.load(file)?;
             let plan =
                 self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
             return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: None });

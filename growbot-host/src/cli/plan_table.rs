@@ -65,8 +65,9 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     let time = duration_text(needs.duration);
     text += &format!("  time      {time}{}\n  filament  {:.2} m\n", done_at(plan, now), needs.filament / 1000.0);
-    if let Some(SceneClearance { file, clearance, .. }) = &plan.scene {
+    if let Some(SceneClearance { file, clearance, margin, .. }) = &plan.scene {
         text += &wrapped("  scene     ", &format!("{clearance:.2} mm clear of everything in {file}"), 12);
+        text += &format!("  margin    {margin:.2} mm\n");
     }
     for warning in &plan.warnings {
         text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));

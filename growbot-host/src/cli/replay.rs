@@ -18,6 +18,7 @@ use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
 use growbot_pictures::figures::{direction_text, fixed};
 
+use super::growth_table::deviates;
 use super::{Failure, robot_of, warn_of_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
@@ -130,6 +131,9 @@ impl<'a> ReplayedBody<'a> {
             seed: logged.and_then(|logged| logged.seed),
             measured_by: Some(if self.simulated.is_some() { MeasuredBy::Tip } else { MeasuredBy::Steps }),
             feedback: feedback.map(|feedback| FeedbackResult::new(&feedback.fed_back, &feedback.plan, None)),
+            plan_deviation: logged.and_then(|logged| logged.plan_deviation),
+            scene: logged.and_then(|logged| logged.scene.clone()),
+            warnings: logged.map_or_else(Vec::new, |logged| logged.warnings.clone()),
             duration_s: logged.and_then(|logged| logged.duration_s),
             filament_mm: logged.and_then(|logged| logged.filament_mm),
             plan_id: Some(record.plan_id),
@@ -171,6 +175,8 @@ impl<'a> ReplayedBody<'a> {
         if let Some(ReplayedFeedback { fed_back, plan }) = feedback {
             text += &arrived("estimate", &fed_back.arrival(plan), ", from feedback");
         }
+        text +=
+            &record.result.as_ref().and_then(|logged| logged.plan_deviation.as_ref()).map(deviates).unwrap_or_default();
         text + &self.cautions()
     }
 

@@ -156,6 +156,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let following = GrowthMonitor {
         robot: &robot,
         plan: &plan,
+        scene: scene.as_ref().map(|(_, loaded)| &loaded.scene),
         log,
         watch,
         print: ResultFormat::of(args.json),

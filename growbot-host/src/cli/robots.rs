@@ -144,13 +144,13 @@ fn in_words(explained: &AnnotatedRobot) -> String {
         for field in &section.fields {
             let name = field.path.strip_prefix(&format!("{}.", section.name)).unwrap_or(&field.path);
             let value = if field.value == UNLIMITED { NO_LIMIT } else { &field.value };
-            let mut said = format!("{name} = {value}");
+            let mut line = format!("{name} = {value}");
             if !field.in_file {
-                said += "  (not in the file)";
+                line += "  (not in the file)";
             } else if !field.comment.is_empty() {
-                said += &format!("  # {}", field.comment);
+                line += &format!("  # {}", field.comment);
             }
-            text += &indented(&said, 2);
+            text += &indented(&line, 2);
             text += &indented(&field.means, 6);
         }
     }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::sanitize;
 use growbot_client::scene_planning::{
@@ -16,6 +17,19 @@ use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
 use super::Failure;
+use super::units::mm;
+
+/// Greatest margin, mm, as in scene files.
+const MAX_MARGIN_MM: f64 = scene_file::MAX_LENGTH;
+
+/// Parses a margin.
+pub fn margin_mm(text: &str) -> Result<f64, String> {
+    let number = mm(text)?;
+    if (0.0..=MAX_MARGIN_MM).contains(&number) {
+        return Ok(number);
+    }
+    Err(format!("it is {number} mm: give 0 to {MAX_MARGIN_MM}"))
+}
 
 /// Maximum time limit, s: a day.
 const MAX_SECONDS: u64 = 86_400;
@@ -27,6 +41,10 @@ pub struct SceneArgs {
     /// (.ply, .pcd)
     #[arg(long, value_name = "FILE")]
     pub scene: Option<PathBuf>,
+    /// Keep at least this distance between the outside of the tube and the scene, mm [default: margin_mm of the scene
+    /// file, or else the deviation that is expected of the robot, 3 standard deviations]
+    #[arg(long, value_name = "MM", requires = "scene", allow_hyphen_values = true, value_parser = margin_mm)]
+    margin: Option<f64>,
     /// Effort of the search for a short path through the scene: some 0.1 s for each unit, with the same result on every
     /// machine [default: 5]
     #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
@@ -52,6 +70,18 @@ struct NoPathErrorJson {
 }
 
 impl SceneArgs {
+    /// Loads a scene, with the margin of these options if there is one.
+    pub fn load(&self, scene: &Path) -> Result<LoadedScene, SceneError> {
+        let mut loaded = scene_file::load(scene)?;
+        loaded.margin = self.margin.or(loaded.margin);
+        Ok(loaded)
+    }
+
+    /// Reports whether a margin is given.
+    pub fn has_margin(&self) -> bool {
+        self.margin.is_some()
+    }
+
     /// Plans through the scene of this file.
     pub fn plan(
         &self,
@@ -62,7 +92,7 @@ impl SceneArgs {
         max_length: Option<f64>,
         json: bool,
     ) -> Result<Plan, Failure> {
-        let loaded = scene_file::load(scene)?;
+        let loaded = self.load(scene)?;
         self.plan_in((scene, &loaded), robot, ends, search, max_length, json)
     }
 
@@ -80,7 +110,7 @@ impl SceneArgs {
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
         let max_length = max_length.unwrap_or(MAX_LENGTH_MM);
-        let (file, margin) = (scene.display().to_string(), loaded.margin);
+        let (file, margin) = (scene.display().to_string(), planning_margin_mm(robot, loaded));
         let through =
             SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, max_length };
         scene_planning::plan(robot, start, goals, search, &through).map_err(|error| match error {

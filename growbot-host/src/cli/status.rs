@@ -405,7 +405,7 @@ mod tests {
             layers_begun: 0,
         };
         let text = text_of_record(&record);
-        let said = "the feed's driver does not respond: check the motors' supply, without which the driver is off";
-        assert!(text.contains(said), "{text}");
+        let expected = "the feed's driver does not respond: check the motors' supply, without which the driver is off";
+        assert!(text.contains(expected), "{text}");
     }
 }

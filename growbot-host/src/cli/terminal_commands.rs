@@ -29,9 +29,9 @@ impl TerminalCommands {
             return Self::default();
         }
         let waits = Arc::new(AtomicBool::new(false));
-        let (orders, asked) = (Arc::clone(orders), Arc::clone(&waits));
+        let (orders, waiting) = (Arc::clone(orders), Arc::clone(&waits));
         // The thread ends with the program.
-        let reader = thread::Builder::new().name("keyboard".to_owned()).spawn(move || read(&orders, &asked));
+        let reader = thread::Builder::new().name("keyboard".to_owned()).spawn(move || read(&orders, &waiting));
         Self { waits: reader.is_ok().then_some(waits) }
     }
 

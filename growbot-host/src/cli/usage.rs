@@ -4,8 +4,19 @@ use std::env;
 
 use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Error};
+use growbot_client::maintenance;
 
 use super::Cli;
+
+/// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
+const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
+
+/// Reports whether a robot may move or heat after this command. No message suggests such a command, because users repeat
+/// a suggestion without reading it.
+pub fn may_move(command: &str) -> bool {
+    let mut maintaining = maintenance::COMMANDS.iter().map(|(name, ..)| *name).filter(|name| *name != "cooldown");
+    MOVING_COMMANDS.contains(&command) || maintaining.any(|name| name == command)
+}
 
 /// Returns the error of the command line in one sentence: the mistake, a suggestion, and the command that shows the
 /// help.
@@ -28,8 +39,9 @@ pub fn message(error: &Error) -> String {
 fn suggestion(error: &Error) -> Option<String> {
     let kinds = [ContextKind::SuggestedSubcommand, ContextKind::SuggestedArg, ContextKind::SuggestedValue];
     kinds.into_iter().find_map(|kind| match error.get(kind)? {
-        ContextValue::String(meant) => Some(meant.clone()),
-        ContextValue::Strings(meant) => meant.first().cloned(),
+        ContextValue::String(meant) => Some(meant).filter(|meant| !may_move(meant)).cloned(),
+        // The best one is the last.
+        ContextValue::Strings(meant) => meant.iter().rfind(|meant| !may_move(meant)).cloned(),
         _ => None,
     })
 }
@@ -39,4 +51,51 @@ fn command_named() -> String {
     let root = Cli::command();
     let named = env::args().skip(1).find(|word| root.find_subcommand(word).is_some());
     named.map_or_else(|| "growbot".to_owned(), |name| format!("growbot {name}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    /// Returns the suggestion for the arguments of a mistyped command line.
+    fn suggested(args: &[&str]) -> Option<String> {
+        let error = Cli::try_parse_from([&["growbot"], args].concat()).err()?;
+        let message = message(&error);
+        let (_, rest) = message.split_once("(did you mean ")?;
+        rest.split_once("?)").map(|(meant, _)| meant.to_owned())
+    }
+
+    #[test]
+    fn no_mistyped_command_suggests_one_that_moves_or_heats() {
+        assert_eq!(suggested(&["tui"]), None);
+        assert_eq!(suggested(&["init"]), None);
+        assert_eq!(suggested(&["plam"]).as_deref(), Some("plan"));
+        assert_eq!(suggested(&["sattus"]).as_deref(), Some("status"));
+        let root = Cli::command();
+        let mut tried = 0;
+        for name in root.get_subcommands().map(clap::Command::get_name) {
+            for at in 0..name.len() {
+                let (before, after) = name.split_at(at);
+                let rest = &after[1..];
+                for typed in [format!("{before}{rest}"), format!("{before}x{rest}"), format!("{before}x{after}")] {
+                    let meant = suggested(&[&typed]);
+                    assert!(!meant.as_deref().is_some_and(may_move), "{typed}: {meant:?}");
+                    tried += 1;
+                }
+            }
+        }
+        assert!(tried > 300, "{tried}");
+        assert_eq!(suggested(&["maintain", "hom"]), None);
+        assert_eq!(suggested(&["maintain", "coldown"]).as_deref(), Some("cooldown"));
+    }
+
+    #[test]
+    fn all_commands_that_move_or_heat_exist() {
+        let root = Cli::command();
+        for name in MOVING_COMMANDS.iter().filter(|name| **name != "start") {
+            assert!(root.find_subcommand(name).is_some(), "{name}");
+        }
+    }
 }

@@ -17,6 +17,7 @@ use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
 use serde_json::{Value, json};
 
+use super::scene_options::margin_mm;
 use super::search::{PlannerName, START};
 use super::units::{deg, mm};
 use super::workspace_in_scene::{self, SceneSearch};
@@ -76,6 +77,10 @@ pub struct WorkspaceArgs {
     /// Effort of the search for each goal: some 0.1 s for each unit, with the same result on every machine [default: 1]
     #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     effort: Option<u64>,
+    /// Keep at least this distance between the outside of the tube and the scene, mm [default: margin_mm of the scene
+    /// file, or else the deviation that is expected of the robot, 3 standard deviations]
+    #[arg(long, value_name = "MM", requires = "scene", allow_hyphen_values = true, value_parser = margin_mm)]
+    margin: Option<f64>,
     /// Draw a section to this file, in the format of its extension: .svg, .png or .pdf. With --scene, write the goals:
     /// .csv
     #[arg(short, long, value_name = "FILE")]
@@ -129,7 +134,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         section: args.output.is_some(),
     };
     if let Some(scene) = &args.scene {
-        let room = SceneSearch { scene, effort: args.effort.unwrap_or(1) };
+        let room = SceneSearch { scene, margin: args.margin, effort: args.effort.unwrap_or(1) };
         return workspace_in_scene::run(&question, &room, args.output.as_deref(), args.json);
     }
     draw(args, &question)

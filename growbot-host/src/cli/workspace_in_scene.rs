@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan_file::{PoseJson, format_hash};
 use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
@@ -18,17 +19,20 @@ use super::Failure;
 pub struct SceneSearch<'a> {
     /// File of the scene.
     pub scene: &'a Path,
+    /// Margin that is given, mm. `None` for that of the scene or of the robot.
+    pub margin: Option<f64>,
     /// Effort of the search for each goal.
     pub effort: u64,
 }
 
 /// Plans to all goals and prints the result. `output` gets each goal, as CSV.
 pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
-    let loaded = scene_file::load(room.scene)?;
+    let mut loaded = scene_file::load(room.scene)?;
+    loaded.margin = room.margin.or(loaded.margin);
     let through = SceneOptions {
         file: &room.scene.display().to_string(),
         loaded: &loaded,
-        margin: loaded.margin,
+        margin: planning_margin_mm(question.robot, &loaded),
         grown: None,
         effort: room.effort,
         deadline: None,
@@ -151,15 +155,15 @@ fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWork
 /// Returns the goals as rows of CSV.
 fn csv(answer: &SceneWorkspace) -> String {
     let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
-    for asked in &answer.goals {
-        let because = REASONS.iter().find(|(_, is_this)| is_this(&asked.reachability)).map_or("", |(name, _)| *name);
-        let (said, length) = match asked.reachability {
+    for result in &answer.goals {
+        let because = REASONS.iter().find(|(_, is_this)| is_this(&result.reachability)).map_or("", |(name, _)| *name);
+        let (verdict, length) = match result.reachability {
             Reachability::Reachable(length) => ("path", length.to_string()),
             Reachability::NotFound => ("not_found", String::new()),
             _ => ("none", String::new()),
         };
-        let at = asked.position;
-        text += &format!("{},{},{},{said},{because},{length}\n", at.x, at.y, at.z);
+        let at = result.position;
+        text += &format!("{},{},{},{verdict},{because},{length}\n", at.x, at.y, at.z);
     }
     text
 }

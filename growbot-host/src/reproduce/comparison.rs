@@ -226,13 +226,13 @@ struct Questions(Vec<SignificanceTest>);
 
 impl Questions {
     /// Tests whether these groups of values differ. `paper` is the paper's p-value. Does nothing without values.
-    fn ask(&mut self, what: impl Into<String>, asked: TestedPaths, paper: Option<f64>, values: Option<Vec<Vec<f64>>>) {
+    fn ask(&mut self, what: impl Into<String>, tested: TestedPaths, paper: Option<f64>, values: Option<Vec<Vec<f64>>>) {
         let Some(values) = values else { return };
         let groups: Vec<&[f64]> = values.iter().map(Vec::as_slice).collect();
         self.0.push(SignificanceTest {
             what: what.into(),
-            slicing: asked.slicing,
-            planner: asked.planner,
+            slicing: tested.slicing,
+            planner: tested.planner,
             groups: groups.len(),
             n: values.iter().map(Vec::len).sum(),
             paper,
@@ -249,9 +249,9 @@ impl Questions {
                 ("pitch error over the groups of robot A", ErrorQuantity::Pitch, Some(paper::P_PITCH_A)),
                 ("position error over the groups of robot A", ErrorQuantity::Position, None),
             ] {
-                let asked = TestedPaths { slicing: label(experiments, paper::ROBOT_A, slicing), planner };
+                let tested = TestedPaths { slicing: label(experiments, paper::ROBOT_A, slicing), planner };
                 let groups = (0..GROUPS.len()).map(|group| (paper::ROBOT_A, group));
-                self.ask(what, asked, paper, values(experiments, groups, planner, |_| slicing, quantity));
+                self.ask(what, tested, paper, values(experiments, groups, planner, |_| slicing, quantity));
             }
         }
     }
@@ -280,10 +280,10 @@ impl Questions {
             ("position error over the groups from 8 R on, robot C", paper::C, SlicingRule::Table, paper::P_LONG_C),
             ("position error over the groups from 8 R on, robot C", paper::C, SlicingRule::Half, paper::P_LONG_C),
         ] {
-            let asked = TestedPaths { slicing: label(experiments, robot, slicing), planner };
+            let tested = TestedPaths { slicing: label(experiments, robot, slicing), planner };
             let groups = LONG.map(|group| (robot, group));
             let values = values(experiments, groups, planner, |_| slicing, ErrorQuantity::Position);
-            self.ask(what, asked, Some(paper), values);
+            self.ask(what, tested, Some(paper), values);
         }
     }
 
@@ -294,10 +294,10 @@ impl Questions {
                 for (group, distance) in GROUPS.iter().enumerate() {
                     let names = robots.map(|robot| ROBOTS[robot].name).join(", ");
                     let what = format!("position error over robots of one k, {names}, {distance} R");
-                    let asked = TestedPaths { slicing: label(experiments, robots[0], slicing), planner };
+                    let tested = TestedPaths { slicing: label(experiments, robots[0], slicing), planner };
                     let members = robots.into_iter().map(|robot| (robot, group));
                     let values = values(experiments, members, planner, |_| slicing, ErrorQuantity::Position);
-                    self.ask(what, asked, None, values);
+                    self.ask(what, tested, None, values);
                 }
             }
         }
@@ -315,9 +315,9 @@ impl Questions {
                 });
                 let values: Vec<_> = levels.map(|set| set.values(ErrorQuantity::Position)).collect();
                 let what = format!("position error over the levels of noise, robot A, {distance} R");
-                let asked =
+                let tested =
                     TestedPaths { slicing: label(experiments, paper::ROBOT_A, *slicing), planner: PAPERS_PLANNER };
-                self.ask(what, asked, None, (!values.is_empty()).then_some(values));
+                self.ask(what, tested, None, (!values.is_empty()).then_some(values));
             }
         }
     }
@@ -337,8 +337,8 @@ fn questions(experiments: &Experiments) -> Vec<SignificanceTest> {
     questions.over_noise(experiments);
     let Questions(mut questions) = questions;
     // The tests are sorted so that the same test for several planners stands together.
-    let asked: Vec<String> = questions.iter().map(|question| question.what.clone()).collect();
-    questions.sort_by_key(|question| asked.iter().position(|what| *what == question.what));
+    let order: Vec<String> = questions.iter().map(|question| question.what.clone()).collect();
+    questions.sort_by_key(|question| order.iter().position(|what| *what == question.what));
     questions
 }
 

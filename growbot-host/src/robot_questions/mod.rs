@@ -209,19 +209,19 @@ impl Draft {
                 continue;
             }
             let old = trailing_comment(value);
-            let mut said = match (given, changed) {
+            let mut comment = match (given, changed) {
                 (true, _) => "given".to_owned(),
                 (false, true) => "adapted".to_owned(),
                 (false, false) if is_assumed(&old) => old.clone(),
                 (false, false) => format!("as {}", self.base),
             };
             if path == PLANNING_RADIUS {
-                said += &format!("; R_min is {:.2}", robot.min_radius());
+                comment += &format!("; R_min is {:.2}", robot.min_radius());
             } else if let (true, Some(was)) = (changed, was) {
                 let old = if old.is_empty() { old } else { format!(", {old}") };
-                said += &format!("; {} has {was}{old}", self.base);
+                comment += &format!("; {} has {was}{old}", self.base);
             }
-            value.decor_mut().set_suffix(format!(" # {said}"));
+            value.decor_mut().set_suffix(format!(" # {comment}"));
         }
         let body = document.to_string();
         // The comment at the top describes the existing robot.

@@ -20,8 +20,8 @@ fn default_answers_keep_the_base_robot() {
         description.name = robot.description().name.clone();
         assert_eq!(robot.description(), &description, "{base}");
         // The files have the same number of value lines and of assumptions.
-        let said = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
-        assert_eq!(said(&written), said(&text), "{base}");
+        let settings = |text: &str| text.lines().filter(|line| !line.starts_with('#') && !line.is_empty()).count();
+        assert_eq!(settings(&written), settings(&text), "{base}");
         assert_eq!(written.matches("# assumed").count(), text.matches("# assumed").count(), "{base}");
     }
 }
@@ -98,7 +98,7 @@ fn the_schema_line_stays_at_the_top() {
 fn suggested_values_are_always_accepted() {
     for name in ["growbot-a", "growbot-b"] {
         let (text, file) = robot_file::text_of(name.as_ref()).unwrap();
-        for (at, asked) in ASKED_FIELDS.iter().enumerate() {
+        for (at, field) in ASKED_FIELDS.iter().enumerate() {
             for factor in [0.5, 1.3, 2.0] {
                 let mut draft = Draft::of(&text, &file, "ours").unwrap();
                 let mut given = Vec::new();
@@ -112,9 +112,9 @@ fn suggested_values_are_always_accepted() {
                         continue;
                     }
                     let taken = draft.apply_answer(path, proposed.trim_matches('"'));
-                    assert!(taken.is_ok(), "{name}, {asked} times {factor}: {path} = {proposed}: {taken:?}");
+                    assert!(taken.is_ok(), "{name}, {field} times {factor}: {path} = {proposed}: {taken:?}");
                 }
-                draft.file(&given).unwrap_or_else(|error| panic!("{name}, {asked} times {factor}: {error}"));
+                draft.file(&given).unwrap_or_else(|error| panic!("{name}, {field} times {factor}: {error}"));
             }
         }
     }

@@ -11,8 +11,8 @@ use aide::openapi::{Info, OpenApi};
 use aide::transform::TransformOperation;
 use axum::body::Bytes;
 use axum::extract::{DefaultBodyLimit, Path, Query, State};
-use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
+use axum::http::{Method, StatusCode, Uri};
 use axum::response::sse::{Event, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
@@ -24,7 +24,8 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
-use growbot_core::job::{job_layers, plan_id};
+use growbot_core::job::{MAX_JOB_LAYERS, job_layers, plan_id};
+use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -99,7 +100,7 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .api_route(
             "/robots/{robot}/commands",
             post_with(
-                order,
+                send_command,
                 describe(
                     "Send a command. The response to an emergency stop is sent after the board has confirmed that \
                      everything is off.",
@@ -129,16 +130,15 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/robots/{robot}/port-lease", post(lease_port))
         .route("/page-urls", get(addresses))
         .route("/plans/{number}/view", get(view_plan))
-        .route("/jobs/{job}/log", get(log))
-        .route("/jobs/{job}/view", get(view))
+        .route("/jobs/{job}/log", get(job_log))
+        .route("/jobs/{job}/view", get(job_view))
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
-        .route("/jobs/{job}/live/commands/{command}", post(live_order))
-        .route("/jobs/{job}/events", get(event_routes::of_job))
-        .route("/jobs/{job}/events/ws", get(event_routes::socket_of_job))
-        .route("/events", get(event_routes::of_robots))
-        .route("/events/ws", get(event_routes::socket_of_robots))
-        .fallback(nowhere)
+        .route("/jobs/{job}/live/commands/{command}", post(send_live_command))
+        .route("/jobs/{job}/events", get(event_routes::job_stream))
+        .route("/jobs/{job}/events/ws", get(event_routes::job_socket))
+        .route("/events", get(event_routes::robot_stream))
+        .route("/events/ws", get(event_routes::robot_socket))
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
     (router, openapi::complete(&document))
@@ -149,8 +149,9 @@ fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOper
     move |operation| operation.description(words).default_response::<Problem>()
 }
 
-async fn nowhere() -> Problem {
-    Problem::not_found("address", "here")
+/// Rejects a request for a path that this release does not have.
+pub async fn unknown_route(method: Method, uri: Uri) -> Problem {
+    Problem::unknown_route(&method, uri.path())
 }
 
 fn find_robot<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<RobotWorker>, Problem> {
@@ -260,14 +261,21 @@ pub(super) fn make_job(
     order: Order,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let before =
-        || match key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)? {
-            Some(job) if job.robot != keeper.name => Err(Problem::bad(format!(
+    let hash = wanted.hash();
+    let before = || {
+        let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
+        match found {
+            Some((job, _)) if job.robot != keeper.name => Err(Problem::bad(format!(
                 "the idempotency key was used for job {} on robot {}: use a new key for each job",
                 job.id, job.robot
             ))),
-            job => Ok(job),
-        };
+            Some((job, of)) if of != hash => Err(Problem::conflict(format!(
+                "the idempotency key was used for job {}, whose request was another: use a new key for each job",
+                job.id
+            ))),
+            found => Ok(found.map(|(job, _)| job)),
+        }
+    };
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
@@ -280,6 +288,7 @@ pub(super) fn make_job(
         )));
     }
     let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access)?;
+    ensure_storable(plan.requirements.layers)?;
     let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
@@ -310,7 +319,7 @@ pub(super) fn make_job(
         reason: None,
         id,
     };
-    service.shared.jobs().insert(&job, key).map_err(Problem::internal)?;
+    service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
     let scene = scene.filter(|_| !wanted.ignore_scene);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback, permit: order.permit };
     let grow = RobotRequest::Grow(Box::new(new));
@@ -322,6 +331,17 @@ pub(super) fn make_job(
         return Err(Problem::conflict(why));
     }
     Ok((StatusCode::CREATED, Json(job)))
+}
+
+/// Returns an error if no board can store a job of this many layers, before any of them is computed.
+fn ensure_storable(layers: usize) -> Result<(), Problem> {
+    if layers <= MAX_JOB_LAYERS as usize {
+        return Ok(());
+    }
+    Err(Problem::conflict(format!(
+        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or a robot with \
+         higher layers"
+    )))
 }
 
 async fn resume(
@@ -336,13 +356,13 @@ async fn resume(
     let permit = permits.of(&job.robot)?.clone();
     run_blocking(move || {
         let begins = keeper.lock_job_start();
-        let asked = keeper
+        let outcome = keeper
             .ensure_idle()
             .and_then(|()| ensure_resumable(&job))
             .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), COMMAND_TIMEOUT));
         drop(begins);
-        service.shared.audit.note(by, &job.robot, "resume", asked.as_ref().err().map(String::as_str));
-        asked.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &job.robot, "resume", outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
         found_job(&service, &id).map(Json)
     })
     .await
@@ -357,19 +377,19 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     }
 }
 
-async fn order(
+async fn send_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
     Path(name): Path<String>,
-    Json(CommandRequest { command: order }): Json<CommandRequest>,
+    Json(CommandRequest { command }): Json<CommandRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     let permit = permits.of(&name)?.clone();
     run_blocking(move || {
-        let given = run_command(&keeper, order, &permit);
-        service.shared.audit.note(by, &name, order.name(), given.as_ref().err().map(String::as_str));
+        let given = run_command(&keeper, command, &permit);
+        service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)?;
         Ok(Json(keeper.status()))
     })
@@ -400,14 +420,14 @@ async fn maintain(
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
-        let asked = match (understood, keeper.status().job) {
+        let outcome = match (understood, keeper.status().job) {
             (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
             (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
-        service.shared.audit.note(by, &name, &task, asked.as_ref().err().map(String::as_str));
-        asked.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
         Ok(Json(keeper.status()))
     })
     .await
@@ -415,6 +435,7 @@ async fn maintain(
 
 /// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct PlanQuery {
     /// Name of the robot in the service.
     robot: String,
@@ -452,6 +473,7 @@ async fn new_plan(
 
 /// Name of a scene's file.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct SceneUploadQuery {
     /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
     name: String,
@@ -462,6 +484,9 @@ struct SceneUploadQuery {
 struct SceneUploadResponse {
     /// Name of the scene, for the field `scene` of a plan or job request.
     scene: String,
+    /// Box that holds everything but half spaces, as it was read. `null` if there is nothing else.
+    #[serde(rename = "box")]
+    bounds: Option<SceneBox>,
 }
 
 async fn new_scene(
@@ -471,8 +496,11 @@ async fn new_scene(
     bytes: Bytes,
 ) -> ApiResult<SceneUploadResponse> {
     require_control(access)?;
-    run_blocking(move || Ok(Json(SceneUploadResponse { scene: scene_store::store(service.places(), &name, &bytes)? })))
-        .await
+    run_blocking(move || {
+        let (scene, bounds) = scene_store::store(service.places(), &name, &bytes)?;
+        Ok(Json(SceneUploadResponse { scene, bounds }))
+    })
+    .await
 }
 
 async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<String>, Problem> {
@@ -482,6 +510,7 @@ async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Res
 
 /// Limit of a list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
 struct JobListQuery {
     /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
     #[schemars(range(max = 4_294_967_295_u32))]
@@ -500,7 +529,7 @@ async fn job(State(service): ServiceState, Path(id): Path<String>) -> ApiResult<
     found_job(&service, &id).map(Json)
 }
 
-async fn log(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
+async fn job_log(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
     let path = service.shared.jobs_to_read().log_path(&job.id);
     let bytes = fs::read(path).map_err(|error| Problem::conflict(format!("its run log cannot be read: {error}")))?;
@@ -537,7 +566,7 @@ async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> R
     }
 }
 
-async fn live_order(
+async fn send_live_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
@@ -565,7 +594,7 @@ async fn live_order(
     Ok(StatusCode::ACCEPTED.into_response())
 }
 
-async fn view(State(service): ServiceState, Path(id): Path<String>) -> Result<Html<String>, Problem> {
+async fn job_view(State(service): ServiceState, Path(id): Path<String>) -> Result<Html<String>, Problem> {
     page_of(&service, found_job(&service, &id)?, None).await
 }
 

@@ -39,7 +39,7 @@ struct AuditRecord<'a> {
 impl Audit {
     pub fn open(path: &Path) -> Result<Self, JobStoreError> {
         let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path);
-        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::of(path, &error))
+        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::from_io(path, &error))
     }
 
     /// Records a command, and the reason of its failure if it failed.

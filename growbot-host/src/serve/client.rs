@@ -109,7 +109,7 @@ impl ServiceClient {
         self.runtime.block_on(async {
             let (status, incoming) = self.send(Method::GET, path, Body::empty()).await?;
             let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-            if status.is_success() { Ok(bytes.to_vec()) } else { Err(refused(status, &bytes)) }
+            if status.is_success() { Ok(bytes.to_vec()) } else { Err(rejection(status, &bytes)) }
         })
     }
 
@@ -142,16 +142,16 @@ impl ServiceClient {
         body: Body,
         limit: Duration,
     ) -> Result<T, ServiceError> {
-        let asked = async {
+        let response = async {
             let (status, incoming) = self.send(method, path, body).await?;
             let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
             if !status.is_success() {
-                return Err(refused(status, &bytes));
+                return Err(rejection(status, &bytes));
             }
             serde_json::from_slice(&bytes).map_err(ServiceError::silent)
         };
         let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", limit.as_secs_f64()));
-        timeout(limit, asked).await.map_err(late)?
+        timeout(limit, response).await.map_err(late)?
     }
 
     async fn send(&self, method: Method, path: &str, body: Body) -> Result<(StatusCode, Incoming), ServiceError> {
@@ -182,7 +182,7 @@ impl ServiceClient {
                 return Ok(LeasedPort(incoming));
             }
             let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-            Err(refused(status, &bytes))
+            Err(rejection(status, &bytes))
         };
         let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", RESPONSE_TIMEOUT.as_secs_f64()));
         self.runtime.block_on(async { timeout(RESPONSE_TIMEOUT, begun).await.map_err(late)? })
@@ -200,7 +200,7 @@ impl ServiceClient {
             let (status, mut incoming) = self.send(Method::GET, &path, Body::empty()).await?;
             if !status.is_success() {
                 let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-                return Err(refused(status, &bytes));
+                return Err(rejection(status, &bytes));
             }
             let mut text = Vec::new();
             while let Some(frame) = incoming.frame().await {
@@ -222,7 +222,7 @@ impl ServiceClient {
     }
 }
 
-fn refused(status: StatusCode, bytes: &[u8]) -> ServiceError {
+fn rejection(status: StatusCode, bytes: &[u8]) -> ServiceError {
     let problem: Value = serde_json::from_slice(bytes).unwrap_or_default();
     let detail = problem.get("detail").and_then(Value::as_str);
     let detail = detail.map_or_else(|| String::from_utf8_lossy(bytes).into_owned(), str::to_owned);

@@ -18,44 +18,45 @@ const MAX_HEARD: usize = 1024;
 
 /// Start of a stream of events.
 #[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct EventQuery {
     after: Option<u64>,
 }
 
 /// Returns the number of the line after which the stream starts.
-fn after(headers: &HeaderMap, EventQuery { after }: EventQuery) -> u64 {
+fn start_line(headers: &HeaderMap, EventQuery { after }: EventQuery) -> u64 {
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     last.or(after).unwrap_or(0)
 }
 
-pub async fn of_job(
+pub async fn job_stream(
     State(service): ServiceState,
     Path(id): Path<String>,
-    Query(wanted): Query<EventQuery>,
+    Query(query): Query<EventQuery>,
     headers: HeaderMap,
 ) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
-    Ok(event_stream::sse_response(event_stream::job_events(service, job.id, after(&headers, wanted))))
+    Ok(event_stream::sse_response(event_stream::job_events(service, job.id, start_line(&headers, query))))
 }
 
-pub async fn socket_of_job(
+pub async fn job_socket(
     State(service): ServiceState,
     Extension(permit): Extension<StreamPermit>,
     Path(id): Path<String>,
-    Query(wanted): Query<EventQuery>,
+    Query(query): Query<EventQuery>,
     headers: HeaderMap,
     upgrade: WebSocketUpgrade,
 ) -> Result<Response, Problem> {
     let job = found_job(&service, &id)?;
-    let told = event_stream::job_events(service, job.id, after(&headers, wanted));
-    Ok(socket(upgrade, permit, told))
+    let events = event_stream::job_events(service, job.id, start_line(&headers, query));
+    Ok(socket(upgrade, permit, events))
 }
 
-pub async fn of_robots(State(service): ServiceState) -> Response {
+pub async fn robot_stream(State(service): ServiceState) -> Response {
     event_stream::sse_response(event_stream::robot_events(service))
 }
 
-pub async fn socket_of_robots(
+pub async fn robot_socket(
     State(service): ServiceState,
     Extension(permit): Extension<StreamPermit>,
     upgrade: WebSocketUpgrade,
@@ -66,10 +67,10 @@ pub async fn socket_of_robots(
 fn socket(
     upgrade: WebSocketUpgrade,
     permit: StreamPermit,
-    told: impl Stream<Item = StreamEvent> + Send + 'static,
+    events: impl Stream<Item = StreamEvent> + Send + 'static,
 ) -> Response {
     upgrade.max_message_size(MAX_HEARD).on_upgrade(|socket| async move {
-        event_stream::on_socket(socket, told).await;
+        event_stream::on_socket(socket, events).await;
         drop(permit);
     })
 }

@@ -22,9 +22,9 @@ use super::Service;
 use super::job_store::JobState;
 
 /// Minimum time between two events about the robots.
-const BETWEEN: Duration = Duration::from_millis(100);
+const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval at which a log is read even if no change was reported.
-const LOOK: Duration = Duration::from_secs(1);
+const LOG_POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of bytes that are read from a log at a time.
 const CHUNK: u64 = 1 << 20;
 
@@ -63,19 +63,19 @@ impl StreamEvent {
 }
 
 /// Sends a stream as server-sent events.
-pub fn sse_response(told: impl Stream<Item = StreamEvent> + Send + 'static) -> Response {
-    let events = told.map(|told| Ok::<_, Infallible>(told.into_sse()));
+pub fn sse_response(events: impl Stream<Item = StreamEvent> + Send + 'static) -> Response {
+    let events = events.map(|event| Ok::<_, Infallible>(event.into_sse()));
     Sse::new(events).keep_alive(KeepAlive::default()).into_response()
 }
 
 /// Sends a stream on a WebSocket until it ends or the client closes the connection. Messages of the client are ignored.
-pub async fn on_socket(mut socket: WebSocket, told: impl Stream<Item = StreamEvent> + Send + 'static) {
-    let mut told = pin!(told);
+pub async fn on_socket(mut socket: WebSocket, events: impl Stream<Item = StreamEvent> + Send + 'static) {
+    let mut events = pin!(events);
     let mut unanswered = 0;
     loop {
         let sent = tokio::select! {
-            next = told.next() => match next {
-                Some(told) => timeout(PING, socket.send(told.message())).await.is_ok_and(|sent| sent.is_ok()),
+            next = events.next() => match next {
+                Some(event) => timeout(PING, socket.send(event.message())).await.is_ok_and(|sent| sent.is_ok()),
                 None => break,
             },
             heard = socket.recv() => {
@@ -104,8 +104,8 @@ pub fn job_events(service: Arc<Service>, id: String, after: u64) -> impl Stream<
     unfold((service, id, changes, lines), |(service, id, mut changes, mut lines)| async move {
         loop {
             if let Some((number, line)) = lines.next() {
-                let told = StreamEvent { event: "log", id: Some(number), data: line };
-                return Some((told, (service, id, changes, lines)));
+                let event = StreamEvent { event: "log", id: Some(number), data: line };
+                return Some((event, (service, id, changes, lines)));
             }
             let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
             changes.mark_unchanged();
@@ -123,7 +123,7 @@ pub fn job_events(service: Arc<Service>, id: String, after: u64) -> impl Stream<
 
 async fn wait(changes: &mut watch::Receiver<u64>) {
     // The log is read after a change and after the timeout.
-    let _ = timeout(LOOK, changes.changed()).await;
+    let _ = timeout(LOG_POLL_INTERVAL, changes.changed()).await;
 }
 
 /// Reader of a growing log.
@@ -169,17 +169,17 @@ impl LogTail {
 /// Returns the state of all robots now and after each change.
 pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
     let changes = service.shared.changes.subscribe();
-    unfold((service, changes, String::new()), |(service, mut changes, mut told)| async move {
+    unfold((service, changes, String::new()), |(service, mut changes, mut sent)| async move {
         loop {
             changes.mark_unchanged();
             let now = json_line(&service.robots());
-            if now != told {
-                told.clone_from(&now);
+            if now != sent {
+                sent.clone_from(&now);
                 let next = StreamEvent { event: "robots", id: None, data: now.trim_end().to_owned() };
-                return Some((next, (service, changes, told)));
+                return Some((next, (service, changes, sent)));
             }
             wait(&mut changes).await;
-            sleep(BETWEEN).await;
+            sleep(MIN_EVENT_INTERVAL).await;
         }
     })
 }

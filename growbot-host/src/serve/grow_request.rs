@@ -2,13 +2,16 @@
 
 use std::path::{Path, PathBuf};
 
+use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{parse_goal, parse_pose};
+use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
+use growbot_core::hash::Hasher;
 use growbot_core::plan::Planner;
 use growbot_core::robot::Robot;
-use growbot_scene::scene_file::{LoadedScene, load};
+use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -38,6 +41,10 @@ pub struct GrowRequest {
     /// absolute path of a file.
     #[serde(default)]
     pub scene: Option<String>,
+    /// Minimum distance between the outside of the tube and the scene, mm. The default is `margin_mm` of the scene, or
+    /// else the deviation that is expected of the robot.
+    #[schemars(range(min = 0.0, max = 1e7))]
+    pub margin_mm: Option<f64>,
     /// Measure each layer, and plan the rest of the path again from the measured tip.
     #[serde(default)]
     pub feedback: bool,
@@ -60,6 +67,13 @@ pub struct PlanInScene {
 }
 
 impl GrowRequest {
+    /// Returns the hash of the request, by which a repetition with the same idempotency key is recognised.
+    pub fn hash(&self) -> String {
+        let mut hasher = Hasher::default();
+        hasher.write_bytes(json_line(self).as_bytes());
+        format!("{:016x}", hasher.finish())
+    }
+
     /// Returns the plan. `robot` is the robot that is to grow it.
     pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
         let scene = self.scene_file(places, access)?;
@@ -81,6 +95,18 @@ impl GrowRequest {
         scene_store::find(places, name).map(Some)
     }
 
+    /// Loads a scene, with the margin of the request if there is one.
+    fn load(&self, file: &Path) -> Result<LoadedScene, Problem> {
+        let mut loaded = load(file).map_err(Problem::bad)?;
+        if let Some(margin) = self.margin_mm {
+            if !(0.0..=MAX_LENGTH).contains(&margin) {
+                return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH}")));
+            }
+            loaded.margin = Some(margin);
+        }
+        Ok(loaded)
+    }
+
     fn given(&self, plan: &Value, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
         let opened = plan_file::read_in_scene(&plan.to_string(), "the plan", None, scene);
         let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
@@ -93,11 +119,13 @@ impl GrowRequest {
                 robot.hash()
             )));
         }
-        let (Some(file), None) = (scene, &within) else { return Ok(PlanInScene { plan, scene: within }) };
-        // The plan was made without the scene.
-        let loaded = load(file).map_err(Problem::bad)?;
-        match scene_planning::check_clearance(&plan, robot, &file.display().to_string(), &loaded) {
-            Ok(clearance) => plan.scene = Some(clearance),
+        let (Some(file), true) = (scene, within.is_none() || self.margin_mm.is_some()) else {
+            return Ok(PlanInScene { plan, scene: within });
+        };
+        // The plan was made without the scene, or for another margin.
+        let loaded = self.load(file)?;
+        match scene_planning::attach_scene(&mut plan, robot, &file.display().to_string(), &loaded) {
+            Ok(()) => {}
             Err(_) if self.ignore_scene => {}
             Err(unclear) => return Err(Problem::bad(format!("{unclear}; or set ignore_scene"))),
         }
@@ -118,11 +146,11 @@ impl GrowRequest {
             let plan = Plan::through_waypoints(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
             return Ok(PlanInScene { plan, scene: None });
         };
-        let loaded = load(file).map_err(Problem::bad)?;
+        let loaded = self.load(file)?;
         let through = SceneOptions {
             file: &file.display().to_string(),
             loaded: &loaded,
-            margin: loaded.margin,
+            margin: planning_margin_mm(robot, &loaded),
             grown: None,
             effort: EFFORT,
             deadline: None,

@@ -40,7 +40,7 @@ impl RobotWorker {
         if !permit.is_valid() {
             return refuse(&reply, VOIDED);
         }
-        let orders = self.announce_growth(&job, permit);
+        let commands = self.announce_growth(&job, permit);
         let board_job = BoardJob::of_plan(&robot, &plan);
         let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
         let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
@@ -49,7 +49,7 @@ impl RobotWorker {
             around.iter().fold(feedback, Feedback::with_scene)
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let remedy = "set a larger margin_mm in the scene or another radius for the plan, or set ignore_scene";
+            let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
             return self.refuse_growth(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
@@ -63,19 +63,19 @@ impl RobotWorker {
             Ok(log) => log,
             Err(error) => return self.refuse_growth(&reply, &error.to_string()),
         };
-        if orders.stop_requested() {
+        if commands.stop_requested() {
             log.discard();
             return self.refuse_growth(&reply, VOIDED);
         }
         self.set_job_state(&job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &orders, Some(reply));
+        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands, Some(reply));
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         let BoardConnection { client, simulation, .. } = connection;
         let grown =
             grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
-                grow_job(client, &board_job, manner, &orders, on_event)
+                grow_job(client, &board_job, manner, &commands, on_event)
             });
-        growing.end(grown, &plan)
+        growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
     /// Resumes an unfinished job at a client's request.
@@ -111,7 +111,7 @@ impl RobotWorker {
         reply: Option<Reply>,
         may: impl FnOnce(State) -> Result<(), String>,
     ) -> LinkState {
-        let orders = self.announce_growth(job, permit);
+        let commands = self.announce_growth(job, permit);
         let hello = match connection.client.identify() {
             Ok(hello) => hello,
             Err(error) => return LinkState::Lost(error.to_string()),
@@ -127,8 +127,11 @@ impl RobotWorker {
                 return Err(stored.to_string());
             }
             may(hello.status.state)?;
-            let scene = record.feedback.is_some().then(|| record.scene(&plan, &robot, None)).transpose();
-            let scene = scene.map_err(|error| error.to_string())?.flatten();
+            let scene = match (record.scene(&plan, &robot, None), record.feedback.is_some()) {
+                (Err(error), true) => return Err(error.to_string()),
+                // Without feedback, the scene serves only to compare the finished body with it.
+                (scene, _) => scene.ok().flatten(),
+            };
             Ok((record, robot, plan, scene))
         };
         let (record, robot, plan, scene) = match opened() {
@@ -160,21 +163,22 @@ impl RobotWorker {
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
         (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
+        let around = scene.as_ref().filter(|_| record.feedback.is_some());
+        let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
         let feedback = record.feedback(&board_job, &plan, around.as_ref());
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.set_job_state(job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &orders, reply);
+        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands, reply);
         let grown = resume_job(
             &mut connection.client,
             &board_job,
             record.known_layers(),
             OnInterrupted::Redo,
             manner,
-            &orders,
+            &commands,
             &mut |event| growing.ingest(event),
         );
-        growing.end(grown, &plan)
+        growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
     /// Ends the job of a board that was stopped when the connection was back, because a stop was ordered meanwhile.
@@ -188,15 +192,15 @@ impl RobotWorker {
     /// Makes a growth known before it is prepared, so that commands reach it from its first moment.
     fn announce_growth(&self, job: &Job, permit: Permit) -> Arc<CommandQueue> {
         let is_continuation = permit.is_continuation();
-        let orders = Arc::new(CommandQueue::new(permit));
+        let commands = Arc::new(CommandQueue::new(permit));
         self.update_state(|known| {
             if std::mem::take(&mut known.pauses_on_reconnect) && is_continuation {
-                orders.push(Command::Pause);
+                commands.push(Command::Pause);
             }
-            (known.commands, known.command_error) = (Some(Arc::clone(&orders)), None);
+            (known.commands, known.command_error) = (Some(Arc::clone(&commands)), None);
             known.job = Some(job.id.clone());
         });
-        orders
+        commands
     }
 
     /// Withdraws the announcement of a growth that does not begin.
@@ -214,6 +218,13 @@ impl RobotWorker {
         self.with_notification_context(|about| {
             self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why);
         });
+    }
+
+    /// Records that the board no longer has the bodies of the robot's interrupted jobs.
+    pub(super) fn give_up_interrupted(&self, why: &str) {
+        if let Err(error) = self.shared.jobs().give_up_interrupted(&self.name, why) {
+            crate::warning!("{error}");
+        }
     }
 
     /// Records the state of a job.
@@ -242,8 +253,8 @@ struct RunningJob<'a> {
     keeper: &'a RobotWorker,
     job: &'a Job,
     log: RunLog,
-    orders: Arc<CommandQueue>,
-    live: Arc<LiveGrowth>,
+    commands: Arc<CommandQueue>,
+    live_growth: Arc<LiveGrowth>,
     forecast: Option<Forecast>,
     layers: u32,
     laid: u32,
@@ -258,20 +269,21 @@ impl<'a> RunningJob<'a> {
         board_job: &BoardJob,
         known: &[Option<LayerBytes>],
         mut log: RunLog,
-        orders: &Arc<CommandQueue>,
+        commands: &Arc<CommandQueue>,
         reply: Option<Reply>,
     ) -> Self {
-        let live = LiveGrowth::new(board_job, known, Some(Arc::clone(orders)));
-        live.set_pace(keeper.pace());
+        let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(commands)));
+        live_growth.set_pace(keeper.pace());
         let period_s = board_job.robot.description().layer.period_s;
         let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
         log.set_forecast(forecast);
-        keeper.update_state(|known| known.live_growth = Some(Arc::clone(&live)));
-        Self { keeper, job, log, orders: Arc::clone(orders), live, forecast, layers: job.layers, laid: job.laid, reply }
+        keeper.update_state(|known| known.live_growth = Some(Arc::clone(&live_growth)));
+        let commands = Arc::clone(commands);
+        Self { keeper, job, log, commands, live_growth, forecast, layers: job.layers, laid: job.laid, reply }
     }
 
     fn ingest(&mut self, event: &JobEvent) {
-        self.live.ingest(event);
+        self.live_growth.ingest(event);
         if let Err(error) = self.log.record(event) {
             self.keeper.update_state(|known| known.command_error = Some(error.to_string()));
         }
@@ -310,6 +322,8 @@ impl<'a> RunningJob<'a> {
     /// Informs the client that the job has started.
     fn confirm_start(&mut self) {
         if let Some(reply) = self.reply.take() {
+            // A board has one body, so it has discarded that of any other job.
+            self.keeper.give_up_interrupted("discarded: the robot has begun another job");
             let _ = reply.send(Ok(()));
         }
     }
@@ -321,13 +335,19 @@ impl<'a> RunningJob<'a> {
     }
 
     /// Records the outcome of the growth.
-    fn end(mut self, grown: Result<GrowthReport, GrowthError>, plan: &Plan) -> LinkState {
+    fn end(
+        mut self,
+        grown: Result<GrowthReport, GrowthError>,
+        (robot, plan): (&Robot, &Plan),
+        scene: Option<&LoadedScene>,
+    ) -> LinkState {
         self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
         let simulated = self.keeper.is_simulated();
         match grown {
             Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
             Ok(grown) => {
-                let mut result = GrowthResult::new(&grown, plan, None, simulated);
+                let mut result =
+                    GrowthResult::new(&grown, (robot, plan), scene.map(|loaded| &loaded.scene), None, simulated);
                 let missing = self.log.missing_lines();
                 result.log_lines_missing = (missing > 0).then_some(missing);
                 self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
@@ -360,15 +380,15 @@ impl<'a> RunningJob<'a> {
     /// Leaves a job that continues or waits without its host. The thread follows it again when the connection is back.
     /// Before that it delivers a stop that the board has not confirmed.
     fn detach(&mut self, why: &str) -> LinkState {
-        self.live.supersede();
-        let pauses = self.orders.pause_waits();
+        self.live_growth.supersede();
+        let pauses = self.commands.pause_waits();
         self.keeper.update_state(|known| known.pauses_on_reconnect = pauses);
         self.confirm_start();
         LinkState::Lost(why.to_owned())
     }
 
     fn close(&mut self, result: &GrowthResult, why: Option<String>) {
-        self.live.end(result.clone());
+        self.live_growth.end(result.clone());
         if let Err(error) = self.log.end(result) {
             crate::warning!("{error}");
         }

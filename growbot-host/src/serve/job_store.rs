@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::ServicePaths;
 
 /// Version of the tables, `PRAGMA user_version`. It rises with each change of [`TABLES`].
-const VERSION: i64 = 3;
+const VERSION: i64 = 4;
 
 /// The jobs, the queued notices, and the condition of each robot that was reported last.
 const TABLES: &str = "
@@ -29,9 +29,9 @@ const TABLES: &str = "
         created_utc TEXT NOT NULL,
         ended_utc TEXT,
         why TEXT,
-        idempotency_key TEXT UNIQUE
+        idempotency_key TEXT UNIQUE,
+        request_hash TEXT
     ) STRICT;
-    CREATE INDEX job_by_time ON job (created_utc);
     CREATE TABLE notice (
         id INTEGER PRIMARY KEY AUTOINCREMENT,
         channel TEXT NOT NULL,
@@ -79,7 +79,7 @@ pub enum JobStoreError {
 
 impl JobStoreError {
     /// Converts an error of the operating system about a file.
-    pub fn of(path: &Path, error: &std::io::Error) -> Self {
+    pub fn from_io(path: &Path, error: &std::io::Error) -> Self {
         Self::File { path: path.to_path_buf(), reason: error.to_string() }
     }
 }
@@ -168,13 +168,13 @@ const COLUMNS: &str =
 impl JobStore {
     /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
     pub fn open(places: &ServicePaths) -> Result<Self, JobStoreError> {
-        places.create().map_err(|error| JobStoreError::of(places.state_dir(), &error))?;
+        places.create().map_err(|error| JobStoreError::from_io(places.state_dir(), &error))?;
         let path = places.database();
         let is_new = !path.exists();
         let mut jobs = Self { database: Connection::open(&path)?, logs: places.logs() };
         if !is_new && !jobs.is_sound() {
             let aside = path.with_extension("damaged");
-            fs::rename(&path, &aside).map_err(|error| JobStoreError::of(&path, &error))?;
+            fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, &error))?;
             crate::warning!(
                 "the list of jobs is damaged: it was rebuilt from the run logs, and the old file is kept as {}",
                 aside.display()
@@ -220,13 +220,16 @@ impl JobStore {
 
     fn is_sound(&self) -> bool {
         let checked: Result<String, _> = self.database.query_row("PRAGMA integrity_check", [], |row| row.get(0));
-        checked.is_ok_and(|said| said == "ok")
+        checked.is_ok_and(|result| result == "ok")
     }
 
     /// Enters a job for each run log.
     fn rebuild(&self) -> Result<(), JobStoreError> {
-        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::of(&self.logs, &error))?;
-        for path in entries.flatten().map(|entry| entry.path()) {
+        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::from_io(&self.logs, &error))?;
+        // Jobs are listed in the order in which they are entered.
+        let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+        paths.sort();
+        for path in paths {
             let Some(id) = path.file_stem().and_then(|id| id.to_str()) else { continue };
             let Some((_, robot)) = id.split_once('_') else { continue };
             let record = match RecordedRun::open(&path) {
@@ -276,11 +279,11 @@ impl JobStore {
         self.logs.join(format!("{id}.jsonl"))
     }
 
-    /// Enters a job. `key` is its idempotency key.
-    pub fn insert(&self, job: &Job, key: Option<&str>) -> Result<(), JobStoreError> {
+    /// Enters a job. `request` has its idempotency key and the hash of its request.
+    pub fn insert(&self, job: &Job, request: Option<(&str, &str)>) -> Result<(), JobStoreError> {
         let insert = format!(
-            "INSERT INTO job ({COLUMNS}, idempotency_key) VALUES (:id, :robot, :name, :state, :plan_id, \
-             :layers, :laid, :length_mm, :simulated, :ignore_scene, :created_utc, :ended_utc, :why, :key)"
+            "INSERT INTO job ({COLUMNS}, idempotency_key, request_hash) VALUES (:id, :robot, :name, :state, :plan_id, \
+             :layers, :laid, :length_mm, :simulated, :ignore_scene, :created_utc, :ended_utc, :why, :key, :hash)"
         );
         self.database.execute(
             &insert,
@@ -288,15 +291,23 @@ impl JobStore {
                 ":id": job.id, ":robot": job.robot, ":name": job.name, ":state": job.state.name(),
                 ":plan_id": job.plan_id, ":layers": job.layers, ":laid": job.laid, ":length_mm": job.length_mm,
                 ":simulated": job.simulated, ":ignore_scene": job.ignore_scene, ":created_utc": job.created_utc, ":ended_utc": job.ended_utc,
-                ":why": job.reason, ":key": key,
+                ":why": job.reason, ":key": request.map(|(key, _)| key), ":hash": request.map(|(_, hash)| hash),
             },
         )?;
         Ok(())
     }
 
-    /// Returns the job that was created with this idempotency key.
-    pub fn find_by_key(&self, key: &str) -> Result<Option<Job>, JobStoreError> {
-        self.one("idempotency_key = ?1", key)
+    /// Returns the job that was created with this idempotency key, and the hash of its request.
+    pub fn find_by_key(&self, key: &str) -> Result<Option<(Job, String)>, JobStoreError> {
+        let query = format!("SELECT {COLUMNS}, request_hash FROM job WHERE idempotency_key = ?1");
+        Ok(self.database.query_row(&query, [key], |row| Ok((of_row(row)?, row.get(13)?))).optional()?)
+    }
+
+    /// Ends the interrupted jobs of a robot whose board no longer has their bodies, so they cannot be resumed.
+    pub fn give_up_interrupted(&self, robot: &str, why: &str) -> Result<(), JobStoreError> {
+        let update = "UPDATE job SET state = 'failed', why = ?2 WHERE robot = ?1 AND state = 'interrupted'";
+        self.database.execute(update, (robot, why))?;
+        Ok(())
     }
 
     /// Returns the job with this identifier.
@@ -311,13 +322,14 @@ impl JobStore {
     }
 
     fn one(&self, which: &str, value: &str) -> Result<Option<Job>, JobStoreError> {
-        let query = format!("SELECT {COLUMNS} FROM job WHERE {which} ORDER BY created_utc DESC LIMIT 1");
+        let query = format!("SELECT {COLUMNS} FROM job WHERE {which} ORDER BY rowid DESC LIMIT 1");
         Ok(self.database.query_row(&query, [value], of_row).optional()?)
     }
 
-    /// Returns the latest jobs, newest first.
+    /// Returns the latest jobs, newest first. They have the order in which they were entered, because the clock may be set
+    /// back.
     pub fn latest(&self, max: u32) -> Result<Vec<Job>, JobStoreError> {
-        let query = format!("SELECT {COLUMNS} FROM job ORDER BY created_utc DESC, id DESC LIMIT ?1");
+        let query = format!("SELECT {COLUMNS} FROM job ORDER BY rowid DESC LIMIT ?1");
         let mut statement = self.database.prepare(&query)?;
         let rows = statement.query_map([max], of_row)?;
         Ok(rows.collect::<Result<_, _>>()?)
@@ -395,7 +407,7 @@ mod tests {
         database.execute_batch(TABLES).unwrap();
         database.pragma_update(None, "user_version", version).unwrap();
         let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
-                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key')";
+                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key', 'a hash')";
         database.execute(job, []).unwrap();
         (directory, places)
     }
@@ -404,8 +416,43 @@ mod tests {
     fn a_database_of_this_version_keeps_its_jobs() {
         let (_directory, places) = of_version(VERSION);
         for _ in 0..2 {
-            let job = JobStore::open(&places).unwrap().find_by_key("a key").unwrap().unwrap();
+            let (job, hash) = JobStore::open(&places).unwrap().find_by_key("a key").unwrap().unwrap();
+            assert_eq!(hash, "a hash");
             assert_eq!((job.id.as_str(), job.laid, job.state), ("20261123T014500123_lab", 78, JobState::Done));
+        }
+    }
+
+    #[test]
+    fn jobs_keep_their_order_when_the_clock_is_set_back() {
+        let (_directory, places) = of_version(VERSION);
+        let jobs = JobStore::open(&places).unwrap();
+        let first = jobs.get("20261123T014500123_lab").unwrap().unwrap();
+        let later = Job {
+            id: "20261122T230000000_lab".to_owned(),
+            created_utc: "2026-11-22T23:00:00.000Z".to_owned(),
+            state: JobState::Interrupted,
+            ..first
+        };
+        jobs.insert(&later, Some(("another key", "another hash"))).unwrap();
+        let listed: Vec<String> = jobs.latest(9).unwrap().into_iter().map(|job| job.id).collect();
+        assert_eq!(listed, ["20261122T230000000_lab", "20261123T014500123_lab"]);
+    }
+
+    #[test]
+    fn bodies_that_the_board_no_longer_has_cannot_be_resumed() {
+        let (_directory, places) = of_version(VERSION);
+        let jobs = JobStore::open(&places).unwrap();
+        let id = "20261123T014500123_lab";
+        let state_after = |before: JobState, robot: &str| {
+            jobs.set_state(id, before, Some("stopped")).unwrap();
+            jobs.give_up_interrupted(robot, "discarded").unwrap();
+            let job = jobs.get(id).unwrap().unwrap();
+            (job.state, job.reason.unwrap_or_default())
+        };
+        assert_eq!(state_after(JobState::Interrupted, "lab"), (JobState::Failed, "discarded".to_owned()));
+        assert_eq!(state_after(JobState::Interrupted, "other").0, JobState::Interrupted);
+        for state in [JobState::Active, JobState::Done] {
+            assert_eq!(state_after(state, "lab").0, state);
         }
     }
 
@@ -427,7 +474,7 @@ mod tests {
 
     #[test]
     fn a_database_of_another_release_is_refused_unchanged() {
-        for (version, which) in [(1, "an earlier"), (2, "an earlier"), (VERSION + 1, "a later")] {
+        for (version, which) in [(1, "an earlier"), (VERSION - 1, "an earlier"), (VERSION + 1, "a later")] {
             let (_directory, places) = of_version(version);
             let message = JobStore::open(&places).err().unwrap().to_string();
             let found = format!("{which} release of growbot (tables {version}, this release uses {VERSION})");

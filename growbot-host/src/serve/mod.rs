@@ -153,20 +153,20 @@ impl Service {
     pub fn start(
         places: ServicePaths,
         robots: &BTreeMap<String, RobotEntry>,
-        notify: &NotifyEntry,
+        receivers: &NotifyEntry,
     ) -> Result<Self, StartError> {
         let jobs = JobStore::open(&places)?;
         let audit = Audit::open(&places.audit())?;
-        let (notify, tellers) = Notifier::new(notify, &places)?;
+        let (notifier, threads) = Notifier::new(receivers, &places)?;
         let shared = Arc::new(ServiceContext {
             job_writer: Mutex::new(jobs),
             job_reader: Mutex::new(JobStore::open_to_read(&places)?),
             audit,
-            notifier: notify,
+            notifier,
             previews: Mutex::default(),
             changes: watch::Sender::new(0),
         });
-        tellers.start(&shared);
+        threads.start(&shared);
         let robots = robots
             .iter()
             .map(|(name, entry)| (name.clone(), RobotWorker::start(name, entry, &places, Arc::clone(&shared))))

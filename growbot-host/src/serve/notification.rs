@@ -153,11 +153,11 @@ impl AlertState {
         [self.fault.map(|fault| Fault::code(fault).to_owned()).unwrap_or_default(), pause.unwrap_or_default()]
     }
 
-    /// Returns the notices that are due if `told` is the condition that was reported last.
-    fn since(&self, told: &[String; 2], about: &NotificationContext) -> Vec<Notification> {
+    /// Returns the notices that are due if `reported` is the condition that was reported last.
+    fn since(&self, reported: &[String; 2], about: &NotificationContext) -> Vec<Notification> {
         let now = self.to_columns();
-        let fault = self.fault.filter(|_| now[0] != told[0]);
-        let pause = self.pause.filter(|_| now[1] != told[1]);
+        let fault = self.fault.filter(|_| now[0] != reported[0]);
+        let pause = self.pause.filter(|_| now[1] != reported[1]);
         let fault = fault.map(|fault| about.notice(NotificationEvent::Fault, Some(fault), Some(fault.explanation())));
         let pause = pause.map(|(cause, _)| {
             let event = match cause {
@@ -211,8 +211,9 @@ impl JobStore {
         condition: &AlertState,
     ) -> Result<Vec<Notification>, JobStoreError> {
         let query = "SELECT fault, pause FROM told WHERE robot = ?1";
-        let told = self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
-        Ok(condition.since(&told.unwrap_or_default(), about))
+        let reported =
+            self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
+        Ok(condition.since(&reported.unwrap_or_default(), about))
     }
 
     /// Records the condition of a robot that was reported last, so that a restart does not report it again.
@@ -270,29 +271,29 @@ mod tests {
     fn each_fault_pause_and_empty_spool_is_notified_once() {
         let (_directory, jobs) = jobs();
         let about = NotificationContext { robot: "lab", simulated: true, job: Some("a"), laid: 12, layers: 78 };
-        let tell = |fault, pause| {
+        let notices = |fault, pause| {
             let condition = AlertState { fault, pause };
             let news = jobs.new_notifications(&about, &condition).unwrap();
             jobs.set_notified("lab", &condition).unwrap();
             news.into_iter().map(|notice| (notice.event, notice.message)).collect::<Vec<_>>()
         };
-        let asked = Some((PauseCause::Requested, 12));
-        assert_eq!(tell(None, None), []);
+        let pause = Some((PauseCause::Requested, 12));
+        assert_eq!(notices(None, None), []);
         assert_eq!(
-            tell(None, asked),
+            notices(None, pause),
             [(NotificationEvent::Pause, "simulated robot lab pauses after layer 12 of 78: on request".to_owned())]
         );
-        assert_eq!(tell(None, asked), [], "as after a restart");
-        assert_eq!(tell(None, None), []);
-        assert_eq!(tell(None, Some((PauseCause::Requested, 13))).len(), 1);
-        let runout = tell(None, Some((PauseCause::FilamentOut, 14)));
+        assert_eq!(notices(None, pause), [], "as after a restart");
+        assert_eq!(notices(None, None), []);
+        assert_eq!(notices(None, Some((PauseCause::Requested, 13))).len(), 1);
+        let runout = notices(None, Some((PauseCause::FilamentOut, 14)));
         assert!(runout[0].0 == NotificationEvent::FilamentRunout && runout[0].1.contains("load a spool"), "{runout:?}");
-        let fault = tell(Some(Fault::WatchdogReset), None);
+        let fault = notices(Some(Fault::WatchdogReset), None);
         assert!(
             fault[0].0 == NotificationEvent::Fault && fault[0].1.contains(Fault::WatchdogReset.explanation()),
             "{fault:?}"
         );
-        assert_eq!(tell(Some(Fault::WatchdogReset), None), []);
+        assert_eq!(notices(Some(Fault::WatchdogReset), None), []);
     }
 
     #[test]

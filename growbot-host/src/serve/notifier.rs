@@ -26,7 +26,7 @@ use super::server::write_secret;
 use super::{JobStoreError, ServiceContext, ServicePaths};
 
 /// Timeout of a webhook's response.
-const ANSWER: Duration = Duration::from_secs(10);
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Timeout of a command. The service kills it afterwards.
 const COMMAND: Duration = Duration::from_secs(60);
 /// Delay before the first retry of a notice. It doubles with each further retry.
@@ -87,9 +87,9 @@ enum NotificationSink {
 impl Notifier {
     /// Creates the channels of the settings.
     pub fn new(entry: &NotifyEntry, places: &ServicePaths) -> Result<(Self, NotifierThreads), NotifyError> {
-        let mut tellers = Vec::new();
+        let mut sinks = Vec::new();
         if let Some(address) = &entry.webhook {
-            tellers.push((
+            sinks.push((
                 NotificationChannel::Webhook,
                 NotificationSink::Webhook(Box::new(Webhook::new(address, &places.webhook_secret())?)),
             ));
@@ -98,22 +98,22 @@ impl Notifier {
             if command.first().is_none_or(String::is_empty) {
                 return Err(NotifyError::Command);
             }
-            tellers.push((NotificationChannel::Command, NotificationSink::Command(command.clone())));
+            sinks.push((NotificationChannel::Command, NotificationSink::Command(command.clone())));
         }
         let mut notify = Self {
             channels: Vec::new(),
             events: entry.events.clone().unwrap_or_else(|| NotificationEvent::ALL.to_vec()),
         };
-        let start = |(channel, teller)| {
+        let start = |(channel, sink)| {
             let (wake, woken) = mpsc::channel();
             notify.channels.push((channel, Mutex::new(wake)));
-            (channel, woken, teller)
+            (channel, woken, sink)
         };
-        let tellers = tellers.into_iter().map(start).collect();
-        Ok((notify, NotifierThreads(tellers)))
+        let sinks = sinks.into_iter().map(start).collect();
+        Ok((notify, NotifierThreads(sinks)))
     }
 
-    fn tell(&self, shared: &ServiceContext, notice: &Notification) -> Result<(), JobStoreError> {
+    fn enqueue(&self, shared: &ServiceContext, notice: &Notification) -> Result<(), JobStoreError> {
         if !self.events.contains(&notice.event) {
             return Ok(());
         }
@@ -133,7 +133,7 @@ impl ServiceContext {
         if self.notifier.channels.is_empty() {
             return;
         }
-        if let Err(error) = self.notifier.tell(self, &about.notice(event, None, why)) {
+        if let Err(error) = self.notifier.enqueue(self, &about.notice(event, None, why)) {
             crate::warning!("cannot queue the notification {event:?}: {error}");
         }
     }
@@ -143,14 +143,14 @@ impl ServiceContext {
         if self.notifier.channels.is_empty() {
             return;
         }
-        let told = || -> Result<(), JobStoreError> {
+        let enqueue_all = || -> Result<(), JobStoreError> {
             let news = self.jobs().new_notifications(about, condition)?;
             // The notices are queued before the condition is recorded. If the service is killed in between, they are
             // sent twice, which is better than never.
-            news.iter().try_for_each(|notice| self.notifier.tell(self, notice))?;
+            news.iter().try_for_each(|notice| self.notifier.enqueue(self, notice))?;
             self.jobs().set_notified(about.robot, condition)
         };
-        if let Err(error) = told() {
+        if let Err(error) = enqueue_all() {
             crate::warning!("cannot queue notifications of robot {}: {error}", about.robot);
         }
     }
@@ -159,11 +159,10 @@ impl ServiceContext {
 impl NotifierThreads {
     /// Starts the threads. They send queued notices until the process ends.
     pub fn start(self, shared: &Arc<ServiceContext>) {
-        for (channel, woken, teller) in self.0 {
+        for (channel, woken, sink) in self.0 {
             let shared = Arc::clone(shared);
-            let spawned = thread::Builder::new()
-                .name(format!("{channel:?}"))
-                .spawn(move || run(&shared, channel, &woken, &teller));
+            let spawned =
+                thread::Builder::new().name(format!("{channel:?}")).spawn(move || run(&shared, channel, &woken, &sink));
             if let Err(error) = spawned {
                 crate::warning!("notifications by {channel:?} are off: cannot start a thread: {error}");
             }
@@ -171,12 +170,12 @@ impl NotifierThreads {
     }
 }
 
-fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<()>, teller: &NotificationSink) {
+fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<()>, sink: &NotificationSink) {
     loop {
         let next = shared.jobs().next_notification(channel);
         let wait = match next {
             Ok(Some(next)) if next.due_ms <= now_ms() => {
-                if let Err(error) = deliver(shared, &next, teller) {
+                if let Err(error) = deliver(shared, &next, sink) {
                     crate::warning!("{error}");
                     sleep(FIRST_RETRY_DELAY);
                 }
@@ -195,13 +194,13 @@ fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<(
 }
 
 /// Tries once to send a notice. If that fails, schedules a retry or gives the notice up.
-fn deliver(shared: &ServiceContext, next: &QueuedNotification, teller: &NotificationSink) -> Result<(), JobStoreError> {
-    let told = match teller {
+fn deliver(shared: &ServiceContext, next: &QueuedNotification, sink: &NotificationSink) -> Result<(), JobStoreError> {
+    let sent = match sink {
         NotificationSink::Webhook(webhook) => webhook.post(next),
         NotificationSink::Command(command) => call(command, &next.notice),
     };
-    let Err(why) = told else { return shared.jobs().remove_notification(next.id) };
-    let by = match teller {
+    let Err(why) = sent else { return shared.jobs().remove_notification(next.id) };
+    let by = match sink {
         NotificationSink::Webhook(webhook) => &webhook.host,
         NotificationSink::Command(command) => &command[0],
     };
@@ -227,7 +226,7 @@ impl Webhook {
             return Err(NotifyError::Address);
         };
         let agent = Agent::config_builder()
-            .timeout_global(Some(ANSWER))
+            .timeout_global(Some(RESPONSE_TIMEOUT))
             .max_redirects(0)
             .http_status_as_error(false)
             .user_agent(concat!("growbot/", env!("CARGO_PKG_VERSION")))
@@ -340,10 +339,11 @@ mod tests {
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
             fs::write(&path, wrong).unwrap();
-            let said = secret_of(&path).unwrap_err().to_string();
+            let message = secret_of(&path).unwrap_err().to_string();
             assert!(
-                said.contains("the service generates another secret") && (wrong.is_empty() || !said.contains(wrong)),
-                "{said}"
+                message.contains("the service generates another secret")
+                    && (wrong.is_empty() || !message.contains(wrong)),
+                "{message}"
             );
         }
     }

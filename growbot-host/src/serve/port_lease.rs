@@ -21,7 +21,7 @@ use super::problem::Problem;
 use super::robot_worker::{PendingRequest, RobotRequest, RobotWorker};
 
 /// Timeout of a lease request. The robot may be busy with a status request before it closes the port.
-const ANSWER: Duration = Duration::from_secs(10);
+const LEASE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Interval at which the service checks whether the lease has ended.
 const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
@@ -62,18 +62,18 @@ pub async fn lease_port(
     let keeper = Arc::clone(service.robot(&name).ok_or_else(|| Problem::not_found("robot", &name))?);
     let held = LeaseEndGuard(Arc::default());
     let loan = PortLease { to: to.clone(), is_over: Arc::clone(&held.0) };
-    let asked = spawn_blocking(move || {
+    let outcome = spawn_blocking(move || {
         let _begins = keeper.lock_job_start();
-        let asked = keeper.ensure_idle().and_then(|()| keeper.request(RobotRequest::Lend(loan), ANSWER));
+        let outcome = keeper.ensure_idle().and_then(|()| keeper.request(RobotRequest::Lend(loan), LEASE_TIMEOUT));
         service.shared.audit.note(
             CommandSource::Socket,
             &name,
             &format!("lend to {to}"),
-            asked.as_ref().err().map(String::as_str),
+            outcome.as_ref().err().map(String::as_str),
         );
-        asked
+        outcome
     });
-    asked.await.map_err(Problem::internal)?.map_err(Problem::conflict)?;
+    outcome.await.map_err(Problem::internal)?.map_err(Problem::conflict)?;
     // The stream sends no events. It ends when the client disconnects.
     let nothing = futures_util::stream::unfold(held, |held| async move {
         std::future::pending::<()>().await;
@@ -85,12 +85,12 @@ pub async fn lease_port(
 impl RobotWorker {
     /// Waits until a lease of the closed port ends. Rejects all requests in the meantime. The emergency stop has a thread
     /// of its own.
-    pub(super) fn wait_for_lease_end(&self, loan: &PortLease, asked: &Receiver<PendingRequest>) {
+    pub(super) fn wait_for_lease_end(&self, loan: &PortLease, requests: &Receiver<PendingRequest>) {
         let lent = format!("its port is in use by {}, which must end first", loan.to);
         self.update_state(|known| known.connection_error = Some(lent.clone()));
         while !loan.is_over.load(Ordering::Acquire) {
-            let Ok(asked) = asked.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
-            self.answer_without_board(asked, || format!("robot {}: {lent}", self.name));
+            let Ok(pending) = requests.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
+            self.respond_without_board(pending, || format!("robot {}: {lent}", self.name));
         }
     }
 }

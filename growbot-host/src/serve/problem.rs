@@ -5,11 +5,16 @@ use std::time::Duration;
 use aide::OperationOutput;
 use aide::generate::GenContext;
 use aide::openapi::{Operation, Response as Described};
-use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
+use axum::http::{Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use schemars::JsonSchema;
 use serde::Serialize;
+
+use super::api::PREFIX;
+
+/// Remedy for a request that the service does not know. A page that was open during an update sends such requests.
+const RELOAD: &str = "reload the page, or update the program, that sent it";
 
 /// Reason why a request failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
@@ -31,6 +36,13 @@ impl Problem {
     /// The requested object does not exist.
     pub fn not_found(what: &str, name: &str) -> Self {
         Self::new(StatusCode::NOT_FOUND, "not found", format!("no {what} {name:?}"))
+    }
+
+    /// The interface has no such route.
+    pub fn unknown_route(method: &Method, path: &str) -> Self {
+        let detail =
+            format!("this release has no route {method} {path}: {RELOAD}; GET {PREFIX}/openapi.json lists the routes");
+        Self::new(StatusCode::NOT_FOUND, "not found", detail)
     }
 
     /// The request is invalid.
@@ -75,9 +87,16 @@ impl Problem {
     }
 
     /// An HTTP error with its status and text, for requests that were rejected before a handler ran.
-    pub fn of(status: StatusCode, said: &str) -> Self {
+    pub fn from_status(status: StatusCode, text: &str) -> Self {
         let reason = status.canonical_reason().unwrap_or("refused");
-        Self::new(status, reason, if said.is_empty() { reason } else { said })
+        match status {
+            _ if text.is_empty() => Self::new(status, reason, reason),
+            // The body or the query has other fields than this release.
+            StatusCode::BAD_REQUEST | StatusCode::UNPROCESSABLE_ENTITY => {
+                Self::new(status, reason, format!("{text}: correct the request, or {RELOAD}"))
+            }
+            _ => Self::new(status, reason, text),
+        }
     }
 
     /// The service has failed.

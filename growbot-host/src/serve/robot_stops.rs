@@ -77,7 +77,7 @@ impl RobotWorker {
     /// Voids all earlier orders if the board has entered a stop or a fault that this service has not ordered.
     pub(super) fn void_if_stopped_elsewhere(&self, state: State) {
         let is_off = |state| matches!(state, State::Stopped | State::EmergencyStop | State::Fault);
-        let was_on = self.state().status.as_ref().is_some_and(|status| !is_off(status.state));
+        let was_on = self.lock_state().status.as_ref().is_some_and(|status| !is_off(status.state));
         if was_on && is_off(state) && self.signal.level().is_none() {
             self.signal.void();
         }

@@ -118,7 +118,7 @@ pub enum RobotRequest {
 
 /// A request in the queue of a robot's thread, with the channel on which its response is sent.
 pub struct PendingRequest {
-    pub ask: RobotRequest,
+    pub request: RobotRequest,
     pub reply: Sender<Result<(), String>>,
     claim: Claim,
 }
@@ -144,9 +144,9 @@ impl Claim {
 }
 
 impl PendingRequest {
-    pub(super) fn answer(self, answer: Result<(), String>) {
+    pub(super) fn respond(self, response: Result<(), String>) {
         // The caller may no longer wait for the response.
-        let _ = self.reply.send(answer);
+        let _ = self.reply.send(response);
     }
 }
 
@@ -156,7 +156,7 @@ pub struct RobotWorker {
     pub(super) entry: RobotEntry,
     pub(super) shared: Arc<ServiceContext>,
     known: Mutex<WorkerState>,
-    asks: Sender<PendingRequest>,
+    requests: Sender<PendingRequest>,
     pub(super) connector: Arc<dyn Connector>,
     /// Stops of the robot, and the permits of the orders to it.
     pub(super) signal: Arc<StopSignal>,
@@ -218,7 +218,7 @@ impl RobotWorker {
         places: &ServicePaths,
         shared: Arc<ServiceContext>,
     ) -> Arc<Self> {
-        let (asks, asked) = mpsc::channel();
+        let (sender, requests) = mpsc::channel();
         let signal = Arc::<StopSignal>::default();
         let (stop_file, left) = StopFile::open(places, name);
         // No permit is valid until the board has confirmed this stop.
@@ -233,7 +233,7 @@ impl RobotWorker {
             entry: entry.clone(),
             shared,
             known,
-            asks,
+            requests: sender,
             connector,
             signal,
             stop_file,
@@ -243,20 +243,20 @@ impl RobotWorker {
             job_start: Mutex::default(),
         });
         let own = Arc::clone(&keeper);
-        let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&asked));
+        let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&requests));
         if let Err(error) = spawned {
             keeper.update_state(|known| known.connection_error = Some(format!("cannot start its thread: {error}")));
         }
         keeper
     }
 
-    pub(super) fn state(&self) -> MutexGuard<'_, WorkerState> {
+    pub(super) fn lock_state(&self) -> MutexGuard<'_, WorkerState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Changes the known state and wakes all connections that wait for changes.
     pub(super) fn update_state(&self, change: impl FnOnce(&mut WorkerState)) {
-        change(&mut self.state());
+        change(&mut self.lock_state());
         self.shared.signal_change();
     }
 
@@ -265,17 +265,17 @@ impl RobotWorker {
     pub(super) fn record_status(&self, status: Status) {
         let condition = AlertState::from_status(&status);
         self.update_state(|known| known.status = Some(status));
-        let mut told = self.last_alert.lock().unwrap_or_else(PoisonError::into_inner);
-        if told.as_ref() != Some(&condition) {
+        let mut reported = self.last_alert.lock().unwrap_or_else(PoisonError::into_inner);
+        if reported.as_ref() != Some(&condition) {
             self.with_notification_context(|about| self.shared.notify_alert(about, &condition));
-            *told = Some(condition);
+            *reported = Some(condition);
         }
     }
 
-    /// Calls `tell` with the robot and its job, for a notice.
-    pub(super) fn with_notification_context(&self, tell: impl FnOnce(&NotificationContext)) {
+    /// Calls `send` with the robot and its job, for a notice.
+    pub(super) fn with_notification_context(&self, send: impl FnOnce(&NotificationContext)) {
         let view = self.status();
-        tell(&NotificationContext {
+        send(&NotificationContext {
             robot: &self.name,
             simulated: view.simulated,
             job: view.job.as_deref(),
@@ -307,7 +307,7 @@ impl RobotWorker {
     #[must_use]
     pub fn status(&self) -> RobotStatus {
         let (simulated, pace) = (self.is_simulated(), self.pace());
-        let known = self.state();
+        let known = self.lock_state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
@@ -341,7 +341,7 @@ impl RobotWorker {
 
     /// Returns the description that the board reported, otherwise the configured or default one.
     pub fn description(&self) -> Result<Robot, String> {
-        if let Some(robot) = &self.state().robot {
+        if let Some(robot) = &self.lock_state().robot {
             return Ok(robot.clone());
         }
         let robot = self.entry.robot.as_deref().unwrap_or(robot_file::DEFAULT);
@@ -356,20 +356,20 @@ impl RobotWorker {
 
     /// Returns the active growth if it belongs to this job.
     pub fn live(&self, job: &str) -> Option<Arc<LiveGrowth>> {
-        let known = self.state();
+        let known = self.lock_state();
         known.live_growth.clone().filter(|_| known.job.as_deref() == Some(job))
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.
-    pub(super) fn send_command(&self, order: Command, permit: &Permit) -> bool {
-        let known = self.state();
-        known.commands.as_ref().map(|orders| orders.push_with(order, permit.clone())).is_some()
+    pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
+        let known = self.lock_state();
+        known.commands.as_ref().map(|commands| commands.push_with(command, permit.clone())).is_some()
     }
 
     /// Sends the thread a message that needs no response.
-    pub(super) fn notify_thread(&self, ask: RobotRequest) {
+    pub(super) fn notify_thread(&self, request: RobotRequest) {
         // A thread that has ended needs none.
-        let _ = self.asks.send(PendingRequest { ask, reply: mpsc::channel().0, claim: Claim::default() });
+        let _ = self.requests.send(PendingRequest { request, reply: mpsc::channel().0, claim: Claim::default() });
     }
 
     /// Locks the start of jobs. While the guard is held, no other caller can start a job.
@@ -380,7 +380,7 @@ impl RobotWorker {
     /// Returns an error if the robot has an active job. A job that has just ended may still be known to the thread, so
     /// the state is read from the list of jobs.
     pub(super) fn ensure_idle(&self) -> Result<(), String> {
-        let job = self.state().job.clone();
+        let job = self.lock_state().job.clone();
         let is_active = |id: &String| {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
@@ -394,20 +394,20 @@ impl RobotWorker {
     ///
     /// # Errors
     /// The reason why the request was rejected, or that it timed out.
-    pub fn request(&self, ask: RobotRequest, limit: Duration) -> Result<(), String> {
-        self.request_claimed(ask, &Claim::default(), limit)
+    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), String> {
+        self.request_claimed(request, &Claim::default(), limit)
     }
 
     /// Like [`Self::request`], but the caller can give the request up by its claim before the thread has taken it.
     ///
     /// # Errors
     /// Like [`Self::request`].
-    pub(super) fn request_claimed(&self, ask: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
-        let (reply, answer) = mpsc::channel();
+    pub(super) fn request_claimed(&self, request: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
+        let (reply, response) = mpsc::channel();
         claim.check()?;
-        let asked = PendingRequest { ask, reply, claim: claim.clone() };
-        self.asks.send(asked).map_err(|_| "its thread has ended: restart the service".to_owned())?;
-        answer.recv_timeout(limit).unwrap_or_else(|_| {
+        let pending = PendingRequest { request, reply, claim: claim.clone() };
+        self.requests.send(pending).map_err(|_| "its thread has ended: restart the service".to_owned())?;
+        response.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
@@ -426,11 +426,11 @@ impl RobotWorker {
     }
 
     /// Owns the robot until the process ends.
-    fn run(self: Arc<Self>, asked: &Receiver<PendingRequest>) {
+    fn run(self: Arc<Self>, requests: &Receiver<PendingRequest>) {
         let mut switches_on = true;
         loop {
             let left = match self.connect(switches_on) {
-                Ok(connection) => self.serve_board(connection, asked),
+                Ok(connection) => self.serve_board(connection, requests),
                 Err(why) => LinkState::Lost(why),
             };
             let why = match left {
@@ -440,7 +440,7 @@ impl RobotWorker {
                     // The port is closed now, with its duplicate. The client that waits for it may be gone.
                     self.stopper.publish(None);
                     let _ = reply.send(Ok(()));
-                    self.wait_for_lease_end(&loan, asked);
+                    self.wait_for_lease_end(&loan, requests);
                     continue;
                 }
             };
@@ -452,22 +452,22 @@ impl RobotWorker {
                 known.connection_error = Some(why.clone());
             });
             let until = Instant::now() + self.connector.reconnect_interval();
-            while let Ok(asked) = asked.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                self.answer_without_board(asked, || format!("robot {} is not connected: {why}", self.name));
+            while let Ok(pending) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
+                self.respond_without_board(pending, || format!("robot {} is not connected: {why}", self.name));
             }
         }
     }
 
-    /// Answers a request while the port is closed.
-    pub(super) fn answer_without_board(&self, asked: PendingRequest, why: impl Fn() -> String) {
-        match asked.ask {
+    /// Responds to a request while the port is closed.
+    pub(super) fn respond_without_board(&self, pending: PendingRequest, why: impl Fn() -> String) {
+        match pending.request {
             RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
-            _ => asked.answer(Err(why())),
+            _ => pending.respond(Err(why())),
         }
     }
 
     /// Owns a connected board until the connection is lost or the port is leased.
-    fn serve_board(&self, mut connection: BoardConnection, asked: &Receiver<PendingRequest>) -> LinkState {
+    fn serve_board(&self, mut connection: BoardConnection, requests: &Receiver<PendingRequest>) -> LinkState {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
             known.connection_error = None;
@@ -495,9 +495,9 @@ impl RobotWorker {
                 Err(why) => return LinkState::Lost(why),
             }
             // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
-            let next = if is_virtual { asked.recv().ok() } else { asked.try_recv().ok() };
+            let next = if is_virtual { requests.recv().ok() } else { requests.try_recv().ok() };
             let done = match next {
-                Some(asked) if asked.claim.take() => self.handle_request(&mut connection, asked),
+                Some(pending) if pending.claim.take() => self.handle_request(&mut connection, pending),
                 Some(_) => LinkState::Ready,
                 None => self.poll_status(&mut connection.client),
             };
@@ -513,7 +513,7 @@ impl RobotWorker {
         let looked = client.event(wait).and_then(|_| client.status());
         match looked {
             Ok(status) => {
-                let is_new = self.state().status.as_ref() != Some(&status);
+                let is_new = self.lock_state().status.as_ref() != Some(&status);
                 if is_new {
                     self.void_if_stopped_elsewhere(status.state);
                     self.record_status(status);
@@ -524,13 +524,14 @@ impl RobotWorker {
         }
     }
 
-    fn handle_request(&self, connection: &mut BoardConnection, asked: PendingRequest) -> LinkState {
+    fn handle_request(&self, connection: &mut BoardConnection, pending: PendingRequest) -> LinkState {
         let client = &mut connection.client;
-        let done = match asked.ask {
-            RobotRequest::Grow(new) => return self.start_job(connection, *new, asked.reply),
-            RobotRequest::Resume(job, permit) => return self.resume(connection, &job, permit, asked.reply),
+        let is_cancel = matches!(pending.request, RobotRequest::Cancel);
+        let done = match pending.request {
+            RobotRequest::Grow(new) => return self.start_job(connection, *new, pending.reply),
+            RobotRequest::Resume(job, permit) => return self.resume(connection, &job, permit, pending.reply),
             RobotRequest::Wake | RobotRequest::StopConfirmed(_) => return LinkState::Ready,
-            RobotRequest::Lend(loan) => return LinkState::Leased(loan, asked.reply),
+            RobotRequest::Lend(loan) => return LinkState::Leased(loan, pending.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
                 let cancel = PassiveRequest::Cancel(Cancel { plan_id: status.plan_id });
                 client.request("to discard the body", &cancel).map(drop)
@@ -538,6 +539,9 @@ impl RobotWorker {
             RobotRequest::ClearFault(permit) => client.clear_fault(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
         };
+        if is_cancel && done.is_ok() {
+            self.give_up_interrupted("discarded: the board has deleted the body");
+        }
         let left = match &done {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,
@@ -548,7 +552,7 @@ impl RobotWorker {
             // It is not polled, so this is how the effect is seen.
             self.record_status(status);
         }
-        let _ = asked.reply.send(done.map_err(|error| error.to_string()));
+        let _ = pending.reply.send(done.map_err(|error| error.to_string()));
         left
     }
 }

@@ -9,7 +9,7 @@ use growbot_client::atomic_file::write_atomic;
 use growbot_client::plan_file::format_hash;
 use growbot_core::hash::Hasher;
 use growbot_scene::read::is_geometry;
-use growbot_scene::scene_file;
+use growbot_scene::scene_file::{self, SceneBox};
 
 use super::paths::ServicePaths;
 use super::problem::Problem;
@@ -17,8 +17,8 @@ use super::problem::Problem;
 /// Maximum length of all stored scenes together, bytes.
 const MAX_KEPT: u64 = 1 << 30;
 
-/// Stores a scene. Returns the name by which [`find`] finds it.
-pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, Problem> {
+/// Stores a scene. Returns the name by which [`find`] finds it, and the box that holds its obstacles.
+pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String, Option<SceneBox>), Problem> {
     let ending = Path::new(name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     let ending = ending.to_ascii_lowercase();
     let is_scene_file = ending == "toml";
@@ -53,11 +53,13 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<String, 
     let kept = format!("{}.{ending}", format_hash(Hasher::hash(bytes)));
     let path = directory.join(&kept);
     write_atomic(&path, bytes).map_err(Problem::internal)?;
-    if let Err(error) = scene_file::load(&path) {
-        fs::remove_file(&path).map_err(Problem::internal)?;
-        return Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)));
+    match scene_file::load(&path) {
+        Ok(loaded) => Ok((kept, loaded.bounding_box())),
+        Err(error) => {
+            fs::remove_file(&path).map_err(Problem::internal)?;
+            Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)))
+        }
     }
-    Ok(kept)
 }
 
 /// Returns the path of a stored scene.

@@ -24,7 +24,7 @@ use super::audit::CommandSource;
 use super::limits::{ConnectionHandle, ConnectionLimiter, buffer_body, limit_concurrency};
 use super::problem::Problem;
 use super::{Service, ServicePaths};
-use crate::watch::guard::{not_found, require_same_origin};
+use crate::watch::origin_check::{not_found, require_same_origin};
 use crate::watch::random_token;
 
 /// Page of all robots.
@@ -192,6 +192,7 @@ fn site(
         .route("/robots.css", get(|| async { ([(CONTENT_TYPE, "text/css")], STYLE) }))
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
+        .fallback(api::unknown_route)
         .layer(from_fn_with_state(Arc::clone(door), limit_concurrency))
         .layer(from_fn_with_state(Arc::clone(door), buffer_body))
         .layer(map_request(insert))
@@ -202,13 +203,13 @@ fn site(
 async fn as_problem(response: Response) -> Response {
     let status = response.status();
     let is_text = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/plain");
-    let is_told = response.headers().get(CONTENT_TYPE).is_some_and(|kind| !is_text(kind));
-    if is_told || !(status.is_client_error() || status.is_server_error()) {
+    let is_typed = response.headers().get(CONTENT_TYPE).is_some_and(|kind| !is_text(kind));
+    if is_typed || !(status.is_client_error() || status.is_server_error()) {
         return response;
     }
     let allowed = response.headers().get(ALLOW).cloned();
-    let said = to_bytes(response.into_body(), MAX_REASON).await.unwrap_or_default();
-    let mut problem = Problem::of(status, &String::from_utf8_lossy(&said)).into_response();
+    let text = to_bytes(response.into_body(), MAX_REASON).await.unwrap_or_default();
+    let mut problem = Problem::from_status(status, &String::from_utf8_lossy(&text)).into_response();
     if let Some(allowed) = allowed {
         problem.headers_mut().insert(ALLOW, allowed);
     }

@@ -15,8 +15,8 @@ use super::connector::Connector;
 const CONNECT_LIMIT: Duration = Duration::from_millis(500);
 /// Interval of the checks whether the robot's thread has confirmed the stop.
 const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Time beyond the limit within which the thread answers.
-const ANSWER_MARGIN: Duration = Duration::from_secs(1);
+/// Time beyond the limit within which the thread responds.
+const RESPONSE_MARGIN: Duration = Duration::from_secs(1);
 
 type Line = Box<dyn Port + Send>;
 
@@ -42,7 +42,7 @@ impl StopTicket {
     /// # Errors
     /// The reason why it has not.
     pub fn wait(self) -> Result<(), String> {
-        match self.result.recv_timeout(self.limit + ANSWER_MARGIN) {
+        match self.result.recv_timeout(self.limit + RESPONSE_MARGIN) {
             Ok(result) => result,
             Err(RecvTimeoutError::Timeout) => Err("the line accepts no stop".to_owned()),
             Err(RecvTimeoutError::Disconnected) => Err("the thread of the emergency stop has ended".to_owned()),

@@ -27,7 +27,7 @@ pub struct GrowthTracker {
     state: &'static str,
     fault: Option<Fault>,
     pause_cause: PauseCause,
-    readings: Vec<Reading>,
+    readings: Vec<TemperaturePoint>,
     /// Number of times that readings were thinned out.
     thinned: u32,
     clock: RunClock,
@@ -53,9 +53,9 @@ struct LayerReplacement {
     total: usize,
 }
 
-/// A reading of the nozzle's temperature. In JSON it is three numbers.
+/// A point of the curve of the nozzle's temperature. In JSON it is three numbers.
 #[derive(Debug, Clone, Copy, Serialize)]
-struct Reading(f64, f64, Option<f64>);
+struct TemperaturePoint(f64, f64, Option<f64>);
 
 /// Changes since the last update that was sent to a page.
 #[derive(Debug, Serialize)]
@@ -96,7 +96,7 @@ struct LayersUpdate {
 #[derive(Debug, Serialize)]
 struct NewReadings<'a> {
     from: usize,
-    taken: &'a [Reading],
+    taken: &'a [TemperaturePoint],
 }
 
 /// Part of a growth that a page has received.
@@ -168,12 +168,12 @@ impl GrowthTracker {
     }
 
     /// Sets the pace of the robot's clock, in multiples of real time. `None` if it is not known.
-    pub fn runs_at(&mut self, pace: Option<f64>) {
+    pub fn set_pace(&mut self, pace: Option<f64>) {
         self.pace = pace;
     }
 
     /// Sets or clears the problem with this program's own files.
-    pub fn warn(&mut self, words: Option<String>) {
+    pub fn set_warning(&mut self, words: Option<String>) {
         self.warned = words;
     }
 
@@ -247,7 +247,7 @@ impl GrowthTracker {
         let now = self.clock.now() as f64 / 1000.0;
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
-            self.readings.push(Reading(now, celsius(temperature), status.target_centi_c.map(celsius)));
+            self.readings.push(TemperaturePoint(now, celsius(temperature), status.target_centi_c.map(celsius)));
         }
         if self.readings.len() > MAX_READINGS {
             let mut index = 0;
@@ -355,7 +355,7 @@ mod tests {
         let finish = |watched: &GrowthTracker| update_of(watched, &mut UpdateCursor::default())["finish_in_s"].clone();
         watched.ingest(&status(0));
         assert_eq!(finish(&watched), Value::Null, "the pace is not known");
-        watched.runs_at(Some(60.0));
+        watched.set_pace(Some(60.0));
         assert_eq!(finish(&watched), json!(left_s / 60.0));
         watched.ingest(&JobEvent::State(State::Parked));
         assert_eq!(finish(&watched), Value::Null, "it waits");
@@ -407,10 +407,10 @@ mod tests {
     #[test]
     fn a_log_failure_is_reported_until_it_recovers() {
         let mut watched = watched(&[]);
-        watched.warn(Some("disk full".to_owned()));
+        watched.set_warning(Some("disk full".to_owned()));
         watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
         assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], "disk full");
-        watched.warn(None);
+        watched.set_warning(None);
         assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], Value::Null);
     }
 

@@ -3,7 +3,7 @@
 //! - [`WatchPage`] is the page's server and receives the growth's events.
 //! - `growth_tracker` is the state of the growth and the part that a page has not yet received.
 //! - `server` is the HTTP server, on the loopback interface only.
-//! - `guard` decides which requests are served.
+//! - `origin_check` decides which requests are served.
 //! - growbot-pictures/viewer/src/live.js is the client.
 //!
 //! Updates are server-sent events, at most five a second. A page that connects late or reconnects receives everything
@@ -11,7 +11,7 @@
 //! real time ([`growbot_sim::port`], `paced.rs`).
 
 mod growth_tracker;
-pub(crate) mod guard;
+pub(crate) mod origin_check;
 pub(crate) mod server;
 
 use std::io;
@@ -87,34 +87,34 @@ impl LiveGrowth {
 
     /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
     pub fn set_pace(&self, pace: Option<f64>) {
-        self.watched().runs_at(pace);
+        self.watched().set_pace(pace);
     }
 
     /// Sends an event to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         self.watched().ingest(event);
-        self.changed();
+        self.signal_change();
     }
 
     /// Shows a problem with this program's own files on the pages, or clears it.
     pub fn set_warning(&self, words: Option<String>) {
-        self.watched().warn(words);
-        self.changed();
+        self.watched().set_warning(words);
+        self.signal_change();
     }
 
     /// Sends the result to the pages, in the format of `growbot grow --json`.
     pub fn end(&self, result: GrowthResult) {
         self.watched().end(result);
-        self.changed();
+        self.signal_change();
     }
 
     /// Ends the streams of this growth, because another one follows it. Pages then reconnect.
     pub fn supersede(&self) {
         self.is_left.store(true, Ordering::Release);
-        self.changed();
+        self.signal_change();
     }
 
-    fn changed(&self) {
+    fn signal_change(&self) {
         self.changes.send_modify(|changes| *changes += 1);
     }
 }
@@ -171,7 +171,7 @@ impl WatchPage {
     }
 
     /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
-    pub fn runs_at(&self, pace: Option<f64>) {
+    pub fn set_pace(&self, pace: Option<f64>) {
         self.shared.live.set_pace(pace);
     }
 
@@ -181,7 +181,7 @@ impl WatchPage {
     }
 
     /// Shows a problem with this program's own files on the pages, or clears it.
-    pub fn warn(&self, words: Option<String>) {
+    pub fn set_warning(&self, words: Option<String>) {
         self.shared.live.set_warning(words);
     }
 
@@ -189,8 +189,8 @@ impl WatchPage {
     /// have received it.
     pub fn end(self, result: GrowthResult) {
         self.shared.live.end(result);
-        let asked = Instant::now();
-        while self.shared.live.changes.receiver_count() > 0 && asked.elapsed() < LAST_WORDS {
+        let began = Instant::now();
+        while self.shared.live.changes.receiver_count() > 0 && began.elapsed() < LAST_WORDS {
             thread::sleep(Duration::from_millis(20));
         }
     }

@@ -20,7 +20,7 @@ use tokio::sync::{oneshot, watch};
 use tokio::time::sleep;
 
 use super::growth_tracker::UpdateCursor;
-use super::guard::{not_found, require_same_origin};
+use super::origin_check::{not_found, require_same_origin};
 use super::{LiveGrowth, WatchState};
 
 /// Minimum time between two updates of a page.
@@ -65,7 +65,8 @@ async fn updates(State(shared): State<Arc<WatchState>>) -> Sse<impl Stream<Item 
 
 /// Returns the stream of a page's updates.
 pub fn updates_of(live: Arc<LiveGrowth>) -> Sse<impl Stream<Item = Result<Event, Infallible>>> {
-    let listener = Listener { changes: live.changes.subscribe(), live, seen: UpdateCursor::default(), told: false };
+    let listener =
+        Listener { changes: live.changes.subscribe(), live, seen: UpdateCursor::default(), is_first_sent: false };
     Sse::new(unfold(listener, Listener::next)).keep_alive(KeepAlive::default())
 }
 
@@ -75,7 +76,7 @@ struct Listener {
     changes: watch::Receiver<u64>,
     seen: UpdateCursor,
     /// True if the page has been sent an update.
-    told: bool,
+    is_first_sent: bool,
 }
 
 impl Listener {
@@ -84,7 +85,7 @@ impl Listener {
         if self.seen.ended || self.live.is_left.load(Ordering::Acquire) {
             return None;
         }
-        if self.told {
+        if self.is_first_sent {
             sleep(BETWEEN_UPDATES).await;
             self.changes.changed().await.ok()?;
             if self.live.is_left.load(Ordering::Acquire) {
@@ -93,7 +94,7 @@ impl Listener {
         }
         self.changes.mark_unchanged();
         let update = json_line(&self.live.watched().update_for(&mut self.seen));
-        self.told = true;
+        self.is_first_sent = true;
         Some((Ok(Event::default().data(update.trim_end())), self))
     }
 }

@@ -58,10 +58,10 @@ pub struct GoalCounts {
 }
 
 impl GoalCounts {
-    fn of<'a>(asked: impl IntoIterator<Item = &'a GoalResult>) -> Self {
+    fn of<'a>(goals: impl IntoIterator<Item = &'a GoalResult>) -> Self {
         let mut counts = Self::default();
-        for asked in asked {
-            *match asked.reachability {
+        for goal in goals {
+            *match goal.reachability {
                 Reachability::Reachable(_) => &mut counts.reachable,
                 Reachability::NotFound => &mut counts.not_found,
                 _ => &mut counts.none,
@@ -90,14 +90,14 @@ impl SceneWorkspace {
     /// Counts the goals whose result satisfies `is_this`.
     #[must_use]
     pub fn because(&self, is_this: impl Fn(&Reachability) -> bool) -> usize {
-        self.goals.iter().filter(|asked| is_this(&asked.reachability)).count()
+        self.goals.iter().filter(|goal| is_this(&goal.reachability)).count()
     }
 
     /// Returns the coarsest resolution at which some goal has no path: the length of arcs and lines, mm. `None` without
     /// such a goal.
     #[must_use]
     pub fn resolution(&self) -> Option<f64> {
-        let steps = self.goals.iter().filter_map(|asked| match asked.reachability {
+        let steps = self.goals.iter().filter_map(|goal| match goal.reachability {
             Reachability::NoPathAtResolution(step) => Some(step),
             _ => None,
         });
@@ -108,7 +108,7 @@ impl SceneWorkspace {
     #[must_use]
     pub fn bands(&self) -> Vec<(f64, GoalCounts)> {
         let to = |band: usize| self.length * band as f64 / BANDS as f64;
-        let in_band = |band| self.goals.iter().filter(move |asked| (to(band)..to(band + 1)).contains(&asked.distance));
+        let in_band = |band| self.goals.iter().filter(move |goal| (to(band)..to(band + 1)).contains(&goal.distance));
         (0..BANDS).map(|band| (to(band + 1), GoalCounts::of(in_band(band)))).collect()
     }
 
@@ -171,7 +171,7 @@ impl WorkspaceQuery<'_> {
                 NoPathError::Goal { .. } => Reachability::TooNear,
                 NoPathError::Separated { .. } => Reachability::Separated,
                 NoPathError::AtResolution { step, .. } => Reachability::NoPathAtResolution(step),
-                NoPathError::NotClear => Reachability::NotClear,
+                NoPathError::TwoPlaneBlocked => Reachability::NotClear,
                 NoPathError::Start { .. } | NoPathError::NotFound => Reachability::NotFound,
             }),
             // A goal without a path in empty space counts as not found, because the planner's error proves nothing.

@@ -416,11 +416,11 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let any = workspace(&question(&robot, 600.0), |_, _| {}).unwrap();
         let down = WorkspaceQuery { direction: Some((0.0, -1.5)), ..question(&robot, 600.0) };
-        let mut told = (0, 0);
-        let down = workspace(&down, |done, of| told = (done, of)).unwrap();
+        let mut progress = (0, 0);
+        let down = workspace(&down, |done, of| progress = (done, of)).unwrap();
         assert!(down.volume.0 + 3.0 * down.volume.1 < any.volume.0 && down.volume.0 > 0.0);
         assert!(down.reach[0] < any.reach[0] && down.shares.is_empty() && down.share_section.is_none());
-        assert!(told.1 > 1000 && told.0 <= told.1);
+        assert!(progress.1 > 1000 && progress.0 <= progress.1);
         let tight = WorkspaceQuery { radius: 50.0, ..question(&robot, 600.0) };
         assert!(matches!(workspace(&tight, |_, _| {}), Err(PlanError::RadiusTooSmall { .. })));
     }

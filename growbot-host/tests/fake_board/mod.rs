@@ -1,16 +1,17 @@
 //! Boards at the other end of a line: simulated robots over TCP or a serial line, and boards that misbehave.
 
+use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::thread;
 use std::time::Duration;
 
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
-use growbot_core::link::message::{Message, Refusal, Refused};
+use growbot_core::link::message::{BoardInfo, Hello, Message, Refusal, Refused};
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 
@@ -19,6 +20,8 @@ pub struct FakeBoard {
     port: u16,
     /// Number of reported layers after which the board's time almost stops.
     pauses_after: Arc<AtomicU32>,
+    /// True if the messages of a [`lasting`](FakeBoard::lasting) board have another schema.
+    is_other_release: Arc<AtomicBool>,
 }
 
 impl FakeBoard {
@@ -30,7 +33,7 @@ impl FakeBoard {
                 serve(stream);
             }
         });
-        Self { port, pauses_after: Arc::default() }
+        Self { port, pauses_after: Arc::default(), is_other_release: Arc::default() }
     }
 
     /// Returns the value of `--port` for this board.
@@ -106,6 +109,8 @@ impl FakeBoard {
         let port = listener.local_addr().unwrap().port();
         let pauses_after = Arc::new(AtomicU32::new(u32::MAX));
         let limit = Arc::clone(&pauses_after);
+        let is_other_release = Arc::new(AtomicBool::new(false));
+        let is_other = Arc::clone(&is_other_release);
         thread::spawn(move || {
             let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
             let told = AtomicU32::new(0);
@@ -125,7 +130,11 @@ impl FakeBoard {
                         stream.set_nonblocking(false).unwrap();
                         stream.set_nodelay(true).unwrap();
                         stream.set_read_timeout(Some(Duration::from_millis(1))).unwrap();
-                        serve_sim(&mut sim, stream, count, look);
+                        if is_other.load(Ordering::Relaxed) {
+                            serve_sim(&mut sim, OtherRelease::new(stream), count, look);
+                        } else {
+                            serve_sim(&mut sim, stream, count, look);
+                        }
                         // A board waits 10 s for a host that has gone.
                         sim.run_for(Duration::from_secs(12));
                     }
@@ -136,7 +145,13 @@ impl FakeBoard {
                 }
             }
         });
-        Self { port, pauses_after }
+        Self { port, pauses_after, is_other_release }
+    }
+
+    /// Sets whether the messages of a [`lasting`](FakeBoard::lasting) board have another schema for hosts that connect
+    /// from now on.
+    pub fn set_other_release(&self, is_other: bool) {
+        self.is_other_release.store(is_other, Ordering::Relaxed);
     }
 
     /// Lets the time of a [`lasting`](FakeBoard::lasting) board pass fast until it has reported this many layers. After
@@ -195,6 +210,84 @@ fn serve_sim(
                 return;
             }
         }
+    }
+}
+
+/// A line to a board whose messages have another schema: it changes the schema in what the host and the board exchange.
+struct OtherRelease<L> {
+    line: L,
+    from_host: FrameDecoder,
+    from_board: FrameDecoder,
+    /// Bytes of the frame that the host is sending.
+    partial: Vec<u8>,
+    /// Bytes of the host for the board.
+    ready: VecDeque<u8>,
+}
+
+impl<L> OtherRelease<L> {
+    fn new(line: L) -> Self {
+        Self {
+            line,
+            from_host: FrameDecoder::default(),
+            from_board: FrameDecoder::default(),
+            partial: Vec::new(),
+            ready: VecDeque::new(),
+        }
+    }
+
+    /// Returns the bytes of a frame after a change of its message. `None` for other frames.
+    fn changed(frame: &LinkFrame, change: impl FnOnce(Message) -> Option<Message>) -> Option<Vec<u8>> {
+        let message = change(Message::decode(frame.header.kind, &frame.body).ok()?)?;
+        let mut buffer = [0; MAX_BODY_LEN];
+        let body = message.encode(&mut buffer).unwrap();
+        Some(frame::encode(&FrameHeader { kind: message.kind(), ..frame.header }, body).unwrap().to_vec())
+    }
+}
+
+impl<L: Read> Read for OtherRelease<L> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let count = self.line.read(buffer)?;
+        for byte in &buffer[..count] {
+            self.partial.push(*byte);
+            let frame = self.from_host.push(*byte);
+            if *byte == 0 {
+                let hello = frame.and_then(Result::ok).and_then(|frame| {
+                    Self::changed(&frame, |message| match message {
+                        Message::Hello(hello) => Some(Message::Hello(Hello { schema: !hello.schema, ..hello })),
+                        _ => None,
+                    })
+                });
+                self.ready.extend(hello.as_ref().unwrap_or(&self.partial));
+                self.partial.clear();
+            }
+        }
+        if count > 0 && self.ready.is_empty() {
+            return Err(ErrorKind::WouldBlock.into());
+        }
+        self.ready.read(buffer)
+    }
+}
+
+impl<L: Write> Write for OtherRelease<L> {
+    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
+        let frame = bytes.iter().find_map(|byte| self.from_board.push(*byte)).and_then(Result::ok);
+        let changed = frame.and_then(|frame| {
+            Self::changed(&frame, |message| match message {
+                Message::BoardInfo(info) => {
+                    Some(Message::BoardInfo(BoardInfo { schema_hash: !info.schema_hash, ..info }))
+                }
+                Message::Refused(Refused { kind, refusal: Refusal::SchemaMismatch { board } }) => {
+                    Some(Message::Refused(Refused { kind, refusal: Refusal::SchemaMismatch { board: !board } }))
+                }
+                _ => None,
+            })
+        });
+        self.line.write_all(changed.as_deref().unwrap_or(bytes))?;
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> std::io::Result<()> {
+        self.line.flush()
     }
 }
 

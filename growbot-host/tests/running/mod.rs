@@ -15,10 +15,21 @@ pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
 /// Returns a command without this machine's configuration, so that no test moves a robot.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
-    command.env_remove("GROWBOT_PORT").env_remove("GROWBOT_ROBOT").env("XDG_CONFIG_HOME", "/no/such/place");
+    remove_settings(&mut command);
+    command.env("XDG_CONFIG_HOME", "/no/such/place");
     // The test must not use a service that runs on this machine either.
     command.env("XDG_RUNTIME_DIR", "/no/such/place").env("XDG_STATE_HOME", "/no/such/place");
     command
+}
+
+/// Removes growbot's variables from the environment of a program. Those of the tests are among them, which growbot
+/// would refuse.
+fn remove_settings(command: &mut Command) {
+    for (name, _) in std::env::vars_os() {
+        if name.to_string_lossy().starts_with("GROWBOT_") {
+            command.env_remove(name);
+        }
+    }
 }
 
 /// Result of a run.
@@ -74,15 +85,9 @@ pub fn growbot(args: &[&str]) -> Ran {
 pub fn growbot_unread(args: &[&str], input: &str) -> Ran {
     let (reader, writer) = std::io::pipe().unwrap();
     drop(reader);
-    let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"))
-        .args(args)
-        .env_remove("GROWBOT_PORT")
-        .env_remove("GROWBOT_ROBOT")
-        .stdin(Stdio::piped())
-        .stdout(writer)
-        .stderr(Stdio::piped())
-        .spawn()
-        .unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_growbot"));
+    remove_settings(&mut child);
+    let mut child = child.args(args).stdin(Stdio::piped()).stdout(writer).stderr(Stdio::piped()).spawn().unwrap();
     // The input fits in the pipe, and a command that has ended need not read it.
     let _ = child.stdin.take().unwrap().write_all(input.as_bytes());
     let output = child.wait_with_output().unwrap();

@@ -100,7 +100,7 @@ pub fn round_below(max: f64) -> f64 {
 pub fn number(value: f64) -> String {
     let text = format!("{value:.4}");
     let plain = text.trim_end_matches('0').trim_end_matches('.');
-    if plain.parse().is_ok_and(|said: f64| (said - value).abs() <= 1e-3 * value.abs()) {
+    if plain.parse().is_ok_and(|parsed: f64| (parsed - value).abs() <= 1e-3 * value.abs()) {
         return plain.to_owned();
     }
     format!("{value:.1e}").replace(".0e", "e")

@@ -78,11 +78,12 @@ pub fn write(
             // A layer may be reported again after a resumption, and the first report counts. A layer whose line is lost
             // came before the next layer.
             RunEvent::Laid(laid) if (laid.layer as usize) < body.layers.len() => {
-                let told = laid.layer as usize;
-                while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| told >= *index) {
+                let laid_index = laid.layer as usize;
+                while let Some((index, ((before, grown), planned))) = growing.next_if(|(index, _)| laid_index >= *index)
+                {
                     recorder.clock.add_layer(time_for(&grown.layer, plan));
                     let beside = commanded.layers.get(index).filter(|_| simulated.is_some());
-                    let measured = laid.measured.filter(|_| told == index);
+                    let measured = laid.measured.filter(|_| laid_index == index);
                     recorder.layer(index, grown, &decode(planned), beside, measured)?;
                     let middle = before * half(&grown.layer).step();
                     recorder.disc(index, &middle, &grown.layer, body)?;
@@ -174,7 +175,7 @@ struct Recorder {
     channels: HashMap<&'static str, u16>,
     clock: RunClock,
     /// Number of messages so far.
-    told: u32,
+    message_count: u32,
     /// The latched fault of the latest status.
     fault: Option<String>,
     /// Smallest and largest height of a layer, mm.
@@ -230,7 +231,7 @@ impl Recorder {
         let limits = &robot.description().layer;
         let heights = Heights { min: limits.height_min_mm, max: limits.height_max_mm };
         let (clock, way) = (RunClock::default(), Vec::new());
-        Ok(Self { writer, encoding, channels, clock, told: 0, fault: None, heights, hardware, way })
+        Ok(Self { writer, encoding, channels, clock, message_count: 0, fault: None, heights, hardware, way })
     }
 
     fn write_message(&mut self, topic: Topic, message: &EncodedMessage) -> Result<(), McapError> {
@@ -248,8 +249,8 @@ impl Recorder {
     fn put(&mut self, channel: &str, bytes: &[u8]) -> Result<(), McapError> {
         let time = self.clock.now().saturating_mul(1_000_000);
         let channel_id = self.channels.get(channel).copied().unwrap_or_default();
-        let header = MessageHeader { channel_id, sequence: self.told, log_time: time, publish_time: time };
-        self.told = self.told.wrapping_add(1);
+        let header = MessageHeader { channel_id, sequence: self.message_count, log_time: time, publish_time: time };
+        self.message_count = self.message_count.wrapping_add(1);
         self.writer.write_to_known_channel(&header, bytes)
     }
 

@@ -35,3 +35,49 @@ pub mod obstacles;
 mod ros2;
 pub mod stl;
 pub mod tum;
+
+#[cfg(test)]
+mod tests {
+    use growbot_client::plan::Plan;
+    use growbot_client::pose_text::parse_pose;
+    use growbot_client::robot_file;
+    use growbot_core::plan::Planner;
+    use growbot_scene::scene_file;
+
+    use super::body::ExportedBody;
+    use super::mesh::{BodyMesh, MeshResolution};
+    use super::*;
+
+    /// Every format that growbot both writes and reads as a mesh.
+    #[test]
+    fn exported_meshes_are_read_back_where_the_body_is() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let [start, goal] = ["10,20,30,40,50", "300,-200,600,-120,-25"].map(|pose| parse_pose(pose).unwrap());
+        let radius = robot.description().planning_radius_mm;
+        let plan = Plan::new(&robot, &start, &goal, radius, Planner::Shortest).unwrap();
+        let body = ExportedBody::planned(&robot, &plan);
+        let resolution = MeshResolution { segments: 16, layers_per_ring: 8 };
+        let mesh = BodyMesh::of_wall(&body, resolution, &nalgebra::Vector3::zeros()).unwrap();
+        let files = [
+            ("body.stl", stl::write("planned", &body, resolution).unwrap()),
+            ("body.glb", glb::write(&[("planned", &body)], None, resolution).unwrap()),
+        ];
+        let directory = tempfile::tempdir().unwrap();
+        for (name, bytes) in files {
+            let path = directory.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            let read = scene_file::load(&path).unwrap().scene;
+            let triangles = read.meshes()[0].triangles();
+            assert_eq!(triangles.len(), mesh.triangles.len(), "{name}");
+            let read_corners = triangles.iter().flat_map(|triangle| triangle.0);
+            let centre = read_corners.fold(nalgebra::Vector3::zeros(), |sum, corner| sum + corner);
+            let expected = mesh.corners().flatten().fold(nalgebra::Vector3::zeros(), |sum, corner| sum + corner.coords);
+            let count = 3.0 * triangles.len() as f64;
+            assert!((centre / count - expected / count).norm() < 0.01, "{name}: {centre} instead of {expected}");
+            for vertex in &mesh.vertices {
+                let distance = read.distance(&vertex.coords).abs();
+                assert!(distance < 0.01, "{name}: {vertex} is {distance} mm from the mesh");
+            }
+        }
+    }
+}

@@ -131,8 +131,8 @@ mod tests {
         found.legend(&mut canvas, [0.0, 50.0]);
         let drawn = canvas.finish();
         assert!(drawn.contains("from percentile 1 to 99") && drawn.contains("&gt; 0.80"), "{drawn}");
-        let told = scale(&heights, Some([0.5, 4.0]));
-        assert_eq!((told.range, told.beyond()), ([0.5, 4.0], [false; 2]));
+        let fixed_scale = scale(&heights, Some([0.5, 4.0]));
+        assert_eq!((fixed_scale.range, fixed_scale.beyond()), ([0.5, 4.0], [false; 2]));
     }
 
     #[test]

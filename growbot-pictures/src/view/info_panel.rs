@@ -2,6 +2,7 @@
 
 use growbot_client::arrival::Arrival;
 use growbot_client::plan::planner_name;
+use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_client::run_log::BodyKind;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
@@ -9,7 +10,7 @@ use growbot_core::pose::Pose;
 
 use super::scene_view::SceneView;
 use super::self_clearance::self_clearance;
-use super::{Layers, Subject, measured_end};
+use super::{Layers, SimulatedBody, Subject, measured_end};
 use crate::duration::duration_text;
 
 /// A heading, with the names and values below it.
@@ -22,7 +23,8 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
     let mut groups = Vec::new();
     if let Some(built) = &layers.built {
         if let Some((reached, by)) = subject.run.and_then(measured_end) {
-            let rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
+            let mut rows = arrival(subject, &Arrival::of(&reached.frame(), &plan.goal, needs.length));
+            rows.extend(strayed(subject));
             groups.push(group(format!("Arrived, as the {by} {}", if by == "steps" { "say" } else { "says" }), rows));
         }
         match &layers.commanded {
@@ -30,7 +32,9 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
                 groups.push(group(layers.built_name(), body(subject, built)));
                 groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
             }
-            None if subject.laid.is_some() => groups.push(group(layers.built_name(), body(subject, built))),
+            None if subject.laid.is_some() => {
+                groups.push(group(layers.built_name(), body(subject, built).into_iter().chain(strayed(subject))));
+            }
             None => groups.push(group(format!("{}, by the board's steps", layers.built_name()), body(subject, built))),
         }
     }
@@ -104,7 +108,27 @@ pub fn measured(subject: &Subject) -> Option<String> {
     let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
         Arrival::of(&reached.frame(), &subject.plan.goal, subject.plan.requirements.length);
     let says = if by == "steps" { "say" } else { "says" };
-    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}"))
+    let strayed =
+        deviation(subject).map_or_else(String::new, |found| format!("; up to {:.2} mm off the plan", found.max_mm));
+    Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}{strayed}"))
+}
+
+/// Returns the row with the greatest distance of a body from its plan.
+fn strayed(subject: &Subject) -> Option<(&'static str, String)> {
+    let PlanDeviation { max_mm, at_mm, .. } = deviation(subject)?;
+    Some(("Off the plan", format!("{max_mm:.3} mm at most, {at_mm:.0} mm along")))
+}
+
+/// Returns the greatest distance of a body from its plan: of a run according to its log. `None` for a plan.
+fn deviation(subject: &Subject) -> Option<PlanDeviation> {
+    let Subject { robot, plan, run, laid, .. } = subject;
+    let of_laid = |body: &SimulatedBody| {
+        PlanDeviation::of(plan, robot, &centreline(&plan.start.frame(), body.layers.iter().copied()))
+    };
+    match run {
+        Some(run) => run.result.as_ref()?.plan_deviation,
+        None => laid.as_ref().map(of_laid),
+    }
 }
 
 /// Returns the numbers of a body as built, computed from the steps that the board has made.
@@ -130,7 +154,10 @@ fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> 
 fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, plan, .. } = subject;
     let start = plan.start.frame();
-    let tip = grow(&start, layers.iter().map(decode));
+    let tip = match subject.laid {
+        Some(body) => body.tip.frame(),
+        None => grow(&start, layers.iter().map(decode)),
+    };
     let mut rows = arrival(subject, &Arrival::of(&tip, &plan.goal, plan.requirements.length));
     let clearance = match self_clearance(&start, layers, robot.outer_diameter()) {
         None => "nowhere near".to_owned(),

@@ -82,6 +82,15 @@ pub enum ViewError {
     },
 }
 
+/// A body that was simulated without a board.
+#[derive(Debug, Clone, Copy)]
+pub struct SimulatedBody<'a> {
+    /// Layers as they lie, each beginning where the one before ends.
+    pub layers: &'a [Layer],
+    /// Pose of the tip at the end.
+    pub tip: Pose,
+}
+
 /// A plan or a run that is viewed.
 #[derive(Debug)]
 pub struct Subject<'a> {
@@ -93,8 +102,8 @@ pub struct Subject<'a> {
     pub plan: &'a Plan,
     /// Log of the growth. `None` without one.
     pub run: Option<&'a RecordedRun>,
-    /// Layers of a growth that was simulated without a board, and so has no log.
-    pub laid: Option<&'a [Layer]>,
+    /// Body of a growth that was simulated without a board, and so has no log.
+    pub laid: Option<SimulatedBody<'a>>,
     /// Scene in which the body is shown. `None` without one.
     pub scene: Option<NamedScene<'a>>,
 }
@@ -107,7 +116,7 @@ impl Subject<'_> {
 
     /// Returns the planned layers, and for a run those as built. An error if they are too many to show.
     fn layers(&self) -> Result<Layers, ViewError> {
-        let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, <[Layer]>::len));
+        let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, |body| body.layers.len()));
         let found = self.plan.requirements.layers.max(grown);
         if found > MAX_LAYERS {
             return Err(ViewError::TooManyLayers { name: self.name.to_owned(), found });
@@ -115,7 +124,8 @@ impl Subject<'_> {
         let planned = job_layers(&self.plan.path, self.robot).collect();
         let commanded: Option<Vec<LayerBytes>> = self.run.map(|run| run.commanded().collect());
         let mut encoder = LayerEncoder::default();
-        let simulated = self.run.and_then(RecordedRun::simulated).or_else(|| self.laid.map(<[Layer]>::to_vec));
+        let simulated =
+            self.run.and_then(RecordedRun::simulated).or_else(|| self.laid.map(|body| body.layers.to_vec()));
         let simulated = simulated.map(|layers| layers.iter().map(|layer| encoder.encode(layer)).collect());
         let kind = self.run.map(RecordedRun::body_kind).or(self.laid.map(|_| BodyKind::Laid));
         Ok(match simulated {

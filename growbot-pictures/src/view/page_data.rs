@@ -24,6 +24,8 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
     if let Some(drift) = run.and_then(RecordedRun::clock_drift) {
         warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
     }
+    let grown = run.and_then(|run| run.result.as_ref()).map_or(&[][..], |result| &result.warnings);
+    warnings.extend(grown.iter().map(|warning| warning.message.clone()));
     match run.map_or(0, RecordedRun::missing_simulated_layers) {
         0 => {}
         layers => warnings
@@ -37,6 +39,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
         None if laid.is_some() => format!("simulated growth of {}", plan.robot),
         None => format!("plan for {}", plan.robot),
     };
+    let reached = run.and_then(measured_end).map(|(reached, _)| reached).or(laid.map(|body| body.tip));
     json!({
         "name": name,
         "about": about,
@@ -53,7 +56,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
             "direction": direction(&plan.goal),
         },
         "via": plan.via().iter().map(|via| json!(via.position().as_slice())).collect::<Vec<_>>(),
-        "reached": run.and_then(measured_end).map(|(reached, _)| json!(reached.position().as_slice())),
+        "reached": reached.map(|reached| json!(reached.position().as_slice())),
         "estimated": subject.estimated().map(points),
         "commanded": subject.commanded(layers).map(points),
         "built_name": layers.built_name(),

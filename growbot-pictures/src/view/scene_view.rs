@@ -63,12 +63,12 @@ impl SceneView {
         };
         let half_tube = 0.5 * subject.robot.outer_diameter();
         // A plan states its clearance, which was proven when the plan was read.
-        let said = subject.plan.scene.as_ref().filter(|_| layers.built.is_none()).map(|scene| scene.clearance);
+        let planned = subject.plan.scene.as_ref().filter(|_| layers.built.is_none()).map(|scene| scene.clearance);
         Some(Self {
             file: file.to_owned(),
             obstacles: ObstacleSelection::near(scene, &places, limits),
             closest_approach: closest_approach(scene, &path, &start)
-                .map(|found| (found, said.unwrap_or(found.distance - half_tube))),
+                .map(|found| (found, planned.unwrap_or(found.distance - half_tube))),
         })
     }
 

@@ -1,7 +1,8 @@
 // Marks around the tube: arrows for poses, the tip's frame, centrelines, the floor.
 
 import {
-  BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, Line, LineBasicMaterial, LineDashedMaterial, LineSegments,
+  BufferAttribute, BufferGeometry, ConeGeometry, CylinderGeometry, Group, Line, LineBasicMaterial, LineDashedMaterial,
+  LineSegments,
   Mesh, MeshBasicMaterial, MeshLambertMaterial, Quaternion, SphereGeometry, Vector3,
 } from "three";
 
@@ -61,7 +62,9 @@ function centrelineGeometry(body, map = (x, y, z) => [x, y, z]) {
 
 /** Makes the dashed centreline of a body. It is visible through the tube. */
 export function makeCentreline(body, colour, dash) {
-  const material = new LineDashedMaterial({ color: colour, dashSize: dash, gapSize: 0.6 * dash, depthTest: false, transparent: true });
+  const material = new LineDashedMaterial({
+    color: colour, dashSize: dash, gapSize: 0.6 * dash, depthTest: false, transparent: true,
+  });
   const line = new Line(centrelineGeometry(body), material);
   line.computeLineDistances();
   line.renderOrder = 4;

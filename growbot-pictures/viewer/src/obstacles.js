@@ -12,7 +12,8 @@
 // `narrowest` has `on_body`, `on_obstacle` and `label`.
 
 import {
-  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, DoubleSide, Group, IcosahedronGeometry, InstancedMesh, Line, LineBasicMaterial,
+  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, DoubleSide, Group, IcosahedronGeometry, InstancedMesh,
+  Line, LineBasicMaterial,
   Matrix4, Mesh, MeshLambertMaterial, Quaternion, SphereGeometry, Vector3,
 } from "three";
 import { makeBall } from "./marks.js";
@@ -35,7 +36,8 @@ function makeCapsule(given) {
   const along = to.clone().sub(from);
   const turn = new Quaternion().setFromUnitVectors(UP, along.clone().normalize());
   const middle = from.add(to).multiplyScalar(0.5);
-  return new CapsuleGeometry(given[6], along.length(), 8, 24).applyMatrix4(new Matrix4().makeRotationFromQuaternion(turn).setPosition(middle));
+  const placed = new Matrix4().makeRotationFromQuaternion(turn).setPosition(middle);
+  return new CapsuleGeometry(given[6], along.length(), 8, 24).applyMatrix4(placed);
 }
 
 /** Makes a surface of triangles, 9 numbers each. */
@@ -51,20 +53,24 @@ function makeBalls(shape, numbers, material) {
   const balls = new InstancedMesh(shape, material, numbers.length / 4);
   for (let i = 0; i < balls.count; i += 1) {
     const [x, y, z, radius] = numbers.slice(4 * i, 4 * i + 4);
-    balls.setMatrixAt(i, new Matrix4().makeScale(...Array(3).fill(Math.max(MIN_POINT_RADIUS_MM, radius))).setPosition(x, y, z));
+    const scale = Array(3).fill(Math.max(MIN_POINT_RADIUS_MM, radius));
+    balls.setMatrixAt(i, new Matrix4().makeScale(...scale).setPosition(x, y, z));
   }
   balls.frustumCulled = false;
   return balls;
 }
 
 /**
- * Returns the `group` of the obstacles, and the `mark` at the point of least clearance with a ball of this radius at each
- * end. `label` is the text of the mark, and `at` its position. `setColours(obstacles, mark)` sets the colours.
+ * Returns the `group` of the obstacles, and the `mark` at the point of least clearance with a ball of this radius at
+ * each end. `label` is the text of the mark, and `at` its position. `setColours(obstacles, mark)` sets the colours.
  * `greatestDistance(from)` returns the greatest distance of the obstacles from a point, mm.
  */
 export function makeObstacles(given, radius) {
-  const material = new MeshLambertMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide });
-  const squares = given.squares.flatMap((square) => [[0, 1, 2], [0, 2, 3]].flatMap((face) => face.flatMap((i) => square.slice(3 * i, 3 * i + 3))));
+  const material = new MeshLambertMaterial({
+    transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide,
+  });
+  const triangles = [0, 1, 2, 0, 2, 3];
+  const squares = given.squares.flatMap((square) => triangles.flatMap((i) => square.slice(3 * i, 3 * i + 3)));
   const geometries = [...given.boxes.map(makeBox), ...given.capsules.map(makeCapsule)];
   if (given.triangles.length > 0) geometries.push(makeSurface(given.triangles));
   const group = new Group();
@@ -97,7 +103,8 @@ export function makeObstacles(given, radius) {
     mark.children.forEach((part) => part.material.color.set(colour));
   };
   const greatestDistance = (from) => {
-    const distances = [...geometries, makeSurface(squares), ...[given.balls.flat(), given.points].map(centresGeometry)].flatMap((geometry) => {
+    const centres = [given.balls.flat(), given.points].map(centresGeometry);
+    const distances = [...geometries, makeSurface(squares), ...centres].flatMap((geometry) => {
       geometry.computeBoundingSphere();
       const sphere = geometry.boundingSphere;
       return sphere && sphere.radius >= 0 ? [sphere.center.distanceTo(from) + sphere.radius] : [];

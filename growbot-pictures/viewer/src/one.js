@@ -25,7 +25,8 @@ export function mountBody(data) {
   fillNumbers(find("#numbers"), data.numbers);
   fillWarnings(find("#warnings"), data.warnings);
   // The colours of a growing body do not change.
-  const picture = makePicture(find(".stage"), subject, data.live ? { range: heightRange([{ body: planned, sizes }]) } : {});
+  const options = data.live ? { range: heightRange([{ body: planned, sizes }]) } : {};
+  const picture = makePicture(find(".stage"), subject, options);
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
 
   const toggles = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);

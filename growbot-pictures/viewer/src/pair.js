@@ -17,7 +17,8 @@ export function showPair(data) {
   find("#difference").textContent = data.difference;
   find("#step").textContent = "a millimetre";
   find("#slider").setAttribute("aria-label", "Length of the body, mm");
-  fillWarnings(find("#warnings"), subjects.flatMap(({ name, warnings }) => warnings.map((warning) => `${name}: ${warning}`)));
+  const warnings = subjects.flatMap((subject) => subject.warnings.map((warning) => `${subject.name}: ${warning}`));
+  fillWarnings(find("#warnings"), warnings);
   document.querySelectorAll("#at-slider, #numbers").forEach((part) => {
     part.hidden = true;
   });

@@ -105,7 +105,8 @@ export function makeStage(canvas, drawn) {
   const follow = (other) => {
     following = true;
     controls.target.subVectors(other.controls.target, other.centre).add(stage.centre);
-    camera.position.subVectors(other.camera.position, other.controls.target).setLength(stage.distance).add(controls.target);
+    const direction = camera.position.subVectors(other.camera.position, other.controls.target);
+    direction.setLength(stage.distance).add(controls.target);
     camera.zoom = other.camera.zoom;
     camera.updateProjectionMatrix();
     controls.update();

@@ -77,7 +77,8 @@ export function fillWarnings(container, warnings) {
  * value], ...]]` each. Equal values are written once.
  */
 export function fillTable(table, heads, groups) {
-  const cell = (tag, text, attributes = {}) => Object.assign(document.createElement(tag), { textContent: text, ...attributes });
+  const cell = (tag, text, attributes = {}) =>
+    Object.assign(document.createElement(tag), { textContent: text, ...attributes });
   const row = (...cells) => {
     const line = document.createElement("tr");
     line.append(...cells);
@@ -87,7 +88,9 @@ export function fillTable(table, heads, groups) {
   for (const [heading, rows] of groups) {
     if (heading) table.append(row(cell("th", heading, { colSpan: 3, className: "heading", scope: "colgroup" })));
     for (const [name, one, other] of rows) {
-      const values = one === other ? [cell("td", one, { colSpan: 2 })] : [cell("td", one ?? "–"), cell("td", other ?? "–")];
+      const values = one === other
+        ? [cell("td", one, { colSpan: 2 })]
+        : [cell("td", one ?? "–"), cell("td", other ?? "–")];
       table.append(row(cell("th", name, { scope: "row" }), ...values));
     }
   }

@@ -1,6 +1,8 @@
 // The printed tube as one mesh that grows by its draw range, and the rim on which the next layer is laid.
 
-import { BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, MeshLambertMaterial, SRGBColorSpace, Color } from "three";
+import {
+  BufferAttribute, BufferGeometry, DoubleSide, Mesh, MeshBasicMaterial, MeshLambertMaterial, SRGBColorSpace, Color,
+} from "three";
 import { colourAt } from "./colours.js";
 
 const SEGMENTS = 32;

@@ -11,6 +11,8 @@ pitch. Pitch 90 is straight up. Every error is a growbot.Error, with value, limi
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from growbot import events
 from growbot._board import Board, Growth, connect
 from growbot._campaign import CampaignResult, CampaignSpec, ChunkResult, merge_chunks, run_campaign, run_chunk
@@ -66,3 +68,8 @@ __all__ = [
     "simulate_repeated",
     "view",
 ]
+
+if not TYPE_CHECKING:
+
+    def __getattr__(name: str) -> None:
+        raise AttributeError(f"growbot has no {name!r} in this release: use one of {', '.join(__all__)}")

@@ -132,8 +132,9 @@ class Board:
         ignore_scene: bool = False,
         scene: Optional[Scene] = None,
     ) -> Growth:
-        """Grows a plan. log is the file of the run log (.jsonl), which overwrite replaces. force ignores the plan's warnings.
+        """Grows a plan. log is the file of the run log (.jsonl), which overwrite replaces.
 
+        force ignores the plan's warnings.
         The plan must be clear in scene, or in the scene that it was planned through. Corrections stay clear, too.
         ignore_scene grows the body without regard to the scene, and warns.
 
@@ -157,7 +158,7 @@ class Board:
         return growth
 
     def detach(self) -> None:
-        """Detaches from the growth, which the service owns. It continues after the end of the with block and of this program."""
+        """Detaches from the growth, which the service owns. It continues after the with block and this program have ended."""
         self._service_board("leave the growth to")
         self._growth = lambda: None
 

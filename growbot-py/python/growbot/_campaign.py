@@ -11,7 +11,7 @@ import json
 import operator
 import os
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Literal, Optional, Union
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 #: Number of chunks in progress for each thread or worker. It limits the chunk results that wait.
 _AHEAD = 4
+#: Names of the planners.
+_PLANNERS = ("shortest", "two-plane")
 #: Number of times a chunk is given to another worker after its worker was lost.
 _LOSSES = 20
 
@@ -54,6 +56,8 @@ class CampaignSpec:
     planner: Literal["shortest", "two-plane"] = "shortest"
     #: Number of growths of a chunk.
     growths_per_chunk: int = 4096
+    #: Hash of all of the above, 64 hexadecimal digits. A chunk carries it.
+    hash: str = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for name, kind in (("robots", Robot), ("conditions", Conditions)):
@@ -63,12 +67,25 @@ class CampaignSpec:
                     given = type(item).__name__
                     raise InputTypeError(f"{name} holds a {given}: give growbot.{kind.__name__}", given, kind.__name__)
             object.__setattr__(self, name, items)
-        goals = tuple(_numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals)))
+        goals = tuple(
+            _numbers(f"goals[{index}]", goal, (3, 5)) for index, goal in enumerate(_listed("goals", self.goals))
+        )
         object.__setattr__(self, "goals", goals)
         object.__setattr__(self, "start", _numbers("start", self.start, (5,)))
         _whole("growths_per_cell", self.growths_per_cell, 1, 1 << 53)
         _whole("first_seed", self.first_seed, 0, 2**64 - 1)
         _whole("growths_per_chunk", self.growths_per_chunk, 1, 1_000_000)
+        if self.planner not in _PLANNERS:
+            given = str(self.planner)[:100]
+            message = f"planner is {given!r}: give \"shortest\" or \"two-plane\""
+            raise InputError(message, given, ", ".join(_PLANNERS))
+        if self.radius_mm is not None:
+            object.__setattr__(self, "radius_mm", _positive("radius_mm", self.radius_mm))
+        counts = [int(number) for number in (self.growths_per_cell, self.first_seed, self.growths_per_chunk)]
+        conditions = [[_plain(value) for value in astuple(each)] for each in self.conditions]
+        robots = [robot.hash for robot in self.robots]
+        content = repr((robots, self.goals, conditions, self.start, self.radius_mm, self.planner, counts))
+        object.__setattr__(self, "hash", hashlib.sha256(content.encode()).hexdigest())
 
     @property
     def cell_count(self) -> int:
@@ -97,6 +114,10 @@ class CampaignSpec:
 class ChunkResult:
     """Result of a chunk: the summaries of its cells, and the errors of cells that have no plan."""
 
+    #: Number of the chunk.
+    chunk: int
+    #: CampaignSpec.hash of its campaign.
+    spec_hash: str
     summaries: dict[int, SimulationSummary]
     errors: dict[int, str]
 
@@ -109,12 +130,25 @@ class CampaignResult:
     summaries: list[SimulationSummary] = field(default_factory=list)
     #: Errors of cells that have no plan, by the index of the cell.
     errors: dict[int, str] = field(default_factory=dict)
+    _added: set[int] = field(default_factory=set, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         self.summaries = [SimulationSummary() for _ in range(self.spec.cell_count)]
 
     def add(self, chunk: ChunkResult) -> None:
-        """Adds a chunk. The order does not matter, but each chunk must be added only once."""
+        """Adds a chunk of the same campaign, once. The order does not matter."""
+        if not isinstance(chunk, ChunkResult):
+            given = type(chunk).__name__
+            raise InputTypeError(f"chunk is of type {given}: give a growbot.ChunkResult", given, "ChunkResult")
+        if chunk.spec_hash != self.spec.hash:
+            message = (
+                f"chunk {chunk.chunk} is of another campaign, {chunk.spec_hash[:16]}..., and not of "
+                f"{self.spec.hash[:16]}...: robots, goals, conditions and all numbers of its spec must be the same"
+            )
+            raise InputError(message, chunk.spec_hash, self.spec.hash)
+        if chunk.chunk in self._added:
+            raise InputError(f"chunk {chunk.chunk} was added before: add each chunk once", chunk.chunk, "once")
+        self._added.add(chunk.chunk)
         for cell, summary in chunk.summaries.items():
             self.summaries[cell] = self.summaries[cell].merged(summary)
         self.errors.update(chunk.errors)
@@ -136,7 +170,9 @@ class CampaignResult:
 
     def table(self) -> npt.NDArray[np.void]:
         """Returns a structured array with a row for each cell: cell, robot, goal, conditions (indices) and growth_count.
-        The distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last."""
+
+        The distance from the goal has mean_mm, sd_mm, p50_mm, p95_mm and max_mm. mean_direction_error_deg comes last.
+        """
         import numpy as np
 
         names = ("mean", "sd", "p50", "p95", "max")
@@ -185,14 +221,19 @@ def run_chunk(spec: CampaignSpec, chunk: int, samples: Optional[Union[str, os.Pa
             tables.append((cell, rows))
     if samples is not None:
         _write_samples(Path(samples), chunk, tables)
-    return ChunkResult(summaries, errors)
+    return ChunkResult(chunk, spec.hash, summaries, errors)
 
 
 def merge_chunks(spec: CampaignSpec, chunks: Iterable[ChunkResult]) -> CampaignResult:
-    """Merges chunks, in any order. Each of range(spec.chunk_count) must be there once."""
+    """Merges chunks, in any order. Each of range(spec.chunk_count) must be there once, otherwise InputError is raised."""
     result = CampaignResult(spec)
     for chunk in chunks:
         result.add(chunk)
+    missing = spec.chunk_count - len(result._added)
+    if missing:
+        first = next(chunk for chunk in range(spec.chunk_count) if chunk not in result._added)
+        message = f"{missing} of {spec.chunk_count} chunks are missing, the first is {first}: give all of run_chunk"
+        raise InputError(message, spec.chunk_count - missing, spec.chunk_count)
     return result
 
 
@@ -329,6 +370,22 @@ def _numbers(name: str, value: Any, counts: tuple[int, ...]) -> tuple[Any, ...]:
     x, y, z, heading, pitch = items if len(items) == 5 else (*items, 0, 0)
     Pose(x, y, z, heading, pitch)
     return tuple(float(number) for number in items)
+
+
+def _plain(value: Any) -> Any:
+    """Returns a value of conditions, so that equal numbers of any type have the same repr."""
+    return value if value is None or isinstance(value, (bool, str)) else float(value)
+
+
+def _positive(name: str, value: Any) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        given = type(value).__name__
+        raise InputTypeError(f"{name} is of type {given}: give a number", given, "float") from None
+    if not 0.0 < number < float("inf"):
+        raise InputError(f"{name} is {number}: give a number above 0", number, 0.0)
+    return number
 
 
 def _whole(name: str, value: Any, least: int, most: int) -> int:

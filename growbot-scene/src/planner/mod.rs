@@ -201,7 +201,7 @@ impl Search<'_, '_> {
             if self.best.is_none() && self.trees.len() == LEVELS && self.trees.iter().all(SearchTree::is_exhausted) {
                 break;
             }
-            self.draw();
+            self.try_random_bodies();
             if first_only && self.best.is_some() {
                 break;
             }
@@ -269,7 +269,7 @@ impl Search<'_, '_> {
     }
 
     /// Draws random bodies until one is clear. One that is a little longer than the best is shortened first.
-    fn draw(&mut self) {
+    fn try_random_bodies(&mut self) {
         let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.max_length };
         let until = self.meter.work.0 + QUOTA;
         while !self.meter.check_exhausted_or_at(until) {

@@ -26,7 +26,7 @@ const MAX_NODES: usize = 500_000;
 /// A tip that has been reached.
 struct SearchNode {
     tip: TipPose,
-    /// Index of the previous node. `way` leads from there to this one.
+    /// Index of the previous node. `edge` leads from there to this one.
     parent: u32,
     edge: ArcSegment,
     cost_to_come: f64,
@@ -39,7 +39,7 @@ struct QueueEntry {
     total: f64,
     number: u64,
     node: u32,
-    way: ArcSegment,
+    edge: ArcSegment,
 }
 
 impl PartialEq for QueueEntry {
@@ -103,17 +103,17 @@ impl SearchTree {
             if next.total >= below {
                 continue;
             }
-            let end = next.way.end();
-            let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.cost_to_come + next.way.length);
+            let end = next.edge.end();
+            let (cell, gone) = (self.cell(&end), self.nodes.get(next.node as usize)?.cost_to_come + next.edge.length);
             // A blocked way does not reserve its cell.
             if self.cells.get(&cell).is_some_and(|before| *before <= gone)
-                || !is_clear(problem.scene, &next.way, &problem.required_clearance, &mut meter.work)
+                || !is_clear(problem.scene, &next.edge, &problem.required_clearance, &mut meter.work)
             {
                 continue;
             }
             self.cells.insert(cell, gone);
             let index = self.nodes.len();
-            self.nodes.push(SearchNode { tip: end, parent: next.node, edge: next.way, cost_to_come: gone });
+            self.nodes.push(SearchNode { tip: end, parent: next.node, edge: next.edge, cost_to_come: gone });
             if let Some(found) = self.connect(problem, index, below, meter) {
                 return Some(found);
             }
@@ -193,7 +193,7 @@ impl SearchTree {
             if total < below && total < problem.max_length {
                 self.pushed += 1;
                 let rank = gone + step + HEURISTIC_WEIGHT * left;
-                self.queue.push(QueueEntry { rank, total, number: self.pushed, node: index as u32, way });
+                self.queue.push(QueueEntry { rank, total, number: self.pushed, node: index as u32, edge: way });
             }
         }
     }

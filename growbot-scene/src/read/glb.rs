@@ -1,5 +1,7 @@
 //! GLB: the triangles of a glTF 2.0 scene in binary form, transformed by their nodes. Textures, materials, skins and
 //! animations are ignored. Compressed and sparse buffers are refused.
+//!
+//! glTF has y up (specification 2.0, section 3.4), so points are turned here to have z up.
 
 use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
@@ -106,12 +108,17 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     match document.scenes.get(document.scene) {
         Some(scene) => {
             for node in &scene.nodes {
-                reader.node(*node, &Matrix4::identity(), 0)?;
+                reader.node(*node, &base_from_gltf(), 0)?;
             }
         }
         None => return Err(format!("it has no scene {}", document.scene)),
     }
     Ok(reader.geometry)
+}
+
+/// Returns the rotation from glTF's axes, y up, to those of the base, z up: x stays, -z becomes y, y becomes z.
+fn base_from_gltf() -> Matrix4<f64> {
+    Matrix4::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
 struct Reader<'a> {

@@ -1,5 +1,8 @@
 //! Readers of meshes and point clouds. All counts of a file are checked against its actual bytes before they are used,
 //! so that memory is bounded by the file's length.
+//!
+//! Axes are those of the base, z up. glTF defines y up and metres, so GLB is turned, and a unit is 1000 mm. The other
+//! formats define neither axes nor units: coordinates are taken as they are, and a unit is 1 mm by default.
 
 mod glb;
 mod obj;
@@ -20,13 +23,16 @@ pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
 /// Maximum number of characters of a reason in a message.
 const MAX_REASON_CHARS: usize = 200;
 
+/// Reads the bytes of a format.
+type Reader = fn(&[u8]) -> Result<RawGeometry, String>;
+
 /// File extensions of the formats.
 const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
 /// Content of a mesh or cloud file: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RawGeometry {
-    /// The points, in the file's units.
+    /// The points in the file's units, z up.
     pub points: Vec<Vector3<f64>>,
     /// Corners of each triangle, as indices of points.
     pub triangles: Vec<[u32; 3]>,
@@ -41,6 +47,8 @@ pub struct GeometryFile {
     pub hash: u64,
     /// Number of bytes.
     pub length: u64,
+    /// Length of a unit according to the format, mm: 1000 for GLB, which is in metres, otherwise 1.
+    pub unit_mm: f64,
 }
 
 /// Error of reading a file.
@@ -112,17 +120,17 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
 /// Any fault of the file.
 pub fn geometry(path: &Path) -> Result<GeometryFile, ReadError> {
     let file = || path.display().to_string();
-    let read = match extension(path).as_deref() {
-        Some("stl") => stl::read,
-        Some("obj") => obj::read,
-        Some("ply") => ply::read,
-        Some("glb") => glb::read,
-        Some("pcd") => pcd::read,
+    let (read, unit_mm): (Reader, f64) = match extension(path).as_deref() {
+        Some("stl") => (stl::read, 1.0),
+        Some("obj") => (obj::read, 1.0),
+        Some("ply") => (ply::read, 1.0),
+        Some("glb") => (glb::read, 1000.0),
+        Some("pcd") => (pcd::read, 1.0),
         _ => return Err(ReadError::UnknownExtension { file: file() }),
     };
     let bytes = bytes(path, MAX_GEOMETRY_BYTES)?;
     let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason: one_line(&reason) })?;
-    Ok(GeometryFile { geometry, hash: Hasher::hash(&bytes), length: bytes.len() as u64 })
+    Ok(GeometryFile { geometry, hash: Hasher::hash(&bytes), length: bytes.len() as u64, unit_mm })
 }
 
 /// Returns a text in one line of limited length, whatever a damaged file contains.

@@ -31,7 +31,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let (fields, words, size) = fields(&header)?;
     let points = header.points.ok_or("its header has no POINTS")?;
     let points = match header.data.as_str() {
-        "ascii" => text(data, &fields, words)?,
+        "ascii" => read_ascii(data, &fields, words)?,
         "binary" => binary(data, &fields, size)?,
         other => return Err(format!("its points are written as {other:?}: write them as ascii or binary")),
     }
@@ -110,7 +110,7 @@ fn fields(header: &PcdHeader) -> Result<([PcdField; 3], usize, usize), String> {
     }
 }
 
-fn text(data: &[u8], fields: &[PcdField; 3], words: usize) -> Result<Points, String> {
+fn read_ascii(data: &[u8], fields: &[PcdField; 3], words: usize) -> Result<Points, String> {
     let mut points = Vec::new();
     for line in data.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty()) {
         let line = std::str::from_utf8(line).map_err(|_| "its points are not text")?;

@@ -17,7 +17,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     }
     let is_text = bytes.trim_ascii_start().starts_with(b"solid");
     match (is_text, announced) {
-        (true, _) => text(bytes),
+        (true, _) => read_ascii(bytes),
         (false, Some(announced)) => Err(format!("its header declares {announced} bytes, but it has {}", bytes.len())),
         (false, None) => Err(format!("it has {} bytes, less than an STL file's header", bytes.len())),
     }
@@ -37,7 +37,7 @@ fn binary(bytes: &[u8]) -> RawGeometry {
     geometry
 }
 
-fn text(bytes: &[u8]) -> Result<RawGeometry, String> {
+fn read_ascii(bytes: &[u8]) -> Result<RawGeometry, String> {
     let mut geometry = RawGeometry::default();
     let mut corners = Vec::new();
     for (number, words) in lines(bytes).enumerate() {

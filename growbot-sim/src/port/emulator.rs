@@ -95,7 +95,7 @@ impl Emulator {
         let sealed = with_seal(&firmware)?;
         let image = sealed.as_ref().map_or(firmware, path_of);
         let mut board = EmulatedBoard::start(&image, memory, Time::of_environment())?;
-        let line = board.line().try_clone().map_err(doing("share the emulator's line"))?;
+        let line = board.serial().try_clone().map_err(doing("share the emulator's line"))?;
         let followed = Arc::new(Mutex::new(TipFollower::new(words, robot)));
         let line = match board.debugger() {
             Some(debugger) => {
@@ -164,7 +164,7 @@ impl Emulator {
     /// Returns the reason for a broken connection. If QEMU has ended, the reason contains its last messages.
     fn explain_disconnect(&mut self, broken: PortError) -> PortError {
         match self.board.qemu().wait_for_exit(END) {
-            Some(said) => QemuError::ExitedWhileRunning(said).into(),
+            Some(output) => QemuError::ExitedWhileRunning(output).into(),
             None => broken,
         }
     }

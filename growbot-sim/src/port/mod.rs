@@ -43,9 +43,9 @@ pub enum OpenError {
     /// A board cannot control this robot.
     #[error("no board, real or emulated, can run robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
-    /// Error of a resident simulated robot.
+    /// Error of the process of a simulated robot.
     #[error(transparent)]
-    Resident(#[from] SimDaemonError),
+    Daemon(#[from] SimDaemonError),
     /// Error of the emulator.
     #[error(transparent)]
     Emulator(#[from] QemuError),
@@ -244,10 +244,11 @@ mod tests {
         let settings = TipSettings::default();
         assert!(open(&PortName::Sim, &robot, &settings).is_ok());
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
-        let said = refused.to_string();
+        let message = refused.to_string();
         assert!(
-            said.starts_with("no board, real or emulated, can run robot growbot-c") && said.contains("above 100000"),
-            "{said}"
+            message.starts_with("no board, real or emulated, can run robot growbot-c")
+                && message.contains("above 100000"),
+            "{message}"
         );
     }
 

@@ -82,7 +82,9 @@ impl fmt::Display for QemuError {
                 write!(f, "{PROGRAM} is not installed: install QEMU {OLDEST} or newer (package qemu-system-arm)")
             }
             Self::TooOld(version) => write!(f, "{PROGRAM} is version {version}: version {OLDEST} or newer is needed"),
-            Self::UnknownVersion(said) => write!(f, "cannot determine the version of {PROGRAM}; it printed: {said}"),
+            Self::UnknownVersion(output) => {
+                write!(f, "cannot determine the version of {PROGRAM}; it printed: {output}")
+            }
             Self::NoFirmware(path) => {
                 write!(
                     f,
@@ -90,15 +92,17 @@ impl fmt::Display for QemuError {
                     path.display()
                 )
             }
-            Self::ExitedAtStart(said) => write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(said)),
-            Self::ExitedWhileRunning(said) => write!(
+            Self::ExitedAtStart(output) => {
+                write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(output))
+            }
+            Self::ExitedWhileRunning(output) => write!(
                 f,
                 "{PROGRAM} ended while the board was running: {}; check that the image is growbot's firmware for the \
                  emulated board (`cargo build-an386`)",
-                first_line(said)
+                first_line(output)
             ),
-            Self::NotConnected(line, said) => {
-                write!(f, "{PROGRAM} did not connect its {line} within {} s: {}", START.as_secs(), or_nothing(said))
+            Self::NotConnected(line, output) => {
+                write!(f, "{PROGRAM} did not connect its {line} within {} s: {}", START.as_secs(), or_nothing(output))
             }
             Self::Refused(command, answer) => write!(f, "{PROGRAM} refused `{command}`: {answer}"),
             Self::Io(what, error) => write!(f, "cannot {what}: {error}"),
@@ -115,13 +119,13 @@ impl std::error::Error for QemuError {
     }
 }
 
-fn or_nothing(said: &str) -> &str {
-    if said.trim().is_empty() { "it printed nothing" } else { said.trim() }
+fn or_nothing(output: &str) -> &str {
+    if output.trim().is_empty() { "it printed nothing" } else { output.trim() }
 }
 
 /// Returns the first line of QEMU's output. Registers may follow it.
-fn first_line(said: &str) -> &str {
-    or_nothing(said).lines().next().unwrap_or_default().trim()
+fn first_line(output: &str) -> &str {
+    or_nothing(output).lines().next().unwrap_or_default().trim()
 }
 
 /// Returns a function that adds the failed action to an [`io::Error`].
@@ -218,8 +222,8 @@ impl Qemu {
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) => return Err(QemuError::Io("connect the emulator's line", error)),
             }
-            if let Some(said) = self.wait_for_exit(Duration::ZERO) {
-                return Err(QemuError::ExitedAtStart(said));
+            if let Some(output) = self.wait_for_exit(Duration::ZERO) {
+                return Err(QemuError::ExitedAtStart(output));
             }
             if Instant::now() >= deadline {
                 return Err(QemuError::NotConnected(line.name, self.messages()));
@@ -290,8 +294,8 @@ fn spawn_error(error: io::Error) -> QemuError {
 
 fn check_version() -> Result<(), QemuError> {
     let output = Command::new(PROGRAM).arg("--version").stdin(Stdio::null()).output().map_err(spawn_error)?;
-    let said = String::from_utf8_lossy(&output.stdout);
-    let first = said.lines().next().unwrap_or_default();
+    let text = String::from_utf8_lossy(&output.stdout);
+    let first = text.lines().next().unwrap_or_default();
     match major_version(first) {
         Some((major, _)) if major >= OLDEST => Ok(()),
         Some((_, version)) => Err(QemuError::TooOld(version.to_string())),
@@ -350,7 +354,7 @@ impl EmulatedBoard {
     }
 
     /// Returns the board's serial connection.
-    pub fn line(&self) -> &TcpStream {
+    pub fn serial(&self) -> &TcpStream {
         &self.line
     }
 

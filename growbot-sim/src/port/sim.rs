@@ -28,10 +28,12 @@ use crate::tip::pins::{
     TipOutputs,
 };
 use crate::tip::{Motor, Tip, TipFault, Variation};
-use growbot_core::random::splitmix64;
+use growbot_core::random::{Rng, splitmix64};
 
 /// Interval at which the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
+/// Max time between two polls that are late, us of virtual time. It is the limit of the controller.
+const MAX_POLL_US: u64 = 20_000;
 /// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
 const HEAD_AT_FIRST: i64 = -137;
 
@@ -57,6 +59,8 @@ pub struct Sim {
     boot_tick: u64,
     boots: u32,
     next_poll: u64,
+    /// Draws the time between two polls. If `None`, the controller also polls at once after each report.
+    lateness: Option<Rng>,
     fed: Rc<WatchdogClock>,
     retained: Retained,
     flash: Flash,
@@ -99,6 +103,7 @@ impl Sim {
             boot_tick: 0,
             boots: 1,
             next_poll: 0,
+            lateness: None,
             fed,
             retained,
             flash,
@@ -120,6 +125,12 @@ impl Sim {
     /// Loads a spool with this length of filament, mm.
     pub fn load_filament(&mut self, mm: f64) {
         self.tip.borrow_mut().load_filament(mm);
+    }
+
+    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn from
+    /// this seed, and not at once after a report.
+    pub fn poll_late(&mut self, seed: u64) {
+        self.lateness = Some(Rng::new(&[seed]));
     }
 
     /// Injects a fault, and replaces a fault of the same kind.
@@ -284,7 +295,7 @@ impl Sim {
             self.run_engine(until);
         }
         self.fed.now.set(self.tick);
-        if self.tick >= self.next_poll || self.handover.has_report() {
+        if self.tick >= self.next_poll || self.must_poll_at_once() {
             self.poll();
         }
         if self.tick >= self.watchdog_deadline() {
@@ -311,15 +322,20 @@ impl Sim {
             self.tip.borrow_mut().advance(self.tick);
             self.engine.skip(ticks - 1);
             self.engine.tick(&self.handover);
-            if self.tick >= until || self.handover.has_report() {
+            if self.tick >= until || self.must_poll_at_once() {
                 return;
             }
         }
     }
 
+    fn must_poll_at_once(&self) -> bool {
+        self.lateness.is_none() && self.handover.has_report()
+    }
+
     fn poll(&mut self) {
         self.controller.poll((self.tick - self.boot_tick) * 1_000_000 / self.tick_hz, &self.handover);
-        self.next_poll = self.tick + (POLL_US * self.tick_hz / 1_000_000).max(1);
+        let us = self.lateness.as_mut().map_or(POLL_US, |random| random.below(MAX_POLL_US + 1));
+        self.next_poll = self.tick + (us * self.tick_hz / 1_000_000).max(1);
         while let Some(byte) = self.controller.next_tx_byte() {
             self.from_board.push_back(byte);
         }

@@ -39,18 +39,18 @@ impl PersistentMemory {
 
     /// Writes the changes.
     pub fn save(&mut self, sim: &Sim) -> Result<(), SimDaemonError> {
-        self.flash.keep(&self.place)?;
-        self.descriptions.keep(&self.place)?;
+        self.flash.save(&self.place)?;
+        self.descriptions.save(&self.place)?;
         if sim.robot().hash() != self.robot {
             self.place.store_robot(sim.robot())?;
             self.robot = sim.robot().hash();
         }
-        self.retained.keep(&self.place, "retained", &sim.retained().read())
+        self.retained.save(&self.place, "retained", &sim.retained().read())
     }
 
     /// Erases the retained memory, because the power is lost.
     pub fn lose_retained(&mut self) -> Result<(), SimDaemonError> {
-        self.retained.keep(&self.place, "retained", &[0; RETAINED_BYTES])
+        self.retained.save(&self.place, "retained", &[0; RETAINED_BYTES])
     }
 }
 
@@ -72,10 +72,10 @@ impl KeptFlash {
         Ok(Self { name, kept, flash, writes })
     }
 
-    fn keep(&mut self, place: &StateDir) -> Result<(), SimDaemonError> {
+    fn save(&mut self, place: &StateDir) -> Result<(), SimDaemonError> {
         let writes = self.flash.writes();
         if writes != self.writes {
-            self.kept.keep(place, self.name, &self.flash.bytes())?;
+            self.kept.save(place, self.name, &self.flash.bytes())?;
             self.writes = writes;
         }
         Ok(())
@@ -107,7 +107,7 @@ impl MemoryFile {
     }
 
     /// Writes the range from the first byte that differs to the last, in one piece.
-    fn keep(&mut self, place: &StateDir, name: &str, now: &[u8]) -> Result<(), SimDaemonError> {
+    fn save(&mut self, place: &StateDir, name: &str, now: &[u8]) -> Result<(), SimDaemonError> {
         let mut differ = (0..now.len()).filter(|&at| self.bytes.get(at) != now.get(at));
         let Some(first) = differ.next() else { return Ok(()) };
         let last = differ.next_back().unwrap_or(first);

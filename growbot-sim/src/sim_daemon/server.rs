@@ -11,6 +11,7 @@ use std::{fs, io, thread};
 use growbot_client::port::Port;
 use growbot_core::link::message::ResetCause;
 use growbot_core::robot::Robot;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::persistence::PersistentMemory;
 use super::protocol::{PROTOCOL_VERSION, Request, Response, micros};
@@ -50,7 +51,7 @@ pub fn serve(place: &StateDir, robot: &Robot, pace: f64, ready: impl FnOnce()) -
         .map(listen)
         .map_err(|error| place.failed("listen at", path, error))?;
     let began = Instant::now();
-    let mut player = SimServer { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, asked: began };
+    let mut player = SimServer { sim, store, pace, began, hosts: BTreeMap::new(), owner: None, last_request: began };
     ready();
     let ended = player.run(&asks);
     drop(held);
@@ -79,7 +80,7 @@ type Asks = Receiver<(u64, ConnectionEvent)>;
 
 /// Starts a thread that accepts connections, and one for each of them.
 fn listen(listener: UnixListener) -> Asks {
-    let (say, said) = mpsc::channel();
+    let (sender, events) = mpsc::channel();
     thread::spawn(move || {
         for (host, stream) in (0..).zip(listener.incoming()) {
             // No file descriptors are available at present.
@@ -87,11 +88,11 @@ fn listen(listener: UnixListener) -> Asks {
                 thread::sleep(Duration::from_millis(100));
                 continue;
             };
-            let say = say.clone();
-            thread::spawn(move || read_requests(host, stream, &say));
+            let sender = sender.clone();
+            thread::spawn(move || read_requests(host, stream, &sender));
         }
     });
-    said
+    events
 }
 
 fn read_requests(host: u64, stream: UnixStream, say: &Sender<(u64, ConnectionEvent)>) {
@@ -127,7 +128,7 @@ struct SimServer {
     /// Number of the host that owns the line.
     owner: Option<u64>,
     /// Time of the latest request.
-    asked: Instant,
+    last_request: Instant,
 }
 
 impl SimServer {
@@ -141,8 +142,8 @@ impl SimServer {
             self.answer_waiting();
             let wait = if due > STEP { Duration::ZERO } else { LOOK };
             match asks.recv_timeout(wait) {
-                Ok((host, said)) => {
-                    if self.take(host, said)? == Power::Off {
+                Ok((host, event)) => {
+                    if self.take(host, event)? == PowerState::Unpowered {
                         return Ok(());
                     }
                     self.store.save(&self.sim)?;
@@ -164,7 +165,7 @@ impl SimServer {
     fn due(&mut self) -> Duration {
         let waited_for = self.owner.is_some()
             && self.hosts.values().all(|host| host.waits.is_none())
-            && self.asked.elapsed() < PATIENCE;
+            && self.last_request.elapsed() < PATIENCE;
         let real = self.now().div_f64(self.pace);
         let behind = self.began.elapsed().saturating_sub(real);
         if waited_for || behind > MAX_BEHIND {
@@ -203,11 +204,20 @@ impl SimServer {
             if write_response(&mut host.stream, &Response::Bytes { bytes, now_us: micros(now) }).is_err() {
                 gone.push(*name);
             }
-            self.asked = Instant::now();
+            self.last_request = Instant::now();
         }
         for host in gone {
             self.forget(host);
         }
+    }
+
+    /// Returns whether the owner still has its end of the line open. The thread that reads from it may report its end
+    /// only after the request of the next owner.
+    fn has_connected_owner(&self) -> bool {
+        let Some(owner) = self.owner.and_then(|owner| self.hosts.get(&owner)) else { return false };
+        let mut ends = [PollFd::new(&owner.stream, PollFlags::empty())];
+        let polled = poll(&mut ends, Some(&Timespec::default()));
+        polled.is_err() || !ends[0].revents().contains(PollFlags::HUP)
     }
 
     fn forget(&mut self, host: u64) {
@@ -217,16 +227,16 @@ impl SimServer {
         }
     }
 
-    fn take(&mut self, name: u64, said: ConnectionEvent) -> Result<Power, SimDaemonError> {
-        let ask = match said {
+    fn take(&mut self, name: u64, event: ConnectionEvent) -> Result<PowerState, SimDaemonError> {
+        let ask = match event {
             ConnectionEvent::Connected(stream) => {
                 self.hosts
                     .insert(name, ClientConnection { stream, queue: VecDeque::new(), is_open: false, waits: None });
-                return Ok(Power::On);
+                return Ok(PowerState::Powered);
             }
             ConnectionEvent::Disconnected => {
                 self.forget(name);
-                return Ok(Power::On);
+                return Ok(PowerState::Powered);
             }
             ConnectionEvent::Request(ask) => ask,
         };
@@ -235,7 +245,7 @@ impl SimServer {
         }
         let is_off = ask == Request::PowerOff;
         if self.owner == Some(name) {
-            self.asked = Instant::now();
+            self.last_request = Instant::now();
         }
         let answer = self.handle_request(name, ask);
         if let (Some(answer), Some(host)) = (answer, self.hosts.get_mut(&name))
@@ -243,7 +253,7 @@ impl SimServer {
         {
             self.forget(name);
         }
-        Ok(if is_off { Power::Off } else { Power::On })
+        Ok(if is_off { PowerState::Unpowered } else { PowerState::Powered })
     }
 
     /// Executes the request of a host. `None` if the response is sent later.
@@ -251,10 +261,10 @@ impl SimServer {
         let now = self.now();
         match ask {
             Request::Open { release, .. } if release != PROTOCOL_VERSION => return Some(Response::OtherRelease),
-            Request::Open { exclusive: true, .. } if self.owner.is_some() => return Some(Response::Busy),
+            Request::Open { exclusive: true, .. } if self.has_connected_owner() => return Some(Response::Busy),
             Request::Open { exclusive: alone, .. } => {
                 if alone {
-                    (self.owner, self.asked) = (Some(name), Instant::now());
+                    (self.owner, self.last_request) = (Some(name), Instant::now());
                 }
                 self.hosts.get_mut(&name)?.is_open = true;
             }
@@ -280,9 +290,9 @@ impl SimServer {
 
 /// Power state of the robot after a request.
 #[derive(PartialEq, Eq)]
-enum Power {
-    On,
-    Off,
+enum PowerState {
+    Powered,
+    Unpowered,
 }
 
 /// Time after which a host that accepts no bytes counts as gone.

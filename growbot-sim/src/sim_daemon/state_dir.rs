@@ -131,14 +131,14 @@ impl StateDir {
         written.map_err(|error| self.failed("write", path, io::Error::other(error.to_string())))
     }
 
-    fn check_same_robot(&self, known: &Robot, asked: &Robot) -> Result<(), SimDaemonError> {
-        if known.hash() == asked.hash() {
+    fn check_same_robot(&self, known: &Robot, other: &Robot) -> Result<(), SimDaemonError> {
+        if known.hash() == other.hash() {
             return Ok(());
         }
         Err(SimDaemonError::OtherRobot {
             name: self.name.clone(),
             stored: format!("{} ({:016x})", known.name(), known.hash()),
-            requested: format!("{} ({:016x})", asked.name(), asked.hash()),
+            requested: format!("{} ({:016x})", other.name(), other.hash()),
             directory: self.directory.display().to_string(),
         })
     }

@@ -96,6 +96,6 @@ fn one_client_owns_the_link_and_any_may_send_an_emergency_stop() {
     thread.join().unwrap().unwrap();
     assert!(matches!(DaemonPort::open(&place), Err(SimDaemonError::NotRunning(_))));
     let other = robot_file::load("growbot-b".as_ref()).unwrap();
-    let said = serve(&place, &other, 1.0, || {}).unwrap_err().to_string();
-    assert!(said.contains("growbot-a2") && said.contains("growbot-b"), "{said}");
+    let message = serve(&place, &other, 1.0, || {}).unwrap_err().to_string();
+    assert!(message.contains("growbot-a2") && message.contains("growbot-b"), "{message}");
 }

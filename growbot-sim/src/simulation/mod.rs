@@ -12,8 +12,10 @@ use growbot_client::arrival::Arrival;
 use growbot_client::clearance_guard::SceneContext;
 use growbot_client::plan::Plan;
 use growbot_client::warning::Warning;
+use growbot_core::angle::wrap_positive;
+use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::{Frame, Pose, tip_direction};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{
     Disturbance, DisturbedLayer, GrownBody, GrowthTask, RootStress, SaggingBody, SimulatedSensors,
@@ -182,6 +184,37 @@ impl<'a> Simulation<'a> {
         self.path_length
     }
 
+    /// Returns the layers of the body as it lies after the growth: without twist, and bent by the sag if there is one.
+    /// Each begins where the one before ends (Eq 4). `laid` are the layers that [`Self::run_by_layer`] returns.
+    ///
+    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid. The
+    /// end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the sag.
+    #[must_use]
+    pub fn layers_as_laid(&self, laid: &[DisturbedLayer]) -> Vec<Layer> {
+        if !self.sag {
+            let mut twist = 0.0;
+            let layers = laid.iter().map(|DisturbedLayer { layer, twist: more }| {
+                let layer = Layer { alpha: wrap_positive(layer.alpha + twist), ..*layer };
+                twist += more;
+                layer
+            });
+            return layers.collect();
+        }
+        let mut tip = self.task.start.frame();
+        let mut directions = Vec::with_capacity(laid.len());
+        SaggingBody::frames_of(self.task.robot, &tip, laid, |frame| directions.push(tip_direction(&frame)));
+        let layers = laid.iter().zip(directions).map(|(laid, direction)| {
+            let towards = tip.inverse_transform_vector(&direction);
+            let across = libm::hypot(towards.x, towards.y);
+            let alpha = libm::atan2(-towards.y, -towards.x);
+            let tilt = libm::atan2(across, towards.z);
+            let layer = Layer { alpha: wrap_positive(alpha), height: laid.layer.height, tilt };
+            tip = advance(&tip, &layer.step());
+            layer
+        });
+        layers.collect()
+    }
+
     /// Returns the warnings for a body with this sag.
     #[must_use]
     pub fn warnings(&self, hung: &SagResult) -> Vec<Warning> {
@@ -214,6 +247,7 @@ mod tests {
     use super::*;
     use growbot_client::pose_text::parse_pose;
     use growbot_client::robot_file;
+    use growbot_core::layer::grow;
     use growbot_core::plan::Planner;
 
     fn plan(robot: &Robot, from: &str, to: &str) -> Plan {
@@ -264,6 +298,33 @@ mod tests {
             let codes: Vec<String> = simulation.warnings(&hung).into_iter().map(|warning| warning.code).collect();
             assert_eq!(codes.first().map(String::as_str), code, "{hung:?}");
         }
+    }
+
+    #[test]
+    fn layers_as_laid_lead_to_the_tip_of_a_twisted_body() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let plan = plan(&robot, "0,0,0,0,90", "200,100,600,0,45");
+        let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+        simulation.disturbance = Disturbance { twist_bias: 0.01, twist_noise: 0.02, ..Disturbance::default() };
+        let mut laid = Vec::new();
+        let outcome = simulation.run_by_layer(1, |layer| laid.push(*layer));
+        let tip = grow(&plan.start.frame(), simulation.layers_as_laid(&laid)).translation.vector;
+        assert!((tip - outcome.grown.base_from_tip.translation.vector).norm() < 1e-9 && laid[5].twist != 0.0);
+        assert!(outcome.arrival.position_error_mm > 10.0, "{outcome:?}");
+    }
+
+    #[test]
+    fn layers_as_laid_of_a_sagging_body_hang_with_its_tip() {
+        let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+        let plan = plan(&robot, "0,0,0,0,0", "1000,0,0,0,0");
+        let mut simulation = Simulation::new(&plan, &robot, Slicing::Exact);
+        (simulation.sag, simulation.disturbance.twist_bias) = (true, 0.01);
+        let mut laid = Vec::new();
+        let outcome = simulation.run_by_layer(1, |layer| laid.push(*layer));
+        let tip = grow(&plan.start.frame(), simulation.layers_as_laid(&laid)).translation.vector;
+        let (off, sag) =
+            ((tip - outcome.grown.base_from_tip.translation.vector).norm(), outcome.sag.unwrap().deflection);
+        assert!(sag > 5.0 && off < 0.05 * sag, "{off} mm of {sag} mm");
     }
 
     #[test]

@@ -35,7 +35,9 @@ impl Rig {
     /// Returns a robot that has just been switched on.
     #[must_use]
     pub fn new(robot: &Robot, variation: Variation) -> Self {
-        let sim = Rc::new(RefCell::new(Sim::with(robot.clone(), variation)));
+        let mut sim = Sim::with(robot.clone(), variation);
+        sim.poll_late(variation.seed);
+        let sim = Rc::new(RefCell::new(sim));
         let client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         Self { sim, client, robot: robot.clone(), encoder: LayerEncoder::default(), handed_over: 0 }
     }

@@ -1,6 +1,6 @@
 //! Interruptions of a growth by loss of the host, the cable, the board or its power. A host then resumes the growth.
 
-use std::cell::{Cell, RefCell};
+use std::cell::Cell;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -11,9 +11,8 @@ use growbot_client::growth::{
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, ResetCause, State, Status};
-use growbot_sim::port::sim::Sim;
 
-use super::{Board, CuttablePort, ReferenceGrowth};
+use super::{Board, CuttablePort, ReferenceGrowth, late_board};
 
 /// Kind of interruption.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,7 +58,7 @@ pub fn crash_at(
     crash: Interruption,
     event: usize,
 ) -> Result<Recovery, String> {
-    let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
+    let board = late_board(job, event as u64);
     let mut known = Vec::new();
     let broken = grow_until(job, &board, crash, event, &mut known);
     if let Ok(GrowthReport { outcome: Outcome::Done, .. }) = &broken {

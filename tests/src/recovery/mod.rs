@@ -65,6 +65,13 @@ impl Body {
 /// A simulated robot that a test shares with its port.
 pub type Board = Rc<RefCell<Sim>>;
 
+/// Returns a robot whose controller polls late, as drawn from this seed.
+fn late_board(job: &Job, seed: u64) -> Board {
+    let mut sim = Sim::new(job.robot.clone());
+    sim.poll_late(seed);
+    Rc::new(RefCell::new(sim))
+}
+
 /// An undisturbed growth.
 pub struct ReferenceGrowth {
     /// The layers as built.

@@ -11,9 +11,8 @@ use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_core::link::message::HostSilencePolicy;
-use growbot_sim::port::sim::Sim;
 
-use super::{Board, Body, ReferenceGrowth, robot};
+use super::{Body, ReferenceGrowth, late_board, robot};
 
 /// Layers of each job.
 const LAYERS: u32 = 20;
@@ -85,7 +84,7 @@ fn grow(job: &Job, undisturbed: &ReferenceGrowth, loss: f64, flip: f64, seed: u6
         seed,
         ..FaultSpec::default()
     };
-    let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
+    let board = late_board(job, seed);
     let wire = Rc::new(RefCell::new(FaultyPort::new(Rc::clone(&board), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "sim");
     let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| {});

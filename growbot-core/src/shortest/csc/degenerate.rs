@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::far::FAR;
 use super::{Csc, CscSearch, MAX_NEWTON_START_ERROR, cosine, in_tip};
-use crate::shortest::{ARRIVED, PathProblem, any_perpendicular, axes_after};
+use crate::shortest::{MAX_GOAL_ERROR, PathProblem, any_perpendicular, axes_after};
 use crate::trigonometry;
 
 /// Max error at the goal, radii and radians, of a single arc that nearly leads to the goal.
@@ -113,7 +113,7 @@ impl CscSearch<'_> {
         }
         // The arc through the goal turns by twice the angle of the chord.
         let off = off + (goal * (2.0 * goal.z / squared) - Vector3::z() - direction).norm();
-        if !(ARRIVED..SHORT).contains(&off) {
+        if !(MAX_GOAL_ERROR..SHORT).contains(&off) {
             return;
         }
         let (towards, angle) = (libm::atan2(goal.y, goal.x), 2.0 * libm::atan2(across, goal.z));

@@ -11,7 +11,7 @@ use nalgebra::{Matrix5, Vector3, Vector5};
 
 use super::{Csc, MAX_NEWTON_START_ERROR};
 use crate::linalg5::{Cholesky, solve};
-use crate::shortest::{ARRIVED, PathProblem};
+use crate::shortest::{MAX_GOAL_ERROR, PathProblem};
 use crate::trigonometry;
 
 /// Max number of steps.
@@ -32,7 +32,7 @@ enum ShortLineCase {
     Any,
     /// The sign of the length was reversed once.
     Reflected,
-    /// The line has no length. Either the path still ends at the goal to within [`ARRIVED`], or it does not exist.
+    /// The line has no length. Either the path still ends at the goal to within [`MAX_GOAL_ERROR`], or it does not exist.
     LeftOut,
 }
 
@@ -46,7 +46,7 @@ struct PolishStep {
 }
 
 impl PathProblem {
-    /// Returns a path that ends at the goal to within [`ARRIVED`], after Newton's method if necessary. `None` if the
+    /// Returns a path that ends at the goal to within [`MAX_GOAL_ERROR`], after Newton's method if necessary. `None` if the
     /// method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
         let mut line = ShortLineCase::Any;
@@ -54,7 +54,7 @@ impl PathProblem {
             let chain = Chain::new(&path);
             let lack = self.residual(&chain);
             let miss = lack.amax();
-            if miss <= ARRIVED * self.scale {
+            if miss <= MAX_GOAL_ERROR * self.scale {
                 let min = path.first_angle.min(path.straight).min(path.last_angle);
                 if min >= 0.0 {
                     return Some(path);

@@ -28,13 +28,13 @@ const fn arc([narrowness, twist, start, end]: [f32; 4], mirrored: bool, invarian
 }
 
 /// Returns the nearest arcs of the table, nearest first.
-pub(super) fn nearest(asked: &Invariants) -> impl Iterator<Item = Seed<f32>> + use<> {
+pub(super) fn nearest(query: &Invariants) -> impl Iterator<Item = Seed<f32>> + use<> {
     let mut nearest = Vec::<(f32, &'static TableEntry), NEAREST>::new();
     for entry in ARCS.iter() {
-        let distance = asked.distance(&entry.invariants);
+        let distance = query.distance(&entry.invariants);
         insert_behind(&mut nearest, (distance, entry), |other| other.0 <= distance);
     }
-    let (reversed, mirrored) = (asked.reversed, asked.mirrored);
+    let (reversed, mirrored) = (query.reversed, query.mirrored);
     nearest.into_iter().map(move |(_, TableEntry { seed, .. })| {
         let (start, end) = if reversed { (-seed.end, -seed.start) } else { (seed.start, seed.end) };
         Seed { start, end, mirrored: seed.mirrored != mirrored, ..*seed }

@@ -3,6 +3,7 @@
 //! Conditions that must always hold are asserted in [`Bench::check`], after each poll and each tick.
 
 use std::boxed::Box;
+use std::cell::RefCell;
 use std::rc::Rc;
 use std::vec::Vec;
 
@@ -12,6 +13,7 @@ use growbot_core::link::message::{
     Accepted, Empty, Fault, LayerLaid, MAX_LAYERS_PER_MESSAGE, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
     State, Status,
 };
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 
 use super::requests::{PLAN, batch_of, begin, bends, feed, feed_steps_of, hello, preheat, start, stop, tune};
@@ -28,12 +30,14 @@ use crate::layer_store::LayerStore;
 use crate::safety::transitions::may_heat;
 use crate::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 use crate::testing::flash::Flash;
-use crate::testing::{FakePin, FakePins, FakePower};
+use crate::testing::{FakePin, FakePins, FakePower, preemption};
 
 /// Number of the first session of the bench's host.
 const SESSION: u32 = 7;
 /// Time between two polls, us.
 const POLL_US: u64 = 10_000;
+/// Max time between two polls if they are late, us.
+const MAX_POLL_US: u64 = 20_000;
 /// Temperature of a nozzle that is hot within seconds.
 pub const WARM: f64 = 190.0;
 
@@ -56,8 +60,10 @@ pub struct Bench {
     pub interrupt_runs: bool,
     /// The main loop runs. Otherwise it hangs, and the controller is not polled.
     pub main_loop_runs: bool,
-    engine: TestEngine,
-    handover: Mailbox,
+    engine: Rc<RefCell<TestEngine>>,
+    handover: Rc<Mailbox>,
+    /// Draws the time between two polls. If `None`, the board also polls at once after each report.
+    lateness: Option<Rng>,
     tick: u64,
     next_poll: u64,
     /// Tick at which the host next shows that it is alive.
@@ -124,7 +130,7 @@ impl Bench {
         };
         let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
         let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineConfig::for_robot(&robot));
-        let handover = Mailbox::new();
+        let handover = Rc::new(Mailbox::new());
         let parts = BoardResources {
             heater_power: power.clone(),
             heater_enable: pins.pin(HEATER_ENABLE),
@@ -165,8 +171,9 @@ impl Bench {
             session: SESSION,
             interrupt_runs: true,
             main_loop_runs: true,
-            engine,
+            engine: Rc::new(RefCell::new(engine)),
             handover,
+            lateness: None,
             tick: 0,
             next_poll: 0,
             greets_at: 0,
@@ -214,20 +221,21 @@ impl Bench {
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
         let quiet = if self.main_loop_runs { quiet } else { 1 };
-        let event = if self.interrupt_runs { self.engine.ticks_to_event(&self.handover) } else { u32::MAX };
+        let event = if self.interrupt_runs { self.engine.borrow().ticks_to_event(&self.handover) } else { u32::MAX };
         let ticks = event.min(quiet);
         if self.interrupt_runs {
-            self.engine.skip(ticks - 1);
+            self.engine.borrow_mut().skip(ticks - 1);
         }
         self.tick_once(u64::from(ticks));
-        if self.main_loop_runs && (self.tick >= self.next_poll || self.handover.has_report()) {
+        let polls_at_once = self.lateness.is_none() && self.handover.has_report();
+        if self.main_loop_runs && (self.tick >= self.next_poll || polls_at_once) {
             self.poll();
         }
     }
 
     fn tick_once(&mut self, ticks: u64) {
         if self.interrupt_runs {
-            self.engine.tick(&self.handover);
+            self.engine.borrow_mut().tick(&self.handover);
         }
         self.tick += ticks;
         let seconds = ticks as f64 / self.tick_hz() as f64;
@@ -254,7 +262,8 @@ impl Bench {
     /// Polls the controller and reads the bytes that it sends.
     pub fn poll(&mut self) {
         self.controller.poll(self.now_us(), &self.handover);
-        self.next_poll = self.tick + POLL_US * self.tick_hz() / 1_000_000;
+        let us = self.lateness.as_mut().map_or(POLL_US, |random| random.below(MAX_POLL_US + 1));
+        self.next_poll = self.tick + us * self.tick_hz() / 1_000_000;
         self.check();
         if self.reads {
             if self.tick > self.greets_at {
@@ -276,7 +285,7 @@ impl Bench {
         assert!(self.fan.share() == 0.0 || may_heat(state), "the fan turns in {state:?}");
         if self.main_loop_runs && self.heater.share() > 0.0 {
             let age = self.now_us() - self.world.sampled_at.get();
-            assert!(age <= 500_000 + POLL_US, "power on a reading {age} us old");
+            assert!(age <= 500_000 + MAX_POLL_US, "power on a reading {age} us old");
         }
     }
 
@@ -482,6 +491,48 @@ impl Bench {
         bench.run(0.33);
         assert_eq!(bench.controller.state(), state);
         bench
+    }
+
+    /// Makes polls late: 0 to 20 ms after each other, as drawn from this seed.
+    pub fn poll_late(&mut self, seed: u64) {
+        self.lateness = Some(Rng::new(&[seed]));
+    }
+
+    /// Runs ticks, and no poll.
+    pub fn run_ticks(&mut self, ticks: u64) {
+        (0..ticks).for_each(|_| self.tick_once(1));
+    }
+
+    /// Returns the number of ticks since the start.
+    pub fn ticks(&self) -> u64 {
+        self.tick
+    }
+
+    /// Returns whether a report waits for the next poll.
+    pub fn has_report(&self) -> bool {
+        self.handover.has_report()
+    }
+
+    /// Does some work of the main loop. The step interrupt occurs at each of the points (see [`preemption`]), after
+    /// `before_tick` has changed the pins. Returns the number of points.
+    pub fn preempt(
+        &mut self,
+        points: &[usize],
+        before_tick: impl Fn(&FakePins, bool) + 'static,
+        work: impl FnOnce(&mut Self),
+    ) -> usize {
+        let motors = Rc::new(RefCell::new(self.motors.clone()));
+        let (engine, handover, watch) = (Rc::clone(&self.engine), Rc::clone(&self.handover), Rc::clone(&motors));
+        let interrupt = move || {
+            let pins = watch.borrow().pins.clone();
+            before_tick(&pins, true);
+            engine.borrow_mut().tick(&handover);
+            watch.borrow_mut().watch();
+            before_tick(&pins, false);
+        };
+        let passed = preemption::preempt(points, interrupt, || work(self));
+        self.motors.clone_from(&motors.borrow());
+        passed
     }
 
     /// Simulates the UART's interrupt when it recognises an emergency stop.

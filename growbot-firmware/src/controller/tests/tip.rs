@@ -213,6 +213,7 @@ pub struct Moved {
 }
 
 /// The motors and the index sensor.
+#[derive(Clone)]
 pub struct Motors {
     pub pins: FakePins,
     pub moved: Moved,

@@ -131,6 +131,7 @@ fn random_requests_never_break_invariants() {
         std::println!("seed {seed}");
         let mut random = Random::new(seed);
         let mut bench = Bench::greeted(fast_robot(), WARM);
+        bench.poll_late(seed);
         for _ in 0..MESSAGES_OF_A_SEED {
             let request = random.request(&mut bench);
             let session = if random.below(8) == 0 { 0 } else { bench.session };

@@ -1,6 +1,7 @@
 //! Tests of capacity, erasures and wear.
 
 use super::*;
+use growbot_core::job::MAX_JOB_LAYERS;
 
 #[test]
 fn new_and_zeroed_flash_has_no_journal_and_is_not_written() {
@@ -71,7 +72,7 @@ fn the_robots_flash_holds_a_job_of_6000_layers_and_2000_pauses() {
     let flash = Flash::<{ 128 * 1024 }>::new(2);
     let mut journal = Journal::open(flash.clone());
     let layers = journal.capacity();
-    assert_eq!(layers, 6143);
+    assert_eq!(layers, MAX_JOB_LAYERS);
     while journal.erase_step(layers).unwrap() {}
     assert!(journal.needs_erasing(layers + 1));
     assert_eq!(journal.begin_job(1, ROBOT, layers + 1), Err(JournalError::Full));

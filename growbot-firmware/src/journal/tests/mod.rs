@@ -1,6 +1,7 @@
 //! Tests of the journal on a flash that loses power at every byte of a sequence of calls, and on random flash.
 
 mod capacity;
+mod exhaustive;
 mod losses;
 mod order;
 mod weak_cells;
@@ -30,7 +31,7 @@ enum Deed {
 }
 
 /// All data about a job that the journal returns.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Known {
     state: JournalJob,
     carry: RoundingCarry,
@@ -45,7 +46,7 @@ fn layer(plan_id: u64, index: u32) -> LayerRecord {
     LayerRecord { as_built, height_units: 1 << 24 | index, residual_lean: [index as i16, -3 - index as i16] }
 }
 
-fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
+fn known<F: MultiwriteNorFlash>(journal: &mut Journal<F>) -> Option<Known> {
     let state = *journal.job()?;
     let laid = (0..state.layers_laid).map(|index| journal.layer(index).unwrap()).collect();
     assert_eq!(journal.layer(state.layers_laid), None);
@@ -53,7 +54,7 @@ fn known<const S: usize>(journal: &mut Journal<Flash<S>>) -> Option<Known> {
 }
 
 impl Deed {
-    fn done<const S: usize>(self, journal: &mut Journal<Flash<S>>) -> Result<(), JournalError> {
+    fn done<F: MultiwriteNorFlash>(self, journal: &mut Journal<F>) -> Result<(), JournalError> {
         let state = journal.job().copied();
         let next = || state.map_or((0, 0), |state| (state.plan_id, state.layers_laid));
         let ((plan_id, index), laid) = (next(), layer(next().0, next().1));

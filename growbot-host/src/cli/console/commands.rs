@@ -6,6 +6,8 @@ use growbot_client::pose_text::{parse_goal, parse_number, parse_pose};
 use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::Pose;
 
+use crate::cli::usage;
+
 /// Longest time that `wait` accepts, s.
 const LONGEST_WAIT_S: f64 = 1e6;
 
@@ -129,7 +131,7 @@ pub fn parse(line: &str) -> Result<ConsoleCommand, String> {
             if let Some((name, ..)) = maintenance::COMMANDS.iter().find(|(name, ..)| *name == word) {
                 return Ok(ConsoleCommand::Board(BoardRequest::Maintain(name, rest.to_owned())));
             }
-            let suggestion = did_you_mean(word, names());
+            let suggestion = did_you_mean(word, names().filter(|name| !usage::may_move(name)));
             Err(format!("unknown command {word:?}{suggestion}: `help` lists the commands"))
         }
     }
@@ -207,6 +209,9 @@ mod tests {
             ("status 1 2", "remove \"1 2\""),
             ("quit please", "`quit` takes no arguments"),
             ("plam 0,0,100,0,90", "unknown command \"plam\" (did you mean plan?)"),
+            ("stat", "unknown command \"stat\" (did you mean status?)"),
+            ("prehet", "unknown command \"prehet\": `help` lists the commands"),
+            ("gro", "unknown command \"gro\": `help` lists the commands"),
             ("layers 1 2", "\"1 2\" is not a layer number"),
             ("layers -1", "\"-1\" is not a layer number"),
             ("wait 1 2", "\"1 2\" is not a time"),

@@ -145,9 +145,9 @@ mod tests {
             drop(read);
             SkippedCommands::after(2, &taken)
         } else {
-            let told = SkippedCommands::after(2, &taken);
+            let skipped = SkippedCommands::after(2, &taken);
             drop(read);
-            told
+            skipped
         }
     }
 
@@ -166,8 +166,8 @@ mod tests {
 
     #[test]
     fn skipped_commands_of_an_open_script_are_a_lower_bound() {
-        let told = left_out(&["status"], false);
-        assert_eq!(told.text(), "at least 1 more command is not executed");
+        let skipped = left_out(&["status"], false);
+        assert_eq!(skipped.text(), "at least 1 more command is not executed");
         assert!(!left_out(&[], false).is_nothing());
     }
 }

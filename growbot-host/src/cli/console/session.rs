@@ -9,6 +9,7 @@ use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, Job, JobEvent, Outcome, grow_job};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
@@ -280,7 +281,11 @@ impl ConsoleSession {
         let grown = grow_with_ground_truth(self.simulation.as_mut(), &job, &mut show, grow)
             .map_err(|error| growth_monitor::growth_failure(error, is_simulated))?;
         self.orders.clear();
-        print(&growth_table::table(&plan, &self.robot, &grown, None, is_simulated))?;
+        let result = GrowthResult::new(&grown, (&self.robot, &plan), None, None, is_simulated);
+        for warning in &result.warnings {
+            growbot_host::warning!("{}: {}", warning.code, warning.message);
+        }
+        print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
         growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, is_simulated)
     }
 

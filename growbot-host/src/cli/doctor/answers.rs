@@ -86,11 +86,11 @@ pub struct OperatorInput {
 impl OperatorInput {
     /// Starts a thread that reads lines of standard input. It ends with the input or with the program.
     pub fn of_standard_input() -> Self {
-        let (tell, lines) = mpsc::sync_channel(1);
+        let (sender, lines) = mpsc::sync_channel(1);
         thread::spawn(move || {
             while let Some(line) = next_line() {
                 let failed = line.is_err();
-                if tell.send(line).is_err() || failed {
+                if sender.send(line).is_err() || failed {
                     return;
                 }
             }
@@ -101,11 +101,11 @@ impl OperatorInput {
     /// Returns answers with these lines.
     #[cfg(test)]
     pub fn of(lines: &[&str]) -> Self {
-        let (tell, told) = mpsc::sync_channel(lines.len());
+        let (sender, receiver) = mpsc::sync_channel(lines.len());
         for line in lines {
-            tell.send(Ok((*line).to_owned())).unwrap();
+            sender.send(Ok((*line).to_owned())).unwrap();
         }
-        Self { lines: told, by_hand: false }
+        Self { lines: receiver, by_hand: false }
     }
 
     /// Returns the next line, if it arrives within this time.

@@ -6,10 +6,7 @@ use clap::ValueEnum;
 use growbot_client::atomic_file::{format_from_extension, write_atomic};
 use growbot_client::plan::Plan;
 use growbot_client::run_log::BodyKind;
-use growbot_core::angle::wrap_positive;
-use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::DisturbedLayer;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
@@ -18,7 +15,7 @@ use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, stl};
 use growbot_pictures::view::picture::{self, PictureOptions};
-use growbot_pictures::view::{NamedScene, Subject, page};
+use growbot_pictures::view::{NamedScene, SimulatedBody, Subject, page};
 
 use super::super::Failure;
 
@@ -63,18 +60,17 @@ pub struct BodyToWrite<'a> {
     pub name: &'a str,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
-    pub laid: &'a [DisturbedLayer],
+    pub body: SimulatedBody<'a>,
     /// Scene in which the body was grown.
     pub scene: Option<NamedScene<'a>>,
 }
 
 /// Writes the body that was laid.
 pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(), Failure> {
-    let BodyToWrite { name, robot, plan, laid, scene } = *grown;
-    let layers = untwisted(laid);
+    let BodyToWrite { name, robot, plan, body: laid, scene } = *grown;
     let kind = BodyKind::Laid.name();
-    let body = || ExportedBody::laid(robot, &plan.start, &layers);
-    let subject = Subject { name, robot, plan, run: None, laid: Some(&layers), scene };
+    let body = || ExportedBody::laid(robot, &plan.start, laid.layers);
+    let subject = Subject { name, robot, plan, run: None, laid: Some(laid), scene };
     let picture = || picture::svg(&[&subject], &PictureOptions::default()).map_err(Failure::bad_input);
     let bytes = match format {
         BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
@@ -90,35 +86,4 @@ pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(),
     write_atomic(file, &bytes)?;
     growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());
     Ok(())
-}
-
-/// Returns layers without twist that form the same body. The twist of a tip turns the angles of all later layers.
-fn untwisted(laid: &[DisturbedLayer]) -> Vec<Layer> {
-    let mut twist = 0.0;
-    let layers = laid.iter().map(|DisturbedLayer { layer, twist: more }| {
-        let layer = Layer { alpha: wrap_positive(layer.alpha + twist), ..*layer };
-        twist += more;
-        layer
-    });
-    layers.collect()
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use growbot_core::kinematics::advance;
-    use growbot_core::pose::Frame;
-
-    #[test]
-    fn a_twisted_body_has_the_same_path_without_twist() {
-        let laid: Vec<DisturbedLayer> = (0..300)
-            .map(|index| {
-                let layer = Layer { alpha: 0.1 * f64::from(index % 7), height: 0.774, tilt: 0.007 };
-                DisturbedLayer { layer, twist: 0.01 * f64::from(index % 3) }
-            })
-            .collect();
-        let twisted = laid.iter().fold(Frame::identity(), |tip, laid| advance(&tip, &laid.step()));
-        let plain = untwisted(&laid).iter().fold(Frame::identity(), |tip, layer| advance(&tip, &layer.step()));
-        assert!((twisted.translation.vector - plain.translation.vector).norm() < 1e-9);
-    }
 }

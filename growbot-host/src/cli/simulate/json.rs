@@ -1,5 +1,6 @@
 //! Simulated growths as JSON for scripts.
 
+use growbot_client::plan_deviation::PlanDeviation;
 use growbot_client::plan_file::TipPoseJson;
 use growbot_client::run_log::ArrivalJson;
 use growbot_core::angle::degrees;
@@ -27,13 +28,20 @@ pub struct SimulatedGrowth {
     sag: Option<SagJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<SceneResultJson>,
+    /// Null for a body of more than a million layers.
+    plan_deviation: Option<PlanDeviation>,
     disturbances: DisturbanceReport,
     seed: u64,
 }
 
 impl SimulatedGrowth {
     /// Returns the JSON of this growth, with this seed.
-    pub fn new(outcome: &SimulationResult, simulation: &Simulation, seed: u64) -> Self {
+    pub fn new(
+        outcome: &SimulationResult,
+        plan_deviation: Option<PlanDeviation>,
+        simulation: &Simulation,
+        seed: u64,
+    ) -> Self {
         let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
         Self {
             arrival: arrival.into(),
@@ -45,6 +53,7 @@ impl SimulatedGrowth {
             feedback: grown.estimate.as_ref().map(EstimateJson::from),
             sag: hung.as_ref().map(SagJson::from),
             scene: among.as_ref().map(SceneResultJson::from),
+            plan_deviation,
         }
     }
 }

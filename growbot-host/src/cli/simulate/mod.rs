@@ -12,13 +12,14 @@ use std::thread;
 use clap::{Args, ValueEnum};
 use growbot_client::atomic_file::refuse_inputs;
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_client::sanitize::json_line;
 use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_pictures::view::NamedScene;
+use growbot_pictures::view::{NamedScene, SimulatedBody};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
@@ -55,7 +56,7 @@ pub struct SimulateArgs {
     goal: PlanSourceArgs,
     /// Slicing of the path: into layers that end where it does, or into whole steps, rounded up, as in the paper
     #[arg(long, value_name = "HOW", value_enum, default_value = "exact")]
-    slice: Slice,
+    slice: SliceArg,
     /// Height of the whole steps, mm [default: the robot's layer.height_mm]
     #[arg(long, value_name = "MM", allow_hyphen_values = true, value_parser = step_mm)]
     step: Option<f64>,
@@ -110,12 +111,15 @@ Examples:
 
 /// Slicing of a path on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Slice {
+enum SliceArg {
     /// Equal layers that end where the path does
     Exact,
     /// Whole steps, rounded up (the paper's)
     Whole,
 }
+
+/// Greatest number of layers of a body that is compared with its plan.
+const MAX_COMPARED_LAYERS: u64 = 1_000_000;
 
 /// Range of the height of whole steps, mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
@@ -149,12 +153,18 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             if let (Some(file), Some(format)) = (&args.output, body) {
                 let (name, scene_file) = (args.goal.name("growbot simulate"), args.goal.scene_file(&plan));
                 let scene = scene.as_ref().map(|loaded| NamedScene { file: &scene_file, scene: &loaded.scene });
-                let grown = BodyToWrite { name: &name, robot: &robot, plan: &plan, laid: &laid, scene };
+                let layers = simulation.layers_as_laid(&laid);
+                let body = SimulatedBody { layers: &layers, tip: outcome.arrival.final_pose };
+                let grown = BodyToWrite { name: &name, robot: &robot, plan: &plan, body, scene };
                 body_file::write(file, format, &grown)?;
             }
             let disturbances = DisturbanceReport::of(&simulation, seed);
-            let table = table::growth(&plan.goal, &outcome, &disturbances, seed);
-            (table, json_line(&SimulatedGrowth::new(&outcome, &simulation, seed)))
+            let deviation = (outcome.grown.layers <= MAX_COMPARED_LAYERS).then(|| {
+                let layers = simulation.layers_as_laid(&laid);
+                PlanDeviation::of(&plan, &robot, &centreline(&plan.start.frame(), layers))
+            });
+            let table = table::growth(&plan.goal, &outcome, deviation.as_ref(), &disturbances, seed);
+            (table, json_line(&SimulatedGrowth::new(&outcome, deviation, &simulation, seed)))
         }
         Some(runs) => {
             let campaign = args.repeat(&simulation, runs)?;
@@ -186,12 +196,12 @@ impl SimulateArgs {
     /// Returns the slicing. `height` is the robot's full layer, mm.
     fn slicing(&self, height: f64) -> Result<Slicing, Failure> {
         match (self.slice, self.step) {
-            (Slice::Whole, _) if self.feedback => Err(Failure::bad_input(
+            (SliceArg::Whole, _) if self.feedback => Err(Failure::bad_input(
                 "--feedback plans each layer separately, so --slice whole has no effect: remove one of them",
             )),
-            (Slice::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
-            (Slice::Exact, None) => Ok(Slicing::Exact),
-            (Slice::Exact, Some(_)) => {
+            (SliceArg::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
+            (SliceArg::Exact, None) => Ok(Slicing::Exact),
+            (SliceArg::Exact, Some(_)) => {
                 Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or remove --step"))
             }
         }
@@ -216,19 +226,16 @@ impl SimulateArgs {
                 "--repeat grows many bodies, but -o holds one: remove --repeat and choose the growth by --seed, or end \
                  the file in .json",
             )),
-            Some(_) if self.sag => Err(Failure::bad_input(
-                "-o holds the body as laid, but --sag computes only the tip of the sagging body: remove one of them, \
-                 or end the file in .json",
-            )),
             format => Ok(format),
         }
     }
 
-    /// Grows once. It returns the layers as laid only if there is an output file.
+    /// Grows once, and returns the layers as laid. Without an output file, it returns only as many as are compared with
+    /// the plan.
     fn grow_once(&self, simulation: &Simulation) -> Result<(SimulationResult, Vec<DisturbedLayer>), Failure> {
         let mut laid = Vec::new();
         let outcome = simulation.run_by_layer(self.disturbance.seed, |layer| {
-            if self.output.is_some() {
+            if self.output.is_some() || (laid.len() as u64) <= MAX_COMPARED_LAYERS {
                 laid.push(*layer);
             }
         });

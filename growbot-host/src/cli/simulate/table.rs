@@ -1,5 +1,6 @@
 //! Tables at the end of simulated growths.
 
+use growbot_client::plan_deviation::PlanDeviation;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_pictures::figures::fixed;
@@ -8,11 +9,17 @@ use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 
-use super::super::growth_table::{arrived, row};
+use super::super::growth_table::{arrived, deviates, row};
 use super::disturbances::DisturbanceReport;
 
 /// Returns the table of a growth: target and final pose, the error between them, and the body.
-pub fn growth(goal: &Pose, outcome: &SimulationResult, disturbances: &DisturbanceReport, seed: u64) -> String {
+pub fn growth(
+    goal: &Pose,
+    outcome: &SimulationResult,
+    deviation: Option<&PlanDeviation>,
+    disturbances: &DisturbanceReport,
+    seed: u64,
+) -> String {
     let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
     let mut table = arrived(goal, arrival);
     let pitch = arrival.pitch_error_deg;
@@ -30,6 +37,7 @@ pub fn growth(goal: &Pose, outcome: &SimulationResult, disturbances: &Disturbanc
         );
     }
     table += &format!("body      {} layers, {:.1} mm\n", grown.layers, grown.length);
+    table += &deviation.map(deviates).unwrap_or_default();
     table += &hung.as_ref().map(hangs).unwrap_or_default();
     table += &among.as_ref().map(went).unwrap_or_default();
     table += &disturbances.in_words();

@@ -217,7 +217,8 @@ function showRobots(robots) {
     const state = robot.state === "disconnected" ? "not connected" : robot.board_state ?? "unknown";
     // Screen readers announce each change of these texts.
     if (find(".state").textContent !== state) find(".state").textContent = state;
-    const alarm = robot.connection_error ?? (robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.command_error) ?? "";
+    const fault = robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.command_error;
+    const alarm = robot.connection_error ?? fault ?? "";
     find(".alarm").hidden = !alarm;
     if (find(".alarm").textContent !== alarm) find(".alarm").textContent = alarm;
     find("progress").hidden = !robot.layers;

@@ -99,30 +99,30 @@ impl Timeline {
     /// Returns the timeline of the run log in these bytes, whose body has these layers.
     pub fn from_log(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
         let mut clock = RunClock::default();
-        let mut told = Self::default();
+        let mut series = Self::default();
         for event in events(log) {
             match event {
                 RunEvent::Status(status) => {
                     clock.status(&status);
                     if let Some(celsius) = status.temperature_c {
-                        let (at, laid) = (seconds(&clock), told.laid.len());
-                        told.temperatures.push(TemperatureReading { at, laid, celsius, target: status.target_c });
+                        let (at, laid) = (seconds(&clock), series.laid.len());
+                        series.temperatures.push(TemperatureReading { at, laid, celsius, target: status.target_c });
                     }
                 }
                 RunEvent::Laid(laid) if (laid.layer as usize) < layers.len() => {
                     // A layer may be reported again after a resumption, and the first report counts. A layer whose line
                     // is lost came before the next layer.
-                    while let Some(layer) = layers.get(told.laid.len())
-                        && laid.layer as usize >= told.laid.len()
+                    while let Some(layer) = layers.get(series.laid.len())
+                        && laid.layer as usize >= series.laid.len()
                     {
                         clock.add_layer(time_for(layer, plan));
-                        told.laid.push(seconds(&clock));
+                        series.laid.push(seconds(&clock));
                     }
                 }
                 _ => {}
             }
         }
-        told
+        series
     }
 }
 

@@ -241,12 +241,12 @@ impl NodeProcess {
 
     /// Returns an error with the message that Node printed when it ended.
     fn last_words(&mut self, error: &io::Error) -> Rp2040Error {
-        let mut said = String::new();
+        let mut output = String::new();
         if let Some(mut errors) = self.node.stderr.take() {
-            let _ = errors.read_to_string(&mut said);
+            let _ = errors.read_to_string(&mut output);
         }
         // The line with the error's message is above its stack.
-        let message = said.lines().find(|line| line.contains("Error")).map(str::trim);
+        let message = output.lines().find(|line| line.contains("Error")).map(str::trim);
         Rp2040Error::Ended(message.map_or_else(|| error.to_string(), str::to_owned))
     }
 }

@@ -321,8 +321,8 @@ fn a_disturbed_tip_lays_inexact_layers_and_its_encoder_measures_them() {
     let (mut tip, turned) = laid(6, &imperfection);
     let filament_per_length = robot().feed_steps_per_length() / robot().description().feed.steps_per_mm;
     let mut before = 0.0;
-    for (index, (layer, asked)) in tip.body().iter().zip(exact.body()).enumerate() {
-        assert_eq!(*layer, disturbance.lay(7, index as u64, &asked).layer);
+    for (index, (layer, expected)) in tip.body().iter().zip(exact.body()).enumerate() {
+        assert_eq!(*layer, disturbance.lay(7, index as u64, &expected).layer);
         // Half a step lies on either side of the boundary of two layers.
         let grown = (turned[index] - before) / filament_per_length;
         assert!((grown / layer.height - 1.0).abs() < 1e-3, "{index}: {grown} {}", layer.height);
@@ -350,16 +350,16 @@ fn settled_layers_do_not_change() {
     for alternate in [false, true] {
         let mut tip = hot_tip();
         tip.disturb(&imperfection);
-        let mut told = Vec::new();
+        let mut reported = Vec::new();
         for turn in 0..12 {
             tip.set_nozzle_c(200.0);
             lay_turn(&mut tip, !alternate || turn % 2 == 0);
-            told.extend_from_slice(tip.settled(told.len()));
+            reported.extend_from_slice(tip.settled(reported.len()));
             // The settled layers are three turns behind at most, and none of them changes later.
-            assert!(told.len() <= tip.body().len() && told.len() + 4 > turn, "{} after {turn}", told.len());
+            assert!(reported.len() <= tip.body().len() && reported.len() + 4 > turn, "{} after {turn}", reported.len());
         }
         let body = tip.body();
-        assert_eq!((&body[..told.len()], body.len()), (&told[..], 12));
+        assert_eq!((&body[..reported.len()], body.len()), (&reported[..], 12));
     }
 }
 

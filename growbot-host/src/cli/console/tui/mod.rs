@@ -109,9 +109,9 @@ pub fn run(
 /// and pauses, as after `q`.
 fn install_exit_handler() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
-    let told = Arc::clone(&leave);
+    let signal = Arc::clone(&leave);
     ctrlc::set_handler(move || {
-        told.store(true, Ordering::Relaxed);
+        signal.store(true, Ordering::Relaxed);
         // A read of keys from a terminal that has gone away may never return.
         thread::sleep(PATIENCE);
         ratatui::restore();

@@ -186,8 +186,8 @@ mod tests {
             fault: None,
         }));
         model.apply_status(status(State::Homing, 12.0));
-        let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
-        assert_eq!(said, ["heating", "homing"]);
+        let texts: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
+        assert_eq!(texts, ["heating", "homing"]);
     }
 
     #[test]
@@ -197,8 +197,8 @@ mod tests {
         model.apply_loss("the board does not answer");
         model.apply_loss("the board does not answer");
         model.apply_status(status(State::Idle, 9.0));
-        let said: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
-        assert_eq!(said, ["idle", "the board does not answer", "the board responds again"]);
+        let texts: Vec<&str> = model.log.iter().map(|line| line.text.as_str()).collect();
+        assert_eq!(texts, ["idle", "the board does not answer", "the board responds again"]);
         assert!(model.log.iter().map(|line| line.is_error).eq([false, true, false]));
     }
 

@@ -31,14 +31,14 @@ pub struct BoardPoller {
     pace: Option<usize>,
     /// The board's clock at the latest status request, ms.
     latest_ms: u64,
-    asked: Option<Instant>,
+    last_request: Option<Instant>,
     sensed: Option<Instant>,
 }
 
 impl BoardPoller {
     /// Creates the watch of a board. With a virtual clock, time passes only in this type.
     pub fn new(client: Client, virtual_clock: bool) -> Self {
-        Self { client, pace: virtual_clock.then_some(4), latest_ms: 0, asked: None, sensed: None }
+        Self { client, pace: virtual_clock.then_some(4), latest_ms: 0, last_request: None, sensed: None }
     }
 
     /// Returns the client of the board.
@@ -68,13 +68,13 @@ impl BoardPoller {
 
     /// Updates the model after this much real time.
     pub fn follow(&mut self, model: &mut Model, passed: Duration) {
-        let due = |asked: Option<Instant>, every| asked.is_none_or(|at| at.elapsed() >= every);
-        if model.link_error.is_some() && !due(self.asked, LOST) {
+        let due = |last_request: Option<Instant>, every| last_request.is_none_or(|at| at.elapsed() >= every);
+        if model.link_error.is_some() && !due(self.last_request, LOST) {
             return;
         }
         let done = match self.factor() {
             Some(factor) => self.let_pass(model, passed * factor),
-            None => self.listen(model, due(self.asked, STATUS_INTERVAL)),
+            None => self.listen(model, due(self.last_request, STATUS_INTERVAL)),
         };
         let done = done.and_then(|()| {
             if due(self.sensed, SENSORS) {
@@ -84,7 +84,7 @@ impl BoardPoller {
             Ok(())
         });
         if let Err(error) = done {
-            self.asked = Some(Instant::now());
+            self.last_request = Some(Instant::now());
             model.apply_loss(&error.to_string());
         }
     }
@@ -121,7 +121,7 @@ impl BoardPoller {
 
     /// Requests the board's status and applies it. Returns the board's clock, ms.
     fn ask(&mut self, model: &mut Model) -> Result<u64, ClientError> {
-        self.asked = Some(Instant::now());
+        self.last_request = Some(Instant::now());
         let mut status = self.client.status()?;
         if status.uptime_ms < self.latest_ms {
             // The board has restarted, and does not know the session.

@@ -57,24 +57,24 @@ mod tests {
 
     #[test]
     fn only_requests_of_the_page_itself_are_allowed() {
-        let asked = |headers: &[(&'static str, &'static str)]| {
+        let is_allowed = |headers: &[(&'static str, &'static str)]| {
             let pair = |&(name, value)| (HeaderName::from_static(name), HeaderValue::from_static(value));
             may_ask(&headers.iter().map(pair).collect())
         };
         for host in ["127.0.0.1:8080", "localhost:1", "localhost", "[::1]:80"] {
-            assert!(asked(&[("host", host)]), "{host}");
+            assert!(is_allowed(&[("host", host)]), "{host}");
         }
         for host in ["evil.example:8080", "127.0.0.1.evil.example", "192.168.0.7:8080", "", "[::1", "localhost:x"] {
-            assert!(!asked(&[("host", host)]), "{host}");
+            assert!(!is_allowed(&[("host", host)]), "{host}");
         }
-        assert!(!asked(&[]));
+        assert!(!is_allowed(&[]));
         let host = ("host", "127.0.0.1:8080");
-        assert!(asked(&[host, ("origin", "http://127.0.0.1:8080"), ("sec-fetch-site", "same-origin")]));
-        assert!(asked(&[host, ("sec-fetch-site", "none")]));
+        assert!(is_allowed(&[host, ("origin", "http://127.0.0.1:8080"), ("sec-fetch-site", "same-origin")]));
+        assert!(is_allowed(&[host, ("sec-fetch-site", "none")]));
         for other in ["http://evil.example", "http://127.0.0.1:8081", "https://127.0.0.1:8080", "null", ""] {
-            assert!(!asked(&[host, ("origin", other)]), "{other}");
+            assert!(!is_allowed(&[host, ("origin", other)]), "{other}");
         }
-        assert!(!asked(&[host, ("sec-fetch-site", "cross-site")]));
-        assert!(!asked(&[host, ("sec-fetch-site", "same-site")]));
+        assert!(!is_allowed(&[host, ("sec-fetch-site", "cross-site")]));
+        assert!(!is_allowed(&[host, ("sec-fetch-site", "same-site")]));
     }
 }

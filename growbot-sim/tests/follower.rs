@@ -1,0 +1,266 @@
+//! Growths with disturbances at every frame of the line. The host follows each growth to an end that is true, and its
+//! log has every layer that it claims.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
+use std::time::Duration;
+
+use growbot_client::client::Client;
+use growbot_client::growth::{
+    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
+};
+use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{HostSilencePolicy, State};
+use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
+use growbot_core::robot::Robot;
+use growbot_sim::port::sim::Sim;
+
+use crate::disturbed::{Board, Disturbance, DisturbedLine, ENDLESS, KILLED};
+
+/// Numbers of layers of the growths.
+const LAYERS: [u32; 2] = [3, 37];
+/// Settings for a silent host.
+const SILENCES: [HostSilencePolicy; 2] = [HostSilencePolicy::Pause, HostSilencePolicy::Continue];
+/// Time limit of a growth, far beyond all timeouts of the host.
+const LIMIT: Duration = Duration::from_secs(1200);
+
+/// Returns robot A with faster homing and growth.
+fn robot() -> Robot {
+    let mut description = robot_file::load("growbot-a".as_ref()).unwrap().description().clone();
+    description.layer.period_s = 4.0;
+    description.head.homing_turns_per_s = 0.2;
+    Robot::new(description).unwrap()
+}
+
+/// A growth to disturb.
+struct Subject<'a> {
+    job: Job<'a>,
+    silence: HostSilencePolicy,
+    /// The layers as built without a disturbance.
+    as_built: Vec<Option<LayerBytes>>,
+    /// Feed steps without a disturbance.
+    feed_steps: u64,
+    /// Number of frames without a disturbance.
+    frames: usize,
+}
+
+/// Result of a growth with disturbances.
+struct Attempt {
+    board: Board,
+    grown: Result<GrowthReport, GrowthError>,
+    /// The layers in the log, in the order of their events.
+    logged: Vec<(u32, Option<LayerBytes>)>,
+    frames: usize,
+}
+
+/// Grows with disturbances at these frames.
+fn attempt(job: &Job, silence: HostSilencePolicy, disturbances: &[(usize, Disturbance)]) -> Attempt {
+    let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
+    // Frames while the nozzle heats up are alike, and would be most of all.
+    board.borrow_mut().simulated_tip().preheat_instantly(job.robot.description().heater.target_c);
+    let line = DisturbedLine::new(&board, job.plan_id, silence, disturbances, LIMIT);
+    let line = Rc::new(RefCell::new(line));
+    let mut client = Client::new(Box::new(Rc::clone(&line)), "sim");
+    let mut logged = Vec::new();
+    let grown = grow_job(&mut client, job, silence, &CommandQueue::default(), &mut |event| {
+        if let JobEvent::Laid { index, as_built, .. } = event {
+            logged.push((*index, *as_built));
+        }
+    });
+    client.drop_without_goodbye();
+    let frames = line.borrow().frames();
+    Attempt { board, grown, logged, frames }
+}
+
+/// Calls a function with every growth to disturb.
+fn for_each_subject(mut act: impl FnMut(&Subject)) {
+    let robot = robot();
+    for layers in LAYERS {
+        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+        let length = 0.774 * f64::from(layers);
+        let path = [Segment::Arc { alpha: 1.0, bend: length / 120.0, length }];
+        let goal = Pose::from_frame(&end(&path, &start.frame()));
+        for silence in SILENCES {
+            let job = Job::new(&robot, &start, &goal, &path);
+            let Attempt { board, grown, frames, .. } = attempt(&job, silence, &[]);
+            let grown = grown.unwrap();
+            assert_eq!((grown.outcome, grown.as_built.len()), (Outcome::Done, layers as usize));
+            let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
+            act(&Subject { job, silence, as_built: grown.as_built, feed_steps, frames });
+        }
+    }
+}
+
+impl Subject<'_> {
+    /// Grows with disturbances at these frames and checks the end. Returns the number of frames.
+    fn check(&self, disturbances: &[(usize, Disturbance)]) -> Result<usize, String> {
+        let attempt = attempt(&self.job, self.silence, disturbances);
+        let frames = attempt.frames;
+        let has = |is: fn(Disturbance) -> bool| disturbances.iter().any(|(_, disturbance)| is(*disturbance));
+        self.check_log(&attempt)?;
+        let outcome = match &attempt.grown {
+            Ok(grown) => Some(grown.outcome),
+            Err(error) => {
+                let said = error.to_string();
+                let killed = said.contains(KILLED);
+                let early = matches!(error, GrowthError::NotStarted(_));
+                if said.contains(ENDLESS) || !killed && (!early || disturbances.iter().all(|(_, one)| one.is_of_line()))
+                {
+                    return Err(said);
+                }
+                let state = attempt.board.borrow().state();
+                let is_at_rest = matches!(state, State::Idle | State::Stopped | State::Fault | State::SelfTest);
+                let other_started = has(|one| one == Disturbance::OtherRestarts);
+                if early && !killed && !is_at_rest && !other_started {
+                    return Err(format!("it has not started, but the board is {}", state.name()));
+                }
+                None
+            }
+        };
+        match outcome {
+            Some(Outcome::Done) if attempt.logged.len() < self.as_built.len() => {
+                return Err(format!("done with {} of {} layers", attempt.logged.len(), self.as_built.len()));
+            }
+            None | Some(Outcome::Done) => {}
+            Some(outcome) if disturbances.iter().all(|(_, one)| one.is_reset()) => {
+                if attempt.logged.len() == self.as_built.len() {
+                    return Err(format!("{} with all layers in the log", outcome.name()));
+                }
+                let is_fault = attempt.board.borrow().state() == State::Fault;
+                if is_fault != matches!(outcome, Outcome::Fault(_)) {
+                    return Err(format!(
+                        "{}, but the board is {}",
+                        outcome.name(),
+                        attempt.board.borrow().state().name()
+                    ));
+                }
+            }
+            Some(Outcome::Stopped) if has(Disturbance::is_stop) => {}
+            Some(Outcome::Interrupted) if has(|one| one.is_reset() || one.is_stop()) => {}
+            // A host waits for the end of one silent owner, and gives up if another host takes the board meanwhile.
+            Some(Outcome::Interrupted)
+                if has(|one| one == Disturbance::OtherFallsSilent)
+                    && disturbances.iter().filter(|(_, one)| one.is_other_host()).count() > 1 => {}
+            Some(Outcome::Fault(_)) if has(Disturbance::is_reset) => {}
+            Some(outcome) => return Err(format!("ended as {}", outcome.name())),
+        }
+        self.check_continuation(has(Disturbance::is_reset), attempt)?;
+        Ok(frames)
+    }
+
+    /// Checks that the log has the layers in their order, each as it is built without a disturbance.
+    fn check_log(&self, Attempt { grown, logged, .. }: &Attempt) -> Result<(), String> {
+        for (at, (index, as_built)) in logged.iter().enumerate() {
+            if *index as usize != at || self.as_built.get(at) != Some(as_built) {
+                return Err(format!("event {at} of the log is layer {index}, which is another one"));
+            }
+        }
+        match grown {
+            Ok(grown) if grown.as_built.len() != logged.len() => Err("the result is not the log".to_string()),
+            _ => Ok(()),
+        }
+    }
+
+    /// Lets another host continue from the log, and checks that the body becomes whole.
+    fn check_continuation(&self, has_reset: bool, Attempt { board, logged, .. }: Attempt) -> Result<(), String> {
+        let known: Vec<_> = logged.into_iter().map(|(_, as_built)| as_built).collect();
+        let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over(true);
+        let hello = client.open_session().map_err(|error| error.to_string())?;
+        if matches!(hello.status.state, State::Fault) {
+            client.clear_fault(&Permit::standalone()).map_err(|error| error.to_string())?;
+        }
+        let (orders, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});
+        let is_known = hello.status.plan_id == self.job.plan_id;
+        if is_known {
+            let grown = resume_job(&mut client, &self.job, known, OnInterrupted::Redo, self.silence, &orders, on_event)
+                .map_err(|error| format!("resumed: {error}"))?;
+            if (grown.outcome, &grown.as_built) != (Outcome::Done, &self.as_built) {
+                return Err(format!("resumed: {} with {} layers", grown.outcome.name(), grown.as_built.len()));
+            }
+        }
+        // The board forgets a job that is done, and has none before it has begun one.
+        let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
+        let is_untouched = feed_steps == 0;
+        let more = feed_steps as f64 - self.feed_steps as f64;
+        // A board that restarts in a pause does not push back the filament that it has pulled back for the pause.
+        let description = self.job.robot.description();
+        let retracted = if has_reset { description.feed.retract_mm * description.feed.steps_per_mm } else { 0.0 };
+        let layer = 2.0 * 0.774 * self.job.robot.feed_steps_per_length();
+        if !is_untouched && !(-retracted.ceil()..layer).contains(&more) {
+            return Err(format!("{more} feed steps more than without a disturbance"));
+        }
+        Ok(())
+    }
+}
+
+/// Returns the number in an environment variable, or `usual` if it is not set.
+fn number(variable: &str, usual: usize) -> usize {
+    std::env::var(variable).map_or(usual, |text| text.parse().expect("it is a number"))
+}
+
+/// Checks growths on all cores.
+fn check_all(subject: &Subject, cases: &[Vec<(usize, Disturbance)>]) -> Vec<String> {
+    let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..thread::available_parallelism().map_or(1, usize::from) {
+            scope.spawn(|| {
+                while let Some(case) = cases.get(next.fetch_add(1, Ordering::Relaxed)) {
+                    if let Err(error) = subject.check(case) {
+                        let (layers, silence) = (subject.as_built.len(), subject.silence);
+                        wrong.lock().unwrap().push(format!("{layers} layers, {silence:?}, {case:?}: {error}"));
+                    }
+                }
+            });
+        }
+    });
+    wrong.into_inner().unwrap()
+}
+
+fn assert_none_wrong(checked: usize, wrong: &[String]) {
+    println!("{checked} disturbed growths, {} of them wrong", wrong.len());
+    assert!(wrong.is_empty(), "{} of {checked} are wrong:\n{}", wrong.len(), wrong.join("\n"));
+}
+
+/// Every disturbance at every frame of 3 layers. In 37 layers most frames are alike, so only some of them are tried
+/// unless `GROWBOT_FRAME_STEP` is 1.
+#[test]
+fn each_growth_with_a_disturbance_has_a_true_end_and_log() {
+    let (mut checked, mut wrong) = (0, Vec::new());
+    for_each_subject(|subject| {
+        let step = if subject.as_built.len() == 3 { 1 } else { number("GROWBOT_FRAME_STEP", 23) };
+        let frames = (0..subject.frames).step_by(step);
+        let at = |frame| Disturbance::ALL.map(|disturbance| vec![(frame, disturbance)]);
+        let cases: Vec<_> = frames.flat_map(at).collect();
+        wrong.extend(check_all(subject, &cases));
+        checked += cases.len();
+    });
+    assert_none_wrong(checked, &wrong);
+}
+
+/// Two disturbances at frames of 3 layers. `GROWBOT_PAIR_STEP` 1 tries all pairs.
+#[test]
+fn each_growth_with_two_disturbances_has_a_true_end_and_log() {
+    let step = number("GROWBOT_PAIR_STEP", 6007);
+    let (mut checked, mut wrong) = (0, Vec::new());
+    for_each_subject(|subject| {
+        if subject.as_built.len() > 3 {
+            return;
+        }
+        let singles = (0..subject.frames).flat_map(|frame| Disturbance::ALL.map(|disturbance| (frame, disturbance)));
+        let singles: Vec<_> = singles.collect();
+        for first in 0..singles.len() {
+            // The usual step is a prime, so it meets all combinations of disturbances.
+            let pairs = (first..singles.len()).filter(|second| (first * singles.len() + second) % step == 0);
+            let cases: Vec<_> = pairs.map(|second| vec![singles[first], singles[second]]).collect();
+            wrong.extend(check_all(subject, &cases));
+            checked += cases.len();
+        }
+    });
+    assert_none_wrong(checked, &wrong);
+}
