@@ -10,7 +10,7 @@ use growbot_client::client::Client;
 use growbot_client::robot_file;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Message, PlanRequest, Planned, ReadLayers, StoredLayers};
+use growbot_core::link::message::{Message, PassiveRequest, PlanRequest, Planned, ReadLayers, StoredLayers};
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -104,7 +104,7 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
         let expected = summarize(&path, &robot);
 
         let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
-        let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
+        let Message::Planned(planned) = client.request("to plan", &PassiveRequest::Plan(request)).unwrap() else {
             panic!("no plan for {goal:?}");
         };
         let expected_plan = Planned {
@@ -117,7 +117,7 @@ fn compare<'a>(goals: impl Iterator<Item = &'a [f64; 5]>) -> Compared {
 
         let mut held: Vec<LayerBytes> = Vec::new();
         while held.len() < expected.layers as usize {
-            let read = Message::ReadLayers(ReadLayers { first: held.len() as u32 });
+            let read = PassiveRequest::ReadLayers(ReadLayers { first: held.len() as u32 });
             let Message::StoredLayers(StoredLayers { layers, .. }) = client.request("for layers", &read).unwrap()
             else {
                 panic!("no layers for {goal:?}");

@@ -3,8 +3,9 @@
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
-    Configure, DescriptionError, MAX_DESCRIPTION_PART, MaintenanceTask, Message, Refusal, ResetCause, State,
+    Configure, DescriptionError, MAX_DESCRIPTION_PART, MaintenanceTask, PassiveRequest, Refusal, ResetCause, State,
 };
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_sim::port::emulator::Emulator;
@@ -30,7 +31,7 @@ fn hand_over(client: &mut Client, robot: &Robot, bytes: &[u8]) -> Result<(), Cli
             offset: (index * MAX_DESCRIPTION_PART) as u16,
             bytes: part.iter().copied().collect(),
         };
-        client.request("a description", &Message::Configure(part))?;
+        client.request("a description", &PassiveRequest::Configure(part))?;
     }
     Ok(())
 }
@@ -64,7 +65,7 @@ fn the_image_stores_a_description_and_restarts_with_it() {
     assert_eq!((hello.robot_hash, hello.robot_name.as_str()), (new.hash(), "growbot-b"));
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::External, State::Idle));
 
-    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }).unwrap();
+    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }, &Permit::standalone()).unwrap();
     assert_eq!(refusal(client.configure(&old)), Refusal::WrongState { state: State::Maintenance });
     client.stop().unwrap();
     assert_eq!(client.identify().unwrap().robot_hash, new.hash());

@@ -4,8 +4,10 @@ use std::path::{Path, PathBuf};
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
-    BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status, Tune,
+    BeginJob, Effect, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status,
+    Tune,
 };
 use growbot_firmware::emulated_tip as table;
 use growbot_host::crash::{CrashReport, FirmwareImage};
@@ -135,7 +137,12 @@ fn a_damaged_image_is_reported_and_never_heats() {
         Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
     ];
     for request in requests {
-        let refused = client.request("in vain", &request).unwrap_err();
+        let refused = match request.clone().effect() {
+            Effect::Passive(request) => client.request("in vain", &request),
+            Effect::Energizing(request) => client.energize("in vain", &request, &Permit::standalone()),
+            Effect::FromBoard => panic!("a host sends no {request:?}"),
+        };
+        let refused = refused.unwrap_err();
         assert!(matches!(refused, ClientError::Refused { .. }), "{request:?}: {refused:?}");
         if request == Message::ClearFault(Empty {}) {
             let remains = Refusal::FaultRemains { fault: Fault::ImageCorrupt };

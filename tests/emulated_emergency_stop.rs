@@ -9,11 +9,14 @@ use std::time::{Duration, Instant};
 use growbot_client::client::Client;
 use growbot_client::port::Port;
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::{FrameDecoder, FrameHeader, encode};
-use growbot_core::link::message::{AppendLayers, BeginJob, Empty, HostSilencePolicy, Message, Resume, Start, State};
+use growbot_core::link::message::{
+    AppendLayers, BeginJob, Empty, EnergizingRequest, HostSilencePolicy, Message, PassiveRequest, Resume, Start, State,
+};
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
@@ -51,7 +54,11 @@ fn noise() -> Vec<u8> {
 
 fn start(client: &mut Client, words: &TipMemoryView) {
     client
-        .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
+        .energize(
+            "to start",
+            &EnergizingRequest::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+            &Permit::standalone(),
+        )
         .unwrap();
     let mut limit = BoardLimit::new(words, LIMIT_S);
     loop {
@@ -76,14 +83,14 @@ fn with_a_job() -> (Rc<RefCell<Emulator>>, TipMemoryView, Client) {
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.open_session_for(&robot).unwrap();
     client
-        .request("to begin", &Message::BeginJob(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
+        .request("to begin", &PassiveRequest::BeginJob(BeginJob { plan_id: PLAN, layers: 8, robot_hash: robot.hash() }))
         .unwrap();
     // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(197.0));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
     client
-        .request("to store layers", &Message::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))
+        .request("to store layers", &PassiveRequest::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))
         .unwrap();
     (emulator, words, client)
 }
@@ -149,11 +156,14 @@ fn the_stop_works_after_noise_and_a_partial_frame() {
             "told {:.0} ms after {NOISE} bytes of noise, {lost} of which found no room",
             after.as_secs_f64() * 1e3
         );
-        client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
+        client.energize("to clear it", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone()).unwrap();
         // The interrupted layer is laid again.
         let laid = status.layers_laid;
         client
-            .request("to resume", &Message::Resume(Resume { plan_id: PLAN, start_layer: laid, reported_layers: laid }))
+            .request(
+                "to resume",
+                &PassiveRequest::Resume(Resume { plan_id: PLAN, start_layer: laid, reported_layers: laid }),
+            )
             .unwrap();
     }
 }

@@ -6,9 +6,12 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
-use growbot_core::link::message::{AppendLayers, BeginJob, Fault, HostSilencePolicy, Message, Start, State};
+use growbot_core::link::message::{
+    AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, PassiveRequest, Start, State,
+};
 use growbot_core::robot::Robot;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
@@ -36,14 +39,22 @@ fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let mut client = Client::new(Box::new(Rc::clone(&emulator)), "the emulated board");
     client.open_session_for(&robot).unwrap();
     let plan_id = 1;
-    client.request("to begin", &Message::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() })).unwrap();
+    client
+        .request("to begin", &PassiveRequest::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: robot.hash() }))
+        .unwrap();
     // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
     emulator.borrow_mut().simulated_tip(|tip| tip.set_nozzle_c(if during == State::Heating { 60.0 } else { 197.0 }));
     let mut encoder = LayerEncoder::default();
     let layers = (0..8).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-    client.request("to store layers", &Message::AppendLayers(AppendLayers { plan_id, first: 0, layers })).unwrap();
     client
-        .request("to start", &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }))
+        .request("to store layers", &PassiveRequest::AppendLayers(AppendLayers { plan_id, first: 0, layers }))
+        .unwrap();
+    client
+        .energize(
+            "to start",
+            &EnergizingRequest::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
+            &Permit::standalone(),
+        )
         .unwrap();
 
     let wait_for = |client: &mut Client, states: &[State]| {

@@ -12,6 +12,7 @@ use growbot_client::growth::{
     Command, CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, OnParked, Outcome, as_built_hash, grow_job,
 };
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, PauseCause, Refusal, State};
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
@@ -56,7 +57,7 @@ fn refusal(done: Result<(), ClientError>) -> Refusal {
 fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
     let mut limit = BoardLimit::new(&TipMemoryView::of(&mut board.borrow_mut()), LIMIT_S);
     loop {
-        match client.maintain(task) {
+        match client.maintain(task, &Permit::standalone()) {
             Err(ClientError::Refused { refusal: Refusal::NozzleTooCold { .. } | Refusal::StillMoving, .. }) => {}
             done => return done.unwrap(),
         }
@@ -74,14 +75,14 @@ fn maintenance_is_refused_cold_and_executed_hot() {
     let robot = robot();
     let (board, mut client) = board(&robot);
     for task in [feed(10), feed(-10), MaintenanceTask::Home, MaintenanceTask::Rotate { centi_deg: 9000 }] {
-        let refused = refusal(client.maintain(task));
+        let refused = refusal(client.maintain(task, &Permit::standalone()));
         assert!(matches!(refused, Refusal::WrongState { .. } | Refusal::NozzleTooCold { .. }), "{task:?}: {refused:?}");
     }
     assert!(matches!(
-        refusal(client.maintain(MaintenanceTask::Preheat { target_centi_c: 90_000 })),
+        refusal(client.maintain(MaintenanceTask::Preheat { target_centi_c: 90_000 }, &Permit::standalone())),
         Refusal::TemperatureOutOfRange { .. }
     ));
-    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }).unwrap();
+    client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }, &Permit::standalone()).unwrap();
     let steps_per_mm = robot.description().feed.steps_per_mm;
     let at = |what: fn(&mut growbot_sim::tip::Tip) -> i64| {
         let mut position = 0;
@@ -96,14 +97,17 @@ fn maintenance_is_refused_cold_and_executed_hot() {
     assert_eq!(fed, (15.0 * steps_per_mm).round() as i64);
     once_possible(&board, &mut client, MaintenanceTask::Rotate { centi_deg: 9000 });
     assert!(matches!(
-        refusal(client.maintain(MaintenanceTask::Rotate { centi_deg: 36_001 })),
+        refusal(client.maintain(MaintenanceTask::Rotate { centi_deg: 36_001 }, &Permit::standalone())),
         Refusal::MoveTooLong { .. } | Refusal::StillMoving
     ));
     once_possible(&board, &mut client, feed(1));
     let turn = i64::from(robot.description().head.steps_per_turn);
     assert_eq!(at(|tip| tip.head_position()).rem_euclid(turn), turn / 4, "a quarter of a turn from where it homed");
-    assert!(matches!(refusal(client.maintain(feed(2_000_000))), Refusal::MoveTooLong { .. } | Refusal::StillMoving));
-    client.maintain(MaintenanceTask::CoolDown).unwrap();
+    assert!(matches!(
+        refusal(client.maintain(feed(2_000_000), &Permit::standalone())),
+        Refusal::MoveTooLong { .. } | Refusal::StillMoving
+    ));
+    client.maintain(MaintenanceTask::CoolDown, &Permit::standalone()).unwrap();
     assert_eq!(client.status().unwrap().state, State::Idle);
     assert!(!at(|tip| i64::from(tip.is_enabled(growbot_sim::tip::Motor::Feed))).is_positive(), "motors are let go");
 }

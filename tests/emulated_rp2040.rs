@@ -12,7 +12,7 @@ use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome,
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::job::summarize;
-use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, Planned};
+use growbot_core::link::message::{HostSilencePolicy, Message, PassiveRequest, PlanRequest, Planned};
 use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -207,7 +207,7 @@ fn the_pico_and_the_desktop_plan_identical_layers() {
         let expected = summarize(&path, &robot);
         let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
         let began = board.now();
-        let Message::Planned(planned) = client.request("to plan", &Message::Plan(request)).unwrap() else {
+        let Message::Planned(planned) = client.request("to plan", &PassiveRequest::Plan(request)).unwrap() else {
             panic!("no plan for {goal:?}");
         };
         let expected = Planned {

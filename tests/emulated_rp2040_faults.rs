@@ -16,9 +16,12 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
-use growbot_core::link::message::{AppendLayers, BeginJob, Fault, HostSilencePolicy, Message, Start, State, Status};
+use growbot_core::link::message::{
+    AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, PassiveRequest, Start, State, Status,
+};
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_sim::port::sim::Sim;
@@ -124,17 +127,17 @@ impl<B: BoardUnderTest> Bench<B> {
     /// Begins a growth and starts it.
     fn begin(&mut self, nozzle_c: f64) -> Result<(), ClientError> {
         let begin = BeginJob { plan_id: PLAN, layers: LAYERS, robot_hash: robot().hash() };
-        self.client.request("to begin", &Message::BeginJob(begin))?;
+        self.client.request("to begin", &PassiveRequest::BeginJob(begin))?;
         // The nozzle is warmed only now, because the board erases its journal only with a cold nozzle.
         self.board.borrow_mut().tip().set_nozzle_c(nozzle_c);
         let mut encoder = LayerEncoder::default();
         let layers = (0..LAYERS).map(|_| encoder.encode(&Layer { alpha: 1.0, height: 0.7, tilt: 0.006 })).collect();
-        self.client
-            .request("to store layers", &Message::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }))?;
         self.client.request(
-            "to start",
-            &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+            "to store layers",
+            &PassiveRequest::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }),
         )?;
+        let start = Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue };
+        self.client.energize("to start", &EnergizingRequest::Start(start), &Permit::standalone())?;
         Ok(())
     }
 

@@ -9,8 +9,10 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
-    BeginJob, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Tune,
+    BeginJob, Effect, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause,
+    Start, State, Tune,
 };
 use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::seal;
@@ -80,7 +82,9 @@ fn a_sealed_uf2_image_boots_and_reports_a_crash_after_the_reset() {
 #[test]
 fn a_crystal_failure_while_heating_switches_off_and_is_reported() {
     let (board, mut client, _) = board("pico-crystal.elf", &sealed());
-    client.request("to tune", &Message::Tune(Tune { target_centi_c: 15_000 })).unwrap();
+    client
+        .energize("to tune", &EnergizingRequest::Tune(Tune { target_centi_c: 15_000 }), &Permit::standalone())
+        .unwrap();
     let is_hot = |board: &Board| {
         let mut board = board.borrow_mut();
         board.simulated_tip().heater_is_on() && board.simulated_tip().heater_duty() > 0.5
@@ -104,7 +108,7 @@ fn a_crystal_failure_while_heating_switches_off_and_is_reported() {
     let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ClockFailed, State::Fault));
     assert_eq!(hello.status.fault, Some(Fault::ClockFailed));
-    client.request("to clear it", &Message::ClearFault(Empty {})).unwrap();
+    client.energize("to clear it", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone()).unwrap();
     assert_eq!(client.status().unwrap().state, State::Idle);
     assert_off(&board);
 }
@@ -143,7 +147,12 @@ fn a_damaged_image_is_reported_and_never_heats() {
         Message::ClearFault(Empty {}),
         Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
     ] {
-        let refused = client.request("in vain", &request).unwrap_err();
+        let refused = match request.clone().effect() {
+            Effect::Passive(request) => client.request("in vain", &request),
+            Effect::Energizing(request) => client.energize("in vain", &request, &Permit::standalone()),
+            Effect::FromBoard => panic!("a host sends no {request:?}"),
+        };
+        let refused = refused.unwrap_err();
         let ClientError::Refused { refusal, .. } = refused else { panic!("{request:?}: {refused:?}") };
         if request == Message::ClearFault(Empty {}) {
             assert_eq!(refusal, Refusal::FaultRemains { fault: Fault::ImageCorrupt });

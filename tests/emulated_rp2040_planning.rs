@@ -17,7 +17,7 @@ use growbot_client::client::Client;
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::job::summarize;
-use growbot_core::link::message::{Message, PlanRequest};
+use growbot_core::link::message::{Message, PassiveRequest, PlanRequest};
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -65,7 +65,7 @@ fn measure(kind: &Kind, count: u32) -> Vec<Cost> {
             PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: RADIUS, planner: kind.planner };
         let began = board.now();
         let before = board.borrow().instructions();
-        let answer = client.request("to plan", &Message::Plan(request));
+        let answer = client.request("to plan", &PassiveRequest::Plan(request));
         let Ok(Message::Planned(planned)) = answer else { panic!("{:?}, goal {number}: {answer:?}", kind.planner) };
         let same = (layers.exact_hash, layers.layers, length(&expected.path));
         assert_eq!((planned.exact_hash, planned.layers, planned.length), same, "{:?}, goal {number}", kind.planner);

@@ -21,9 +21,10 @@ use growbot_client::growth::{
 };
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashRecord;
-use growbot_core::link::message::{Empty, Fault, HostSilencePolicy, Message, ResetCause, State, Status};
+use growbot_core::link::message::{Empty, EnergizingRequest, Fault, HostSilencePolicy, ResetCause, State, Status};
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
@@ -266,7 +267,9 @@ fn reconnect_and_resume(
     let cause = if crash == Interruption::Board { ResetCause::StackOverflow } else { ResetCause::PowerOn };
     assert_eq!(hello.reset_cause, cause, "{crash:?}");
     if hello.status.state == State::Fault {
-        client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(GrowthError::NotStarted)?;
+        client
+            .energize("to clear the fault", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone())
+            .map_err(GrowthError::NotStarted)?;
     }
     let found = client.status().map_err(GrowthError::NotStarted)?;
     let grown = resume_job(

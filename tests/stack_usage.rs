@@ -6,7 +6,7 @@ use std::time::Duration;
 use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
 use growbot_client::robot_file;
-use growbot_core::link::message::{HostSilencePolicy, Message, PlanRequest, ResetCause, State};
+use growbot_core::link::message::{HostSilencePolicy, Message, PassiveRequest, PlanRequest, ResetCause, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -54,7 +54,7 @@ fn planning_and_growing_leave_half_of_the_stack_unused() {
         for planner in [Planner::TwoPlane, Planner::Shortest] {
             let goal = Pose::from_degrees(goal).unwrap();
             let request = PlanRequest { start: (&start).into(), goal: (&goal).into(), radius: 100.0, planner };
-            let answer = client.request("to plan", &Message::Plan(request)).unwrap();
+            let answer = client.request("to plan", &PassiveRequest::Plan(request)).unwrap();
             assert!(matches!(answer, Message::Planned(_)), "{answer:?}");
         }
     }

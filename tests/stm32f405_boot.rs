@@ -10,8 +10,10 @@ use std::time::{Duration, Instant};
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::stream::Stream;
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
-    BeginJob, BootReport, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, Start, State,
+    BeginJob, BootReport, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, PassiveRequest, Refusal,
+    Start, State,
 };
 use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};
@@ -61,17 +63,23 @@ fn the_robots_board_boots_and_responds() {
 
     // The board refuses to begin, start or clear anything in this state.
     let begin = BeginJob { plan_id: 7, layers: 1, robot_hash: robot.hash() };
-    let refused = client.request("to begin", &Message::BeginJob(begin)).unwrap_err();
+    let refused = client.request("to begin", &PassiveRequest::BeginJob(begin)).unwrap_err();
     let state = State::Fault;
     assert!(
         matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),
         "{refused}"
     );
     let refused = client
-        .request("to start", &Message::Start(Start { plan_id: 7, on_host_silence: HostSilencePolicy::Pause }))
+        .energize(
+            "to start",
+            &EnergizingRequest::Start(Start { plan_id: 7, on_host_silence: HostSilencePolicy::Pause }),
+            &Permit::standalone(),
+        )
         .unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::PlanMismatch { board: 0 }, .. }), "{refused}");
-    let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
+    let refused = client
+        .energize("to clear the fault", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone())
+        .unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { .. }, .. }), "{refused}");
 }
 
@@ -84,7 +92,9 @@ fn without_its_crystal_the_board_responds_but_refuses_work() {
     client.open_session_for(&robot).unwrap();
     let status = client.status().unwrap();
     assert_eq!((status.state, status.fault), (State::Fault, Some(Fault::ClockFailed)));
-    let refused = client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap_err();
+    let refused = client
+        .energize("to clear the fault", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone())
+        .unwrap_err();
     let fault = Fault::ClockFailed;
     assert!(
         matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { fault: said }, .. } if said == fault),

@@ -13,7 +13,7 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
-use growbot_core::link::message::{Configure, MAX_DESCRIPTION_PART, Message, Refusal};
+use growbot_core::link::message::{Configure, MAX_DESCRIPTION_PART, PassiveRequest, Refusal};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_sim::port::sim::Sim;
 use libfuzzer_sys::fuzz_target;
@@ -43,7 +43,7 @@ fn hand_over(client: &mut Client, robot: u64, description: &[u8]) -> Result<(), 
             offset: (index * MAX_DESCRIPTION_PART) as u16,
             bytes: part.iter().copied().collect(),
         };
-        client.request("a description", &Message::Configure(part))?;
+        client.request("a description", &PassiveRequest::Configure(part))?;
     }
     Ok(())
 }

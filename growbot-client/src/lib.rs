@@ -8,6 +8,7 @@
 //!   collide with itself;
 //! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans past obstacles;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their responses;
+//! - [`stop_signal`]: stops, and the permits that they void;
 //! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: the errors at
 //!   the goal;
 //! - [`maintenance`]: presets of materials, and maintenance commands;
@@ -44,6 +45,7 @@ pub mod run_log;
 pub mod sanitize;
 pub mod scene_planning;
 pub mod self_collision;
+pub mod stop_signal;
 pub mod suggest;
 pub mod warning;
 pub mod waypoints;

@@ -18,7 +18,8 @@ use growbot_client::plan::{Plan, PlanOptions};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
 use growbot_client::run_log::{RecordedRun, RunLog};
-use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State};
+use growbot_client::stop_signal::Permit;
+use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -239,7 +240,9 @@ impl Try {
         let mut client = Client::new(Box::new(Rc::clone(&self.sim)), "sim");
         let hello = client.open_session().unwrap();
         if hello.status.state == State::Fault {
-            client.request("to clear the fault", &Message::ClearFault(Empty {})).unwrap();
+            client
+                .energize("to clear the fault", &EnergizingRequest::ClearFault(Empty {}), &Permit::standalone())
+                .unwrap();
         }
         let mut record = RecordedRun::open(&self.folder.path().join("run")).unwrap();
         record.sync_to_board(hello.status.plan_id);

@@ -455,10 +455,14 @@ fn status_reports_robot_and_state() {
 }
 
 #[test]
-fn stop_switches_heater_and_motors_off() {
-    let ran = growbot(&["stop", "--port", "sim"]);
-    assert_eq!(ran.code, Some(0));
-    assert!(ran.out.contains("simulated robot are off"), "{}", ran.out);
+fn a_command_to_a_simulated_robot_that_nothing_runs_fails() {
+    for (command, what) in [("stop", "the stop"), ("cancel", "the cancellation"), ("estop", "the emergency stop")] {
+        for ran in [growbot(&[command, "--port", "sim"]), growbot_configured("sim", &[command])] {
+            assert_eq!(ran.code, Some(1), "{}", ran.out);
+            let expected = format!("{what} was not sent: no robot runs at sim");
+            assert!(ran.out.is_empty() && ran.err.contains(&expected) && ran.err.contains("Ctrl-C"), "{}", ran.err);
+        }
+    }
 }
 
 #[test]
@@ -517,13 +521,10 @@ fn commands_for_a_physical_robot_require_a_port() {
         assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not found"]);
         // The option overrides the configured port.
         let ran = growbot_configured("/dev/ttyNONE7", &[command, "--port", "sim"]);
-        assert_eq!(ran.code, Some(0), "{}", ran.err);
-        assert!(ran.out.contains("simulated"), "{command}: {}", ran.out);
+        let said = if matches!(command, "stop" | "cancel") { &ran.err } else { &ran.out };
+        assert!(said.contains("simulated"), "{command}: {}", ran.err);
         assert!(growbot(&[command, "--help"]).out.contains("GROWBOT_PORT"));
     }
-    let stopped = growbot_configured("sim", &["estop"]);
-    assert_eq!(stopped.code, Some(0), "{}", stopped.err);
-    assert!(stopped.out.contains("simulated robot are off"), "{}", stopped.out);
     // Commands that begin a growth simulate it without a port, and `growbot` alone always does.
     assert_refused(&growbot_configured("/dev/ttyNONE7", &["grow", "--to", "0,0,9,0,90"]), &["/dev/ttyNONE7"]);
     assert_eq!(growbot_configured("/dev/ttyNONE7", &[]).code, Some(0));

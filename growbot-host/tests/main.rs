@@ -32,6 +32,7 @@ mod serve_limits;
 mod serve_load;
 mod serve_notify;
 mod serve_scenes;
+mod serve_stops;
 mod settings;
 mod simulate_command;
 mod view_command;

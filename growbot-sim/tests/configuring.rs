@@ -4,7 +4,8 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::robot_file;
-use growbot_core::link::message::{BeginJob, Cancel, Message, Refusal, ResetCause, State};
+use growbot_client::stop_signal::Permit;
+use growbot_core::link::message::{BeginJob, Cancel, PassiveRequest, Refusal, ResetCause, State};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_firmware::description_store::DescriptionStore;
 use growbot_sim::port::sim::Sim;
@@ -33,13 +34,13 @@ fn the_board_restarts_as_every_supported_robot() {
         assert_eq!((hello.robot_hash, hello.robot_name.as_str(), hello.status.state), (next.hash(), name, State::Idle));
         assert_eq!(DescriptionStore::open(flash.clone()).newest().robot(), Some(next.clone()));
         let begin = BeginJob { plan_id: 1, layers: 1, robot_hash: next.hash() };
-        client.request("to begin", &Message::BeginJob(begin)).unwrap();
+        client.request("to begin", &PassiveRequest::BeginJob(begin)).unwrap();
         let refused = client.configure(&next).unwrap_err();
         assert!(
             matches!(refused, ClientError::Refused { refusal: Refusal::JobNotDone { plan_id: 1 }, .. }),
             "{refused}"
         );
-        client.request("to give it up", &Message::Cancel(Cancel { plan_id: 1 })).unwrap();
+        client.request("to give it up", &PassiveRequest::Cancel(Cancel { plan_id: 1 })).unwrap();
     }
     assert!(configured >= 3, "{configured}");
 }
@@ -51,7 +52,7 @@ fn an_unconfigured_board_is_detected_and_configured() {
     let mut client = Client::new(Box::new(sim), "sim");
     let error = client.open_session_for(&robot("growbot-a")).unwrap_err();
     assert!(matches!(error, ClientError::NotConfigured { .. }), "{error}");
-    let refused = client.clear_fault().unwrap_err().to_string();
+    let refused = client.clear_fault(&Permit::standalone()).unwrap_err().to_string();
     assert!(refused.contains("not configured") && refused.contains("growbot configure"), "{refused}");
     client.configure(&robot("growbot-b")).unwrap();
     client.open_session_for(&robot("growbot-b")).unwrap();

@@ -13,8 +13,9 @@ use growbot_client::growth::{
     CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
 };
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Empty, HostSilencePolicy, Message, State};
+use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
@@ -172,7 +173,7 @@ impl Subject<'_> {
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over(true);
         let hello = client.open_session().map_err(|error| error.to_string())?;
         if matches!(hello.status.state, State::Fault) {
-            client.request("to clear the fault", &Message::ClearFault(Empty {})).map_err(|error| error.to_string())?;
+            client.clear_fault(&Permit::standalone()).map_err(|error| error.to_string())?;
         }
         let (orders, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});
         let is_known = hello.status.plan_id == self.job.plan_id;

@@ -7,10 +7,11 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError, StopOutcome};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
-use growbot_core::link::message::{BeginJob, Message, Refusal, State};
+use growbot_core::link::message::{BeginJob, Message, PassiveRequest, Refusal, State};
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 
@@ -44,7 +45,9 @@ fn on_a_clean_link_most_bytes_are_layers() {
         .collect();
     let plan_id = u64::MAX;
     let begin = BeginJob { plan_id, layers: 4096, robot_hash: robot.hash() };
-    let Message::Accepted(accepted) = client.request("to begin", &Message::BeginJob(begin)).unwrap() else { panic!() };
+    let Message::Accepted(accepted) = client.request("to begin", &PassiveRequest::BeginJob(begin)).unwrap() else {
+        panic!()
+    };
     let before = sent.get();
     let accepted = client.upload_layers(plan_id, &layers, accepted).unwrap();
     assert_eq!((accepted.next, accepted.free_layers), (4096, 0));
@@ -96,11 +99,11 @@ fn a_link_emergency_stop_clears_at_once_but_a_pressed_button_does_not() {
     for _ in 0..3 {
         client.emergency_stop().unwrap();
         assert_eq!(sim.borrow().state(), State::EmergencyStop);
-        client.clear_fault().unwrap();
+        client.clear_fault(&Permit::standalone()).unwrap();
         assert_eq!(sim.borrow().state(), State::Idle);
     }
     sim.borrow_mut().inject(TipFault::EmergencyStop);
     client.wait(Duration::from_millis(100)).unwrap();
-    let refused = client.clear_fault().unwrap_err();
+    let refused = client.clear_fault(&Permit::standalone()).unwrap_err();
     assert!(matches!(refused, ClientError::Refused { refusal: Refusal::EmergencyStop, .. }), "{refused}");
 }

@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{BoardInfo, Configure, Configured, MAX_DESCRIPTION_PART, Message, Refusal};
+use growbot_core::link::message::{
+    BoardInfo, Configure, Configured, MAX_DESCRIPTION_PART, Message, PassiveRequest, Refusal,
+};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 
 use super::error::SEND_DESCRIPTION;
@@ -33,7 +35,7 @@ impl Client {
                 offset: (index * MAX_DESCRIPTION_PART) as u16,
                 bytes: bytes.iter().copied().collect(),
             };
-            stored = match self.request(SEND_DESCRIPTION, &Message::Configure(part)) {
+            stored = match self.request(SEND_DESCRIPTION, &PassiveRequest::Configure(part)) {
                 Ok(Message::Configured(Configured { stored, .. })) => stored,
                 Ok(other) => return Err(ClientError::Unexpected { request: SEND_DESCRIPTION, kind: other.kind() }),
                 // After the last part, the board may have restarted already, and its response may be lost. Before the

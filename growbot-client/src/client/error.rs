@@ -111,6 +111,12 @@ pub enum ClientError {
         /// Reason of the refusal.
         refusal: Refusal,
     },
+    /// A stop was raised after the request was ordered, so it was not sent.
+    #[error("{request}: not sent, because a later stop has voided it: order it again, once the stop is confirmed")]
+    Voided {
+        /// Name of the request.
+        request: &'static str,
+    },
     /// The board sent an unexpected response.
     #[error(
         "the board sent an unexpected response to {request} (kind {kind:#04x}): flash the firmware of this release"

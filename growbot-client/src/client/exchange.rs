@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use growbot_core::link::frame::{self, FrameError, FrameHeader, LinkFrame, MAX_BODY_LEN, next_seq};
-use growbot_core::link::message::{Empty, Message, MessageError, Refused};
+use growbot_core::link::message::{Empty, EnergizingRequest, Message, MessageError, PassiveRequest, Refused};
 
 use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RETRY_DELAY, PLAN_TIMEOUT, ResponseWait};
 use super::{Client, ClientError};
+use crate::stop_signal::Permit;
 
 /// True once this process has sent a request that changes a board.
 static COMMANDED: AtomicBool = AtomicBool::new(false);
@@ -49,13 +50,39 @@ impl Client {
     ///
     /// # Errors
     /// If no response arrives, or the board refuses.
-    pub fn request(&mut self, what: &'static str, request: &Message) -> Result<Message, ClientError> {
+    pub fn request(&mut self, what: &'static str, request: &PassiveRequest) -> Result<Message, ClientError> {
+        self.transact(what, &request.clone().into(), || Ok(()))
+    }
+
+    /// Sends a request after which the board may heat or move. Nothing else sends one. The permit is checked before
+    /// each transmission, so at most the one that is being sent precedes a stop on the line.
+    ///
+    /// # Errors
+    /// [`ClientError::Voided`] if a stop was raised since the permit was given. Otherwise like [`Client::request`].
+    pub fn energize(
+        &mut self,
+        what: &'static str,
+        request: &EnergizingRequest,
+        permit: &Permit,
+    ) -> Result<Message, ClientError> {
+        let check = || if permit.is_valid() { Ok(()) } else { Err(ClientError::Voided { request: what }) };
+        self.transact(what, &request.clone().into(), check)
+    }
+
+    /// Sends a request and waits for the response. Calls `check` before each transmission.
+    fn transact(
+        &mut self,
+        what: &'static str,
+        request: &Message,
+        check: impl Fn() -> Result<(), ClientError>,
+    ) -> Result<Message, ClientError> {
         let plans = matches!(request, Message::Plan(_));
         let mut repeat = if plans { PLAN_RETRY_DELAY } else { FIRST_RETRY_DELAY };
         self.seq = next_seq(self.seq);
         let seq = self.seq;
         let mut wait = ResponseWait::default();
         for attempt in 0..MAX_ATTEMPTS {
+            check()?;
             self.repeated += u64::from(attempt > 0);
             self.post(seq, request)?;
             if let Some(frame) = self.wait_for_response(|ack| ack == seq, repeat, &mut wait)? {

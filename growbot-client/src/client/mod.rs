@@ -97,7 +97,7 @@ impl Client {
     }
 
     /// Returns a port on the same line with which another thread can send the emergency stop. `None` if the robot ends
-    /// with this program. From the first use of that port on, this client blocks until the program ends.
+    /// with this program. From the first use of that port on, this client blocks until that port is dropped.
     pub fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_port()
     }

@@ -3,13 +3,14 @@
 use std::time::Duration;
 
 use growbot_core::link::message::{
-    BootReport, Empty, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, ReadLayers, Refusal,
-    SensorReadings, Status,
+    BootReport, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, PassiveRequest,
+    ReadLayers, Refusal, SensorReadings, Status,
 };
 
 use super::clock::{ClockDrift, ClockSample, ClockWatch};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
+use crate::stop_signal::Permit;
 
 /// Maximum number of polls for the release of an emergency stop by the link, which comes within 20 ms.
 const MAX_LOOKS_AT_RELEASE: u32 = 6;
@@ -48,7 +49,7 @@ impl Client {
     pub fn status(&mut self) -> Result<Status, ClientError> {
         let what = "for its status";
         let sent = self.port.now();
-        match self.request(what, &Message::GetStatus(Empty {}))? {
+        match self.request(what, &PassiveRequest::GetStatus(Empty {}))? {
             Message::Status(status) => {
                 if self.port.has_comparable_clock() {
                     self.clocks.take(&ClockSample { board_ms: status.uptime_ms, sent, received: self.port.now() });
@@ -65,7 +66,7 @@ impl Client {
     /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
     pub fn check_session(&mut self) -> Result<(), ClientError> {
         // The board serves this request in the open session only. No layer has this index, so the response is short.
-        self.request("for its session", &Message::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
+        self.request("for its session", &PassiveRequest::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
     }
 
     /// Reports whether events have arrived that [`Client::event`] has not returned yet.
@@ -81,27 +82,27 @@ impl Client {
     /// A refusal. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must
     /// then be cut.
     pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
-        match self.request("to stop", &Message::Stop(Empty {})) {
+        match self.request("to stop", &PassiveRequest::Stop(Empty {})) {
             Ok(_) => Ok(StopOutcome::ByRequest),
             Err(error @ ClientError::Refused { .. }) => Err(error),
             Err(_) => self.emergency_stop().map(|()| StopOutcome::ByEmergencyStop),
         }
     }
 
-    /// Clears a fault or an emergency stop. The board refuses this for some milliseconds after a stop by the link, and
-    /// while the button is pressed, so the request is repeated for a while.
+    /// Clears a fault or an emergency stop, after which the board accepts jobs again. The board refuses this for some
+    /// milliseconds after a stop by the link, and while the button is pressed, so the request is repeated for a while.
     ///
     /// # Errors
     /// Like [`Client::request`].
-    pub fn clear_fault(&mut self) -> Result<(), ClientError> {
-        let (what, request) = ("to clear the fault", Message::ClearFault(Empty {}));
+    pub fn clear_fault(&mut self, permit: &Permit) -> Result<(), ClientError> {
+        let (what, request) = ("to clear the fault", EnergizingRequest::ClearFault(Empty {}));
         for _ in 0..MAX_LOOKS_AT_RELEASE {
-            match self.request(what, &request) {
+            match self.energize(what, &request, permit) {
                 Err(ClientError::Refused { refusal: Refusal::EmergencyStop, .. }) => self.wait(LOOK_AT_RELEASE)?,
                 done => return done.map(drop),
             }
         }
-        self.request(what, &request).map(drop)
+        self.energize(what, &request, permit).map(drop)
     }
 
     /// Stops a board whose clock drifts from the port's, according to the responses to [`Client::status`]. Stops it by
@@ -112,7 +113,7 @@ impl Client {
     /// [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must then be cut.
     pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
         let Some(drift) = self.clocks.drift() else { return Ok(None) };
-        if self.request("to stop", &Message::Stop(Empty {})).is_err() {
+        if self.request("to stop", &PassiveRequest::Stop(Empty {})).is_err() {
             self.emergency_stop()?;
         }
         // If the board is started again in spite of this, its clock is compared again.
@@ -126,12 +127,17 @@ impl Client {
         self.port.has_comparable_clock() && self.clocks.wants(self.port.now())
     }
 
-    /// Starts a maintenance task on the board.
+    /// Starts a maintenance task on the board. Cooling down needs no valid permit.
     ///
     /// # Errors
-    /// Like [`Client::request`].
-    pub fn maintain(&mut self, task: MaintenanceTask) -> Result<(), ClientError> {
-        self.request(request_name(task), &Message::Maintain(Maintain { task })).map(drop)
+    /// Like [`Client::energize`].
+    pub fn maintain(&mut self, task: MaintenanceTask, permit: &Permit) -> Result<(), ClientError> {
+        let what = request_name(task);
+        match task {
+            MaintenanceTask::CoolDown => self.request(what, &PassiveRequest::CoolDown),
+            task => self.energize(what, &EnergizingRequest::Maintain(Maintain { task }), permit),
+        }
+        .map(drop)
     }
 
     /// Returns the readings of the board's sensors.
@@ -140,7 +146,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn sensors(&mut self) -> Result<SensorReadings, ClientError> {
         let what = "for its sensors";
-        match self.request(what, &Message::GetSensorReadings(Empty {}))? {
+        match self.request(what, &PassiveRequest::GetSensorReadings(Empty {}))? {
             Message::SensorReadings(readings) => Ok(readings),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
@@ -152,7 +158,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn latest_fault(&mut self) -> Result<Option<FaultRecord>, ClientError> {
         let what = "for its latest fault";
-        match self.request(what, &Message::GetLatestFault(Empty {}))? {
+        match self.request(what, &PassiveRequest::GetLatestFault(Empty {}))? {
             Message::LatestFault(LatestFault { record }) => Ok(record),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
@@ -164,7 +170,7 @@ impl Client {
     /// Like [`Client::request`].
     pub fn boot_report(&mut self) -> Result<BootReport, ClientError> {
         let what = "how it came up";
-        match self.request(what, &Message::GetBootReport(Empty {}))? {
+        match self.request(what, &PassiveRequest::GetBootReport(Empty {}))? {
             Message::BootReport(report) => Ok(report),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }

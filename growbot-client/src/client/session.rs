@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{BoardInfo, Empty, Hello, HostName, Message, Refusal, SCHEMA_HASH, State};
+use growbot_core::link::message::{
+    BoardInfo, Empty, Hello, HostName, Message, PassiveRequest, Refusal, SCHEMA_HASH, State,
+};
 use growbot_core::robot::Robot;
 
 use super::{Client, ClientError};
@@ -59,7 +61,7 @@ impl Client {
             (self.seq, self.received, self.acknowledged, self.open) = (0, 0, true, false);
             self.events.clear();
         }
-        let request = Message::Hello(Hello { schema: SCHEMA_HASH, host: host_name(), take_over });
+        let request = PassiveRequest::Hello(Hello { schema: SCHEMA_HASH, host: host_name(), take_over });
         match self.request("hello", &request) {
             Ok(Message::BoardInfo(hello)) => {
                 self.open = true;
@@ -92,7 +94,7 @@ impl Client {
     /// A board that is silent, garbled or of another version.
     pub fn identify(&mut self) -> Result<BoardInfo, ClientError> {
         let what = "the question who it is";
-        match self.request(what, &Message::GetBoardInfo(Empty {})) {
+        match self.request(what, &PassiveRequest::GetBoardInfo(Empty {})) {
             Ok(Message::BoardInfo(hello)) => self.wait_for_self_test(same_schema(hello)?),
             Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
             Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {

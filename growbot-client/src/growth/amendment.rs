@@ -8,7 +8,7 @@
 //! latest amendment, the plan id of the board's job decides. The encoder counts what an interrupted layer leaves,
 //! unless the board's power was lost.
 
-use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, Refusal};
+use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, PassiveRequest, Refusal};
 
 use super::{Amendment, Job, JobEvent, JobRunner, PendingAmendment, UploadState};
 use crate::clearance_guard::ClearanceViolation;
@@ -120,7 +120,7 @@ impl JobRunner<'_> {
             };
             let handed_over = total.min(from.saturating_add(HORIZON));
             self.sent.pending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
-            match self.client.request("to amend the job", &Message::Amend(amend)) {
+            match self.client.request("to amend the job", &PassiveRequest::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.sent.accepted = accepted;
                     self.apply_amendment();
@@ -161,7 +161,7 @@ impl JobRunner<'_> {
             return Ok(());
         }
         on_event(&JobEvent::ClearanceViolation(too_near));
-        match self.client.request("to pause", &Message::Pause(Empty {})) {
+        match self.client.request("to pause", &PassiveRequest::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
             // It is paused already. The check is repeated after its next layer.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}

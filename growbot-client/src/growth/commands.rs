@@ -1,13 +1,14 @@
 //! Orders of users during a growth.
 
-use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
 use crate::maintenance::MaterialPreset;
+use crate::stop_signal::{Permit, StopLevel};
 
 /// An order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -96,36 +97,79 @@ impl Command {
             self.name()
         )
     }
+}
 
-    fn of(code: u8) -> Option<Self> {
-        Self::ALL.into_iter().find(|order| *order as u8 == code)
+impl From<StopLevel> for Command {
+    fn from(level: StopLevel) -> Self {
+        match level {
+            StopLevel::Stop => Self::Stop,
+            StopLevel::EmergencyStop => Self::EmergencyStop,
+        }
     }
 }
 
+/// An order in the queue.
+#[derive(Debug, Clone)]
+pub(super) struct QueuedCommand {
+    pub command: Command,
+    /// Permit of the moment at which the order was given.
+    pub permit: Permit,
+}
+
 /// Orders for a running growth. Any thread may give one. The growth thread polls them every 20 ms and executes them in
-/// order, but a stop before all others. A stop is latched: only an emergency stop overrides it.
-#[derive(Debug, Default)]
+/// order, but a stop before all others. A stop is latched in the robot's signal: only an emergency stop overrides it.
+#[derive(Debug)]
 pub struct CommandQueue {
-    /// [`Move::Stop`], [`Move::EmergencyStop`] or 0.
-    stop: AtomicU8,
-    waiting: Mutex<Vec<Command>>,
+    /// Permit of the growth. Its signal is that of the robot.
+    permit: Mutex<Permit>,
+    waiting: Mutex<Vec<QueuedCommand>>,
     /// True if the user has interrupted the program.
     interrupted: AtomicBool,
 }
 
+impl Default for CommandQueue {
+    /// Returns the queue of a growth whose program is the only user of the robot.
+    fn default() -> Self {
+        Self::new(Permit::standalone())
+    }
+}
+
 impl CommandQueue {
-    /// Gives an order. An order to pause or to continue replaces a waiting order to pause or to continue.
-    pub fn push(&self, order: Command) {
-        if order >= Command::Stop {
-            self.stop.fetch_max(order as u8, Ordering::Relaxed);
-            return;
-        }
-        let mut waiting = self.waiting();
-        waiting.retain(|before| !order.replaces(*before));
-        waiting.push(order);
+    /// Returns the queue of a growth with this permit.
+    #[must_use]
+    pub fn new(permit: Permit) -> Self {
+        Self { permit: Mutex::new(permit), waiting: Mutex::default(), interrupted: AtomicBool::default() }
     }
 
-    fn waiting(&self) -> MutexGuard<'_, Vec<Command>> {
+    /// Gives an order. An order to pause or to continue replaces a waiting order to pause or to continue.
+    pub fn push(&self, order: Command) {
+        match order {
+            Command::Stop => _ = self.permit().signal().raise(StopLevel::Stop),
+            Command::EmergencyStop => _ = self.permit().signal().raise(StopLevel::EmergencyStop),
+            order => self.push_with(order, self.permit_now()),
+        }
+    }
+
+    /// Gives an order that is not a stop, with the permit of the moment at which it arrived.
+    pub fn push_with(&self, order: Command, permit: Permit) {
+        let mut waiting = self.waiting();
+        waiting.retain(|before| !order.replaces(before.command));
+        waiting.push(QueuedCommand { command: order, permit });
+    }
+
+    /// Returns the permit of the growth.
+    #[must_use]
+    pub fn permit(&self) -> Permit {
+        self.permit.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Returns a permit for an order that arrives now.
+    #[must_use]
+    pub fn permit_now(&self) -> Permit {
+        self.permit().signal().permit()
+    }
+
+    fn waiting(&self) -> MutexGuard<'_, Vec<QueuedCommand>> {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -135,37 +179,46 @@ impl CommandQueue {
         self.interrupted.swap(true, Ordering::Relaxed)
     }
 
+    /// Reports whether an order to pause waits.
+    #[must_use]
+    pub fn pause_waits(&self) -> bool {
+        self.waiting().iter().any(|order| order.command == Command::Pause)
+    }
+
     /// Reports whether a stop or an emergency stop was ordered.
     #[must_use]
     pub fn stop_requested(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) > 0
+        self.requested_stop().is_some()
     }
 
-    /// Reports whether an emergency stop was ordered.
-    pub(super) fn emergency_stop_requested(&self) -> bool {
-        self.stop.load(Ordering::Relaxed) == Command::EmergencyStop as u8
+    /// Returns the stop that was ordered and is not confirmed.
+    pub(super) fn requested_stop(&self) -> Option<StopLevel> {
+        self.permit().signal().level()
     }
 
-    /// Drops all orders, for example before another growth. Returns true if a stop was among them.
+    /// Drops all orders, and gives the queue a permit for another growth. Returns true if a stop was among them.
     pub fn clear(&self) -> bool {
         self.interrupted.store(false, Ordering::Relaxed);
         self.waiting().clear();
-        self.stop.swap(0, Ordering::Relaxed) > 0
+        let signal = Arc::clone(self.permit().signal());
+        let stopped = signal.pending().is_some_and(|(_, stop)| signal.confirm(stop));
+        *self.permit.lock().unwrap_or_else(PoisonError::into_inner) = signal.permit();
+        stopped
     }
 
     /// Returns the next order. A stop stays, the others are returned once.
-    pub(super) fn pop(&self) -> Option<Command> {
-        if let Some(stop) = Command::of(self.stop.load(Ordering::Relaxed)) {
-            return Some(stop);
+    pub(super) fn pop(&self) -> Option<QueuedCommand> {
+        if let Some(stop) = self.requested_stop() {
+            return Some(QueuedCommand { command: stop.into(), permit: self.permit_now() });
         }
         let mut waiting = self.waiting();
         (!waiting.is_empty()).then(|| waiting.remove(0))
     }
 
     /// Returns an order that could not be executed to the front of the queue, unless a waiting order replaces it.
-    pub(super) fn requeue(&self, order: Command) {
+    pub(super) fn requeue(&self, order: QueuedCommand) {
         let mut waiting = self.waiting();
-        if order < Command::Stop && !waiting.iter().any(|newer| newer.replaces(order)) {
+        if order.command < Command::Stop && !waiting.iter().any(|newer| newer.command.replaces(order.command)) {
             waiting.insert(0, order);
         }
     }
@@ -175,19 +228,23 @@ impl CommandQueue {
 mod tests {
     use super::*;
 
+    fn next(orders: &CommandQueue) -> Option<Command> {
+        orders.pop().map(|order| order.command)
+    }
+
     #[test]
     fn a_stop_stays_queued_and_other_commands_are_popped_once() {
         let orders = CommandQueue::default();
-        assert_eq!(orders.pop(), None);
+        assert_eq!(next(&orders), None);
         orders.push(Command::Pause);
         orders.push(Command::Continue);
-        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Continue), None));
+        assert_eq!((next(&orders), next(&orders)), (Some(Command::Continue), None));
         orders.push(Command::Stop);
         orders.push(Command::Pause);
-        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Stop), Some(Command::Stop)));
+        assert_eq!((next(&orders), next(&orders)), (Some(Command::Stop), Some(Command::Stop)));
         orders.push(Command::EmergencyStop);
         orders.push(Command::Stop);
-        assert_eq!(orders.pop(), Some(Command::EmergencyStop));
+        assert_eq!(next(&orders), Some(Command::EmergencyStop));
         assert!(orders.stop_requested() && orders.clear() && !orders.stop_requested() && !orders.clear());
     }
 
@@ -197,7 +254,7 @@ mod tests {
         for order in [Command::Pause, Command::Preheat, Command::Load, Command::Load, Command::Purge] {
             orders.push(order);
         }
-        let all = || std::iter::from_fn(|| orders.pop()).collect::<Vec<_>>();
+        let all = || std::iter::from_fn(|| next(&orders)).collect::<Vec<_>>();
         assert_eq!(all(), [Command::Pause, Command::Preheat, Command::Load, Command::Purge]);
         orders.push(Command::Load);
         orders.push(Command::Pause);
@@ -208,11 +265,12 @@ mod tests {
     #[test]
     fn a_command_is_requeued_unless_a_newer_one_is_pending() {
         let orders = CommandQueue::default();
-        orders.requeue(Command::Pause);
-        assert_eq!(orders.pop(), Some(Command::Pause));
+        let pause = || QueuedCommand { command: Command::Pause, permit: orders.permit_now() };
+        orders.requeue(pause());
+        assert_eq!(next(&orders), Some(Command::Pause));
         orders.push(Command::Continue);
-        orders.requeue(Command::Pause);
-        assert_eq!((orders.pop(), orders.pop()), (Some(Command::Continue), None));
+        orders.requeue(pause());
+        assert_eq!((next(&orders), next(&orders)), (Some(Command::Continue), None));
     }
 
     #[test]

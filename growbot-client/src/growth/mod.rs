@@ -12,8 +12,8 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
-    Accepted, BoardInfo, BootReport, Fault, HostSilencePolicy, InterruptedLayer, LayerReadings, Message, ResetCause,
-    Start, State, Status,
+    Accepted, BoardInfo, BootReport, EnergizingRequest, Fault, HostSilencePolicy, InterruptedLayer, LayerReadings,
+    Message, PassiveRequest, ResetCause, Start, State, Status,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -26,6 +26,7 @@ use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::client::{Client, ClientError, ClockDrift};
 use crate::feedback::{EncoderReference, Feedback};
 use crate::plan::Plan;
+use crate::stop_signal::Permit;
 
 /// A job: the layers of a path, for a robot.
 #[derive(Debug, Clone, PartialEq)]
@@ -216,9 +217,9 @@ impl GrowthError {
     #[must_use]
     pub fn is_refusal(&self) -> bool {
         match self {
-            Self::NotStarted(ClientError::Refused { .. }) | Self::NothingToResume { .. } | Self::Unfinished { .. } => {
-                true
-            }
+            Self::NotStarted(ClientError::Refused { .. } | ClientError::Voided { .. })
+            | Self::NothingToResume { .. }
+            | Self::Unfinished { .. } => true,
             Self::NotStarted(_) | Self::Interrupted(_) => false,
         }
     }
@@ -273,7 +274,7 @@ pub fn grow_job<'a>(
     orders: &CommandQueue,
     on_event: &mut dyn FnMut(&JobEvent),
 ) -> Result<GrowthReport, GrowthError> {
-    let mut growth = JobRunner::begin(client, job, manner.into(), on_event)?;
+    let mut growth = JobRunner::begin(client, job, manner.into(), orders, on_event)?;
     growth.start_unless_stopped(orders)?;
     growth.finish(orders, on_event)
 }
@@ -291,7 +292,7 @@ pub fn resume_job<'a>(
     orders: &CommandQueue,
     on_event: &mut dyn FnMut(&JobEvent),
 ) -> Result<GrowthReport, GrowthError> {
-    let mut growth = JobRunner::resume(client, job, known, cut, manner.into(), on_event)?;
+    let mut growth = JobRunner::resume(client, job, known, cut, manner.into(), orders, on_event)?;
     growth.start_unless_stopped(orders)?;
     growth.finish(orders, on_event)
 }
@@ -304,7 +305,9 @@ struct JobRunner<'a> {
     silence: HostSilencePolicy,
     feedback: Option<Feedback<'a>>,
     parked: OnParked,
-    /// True once the board has accepted a start.
+    /// Permit of the growth, or of the latest order to continue it.
+    permit: Permit,
+    /// True once the board has begun the growth: it has accepted a start, or its status shows that it had.
     is_started: bool,
     sent: UploadState,
     built: LaidProgress,
@@ -386,13 +389,20 @@ fn is_crash(cause: ResetCause) -> bool {
 }
 
 impl<'a> JobRunner<'a> {
-    fn new(client: &'a mut Client, job: &Job<'a>, manner: GrowthOptions<'a>, hello: &BoardInfo) -> Self {
+    fn new(
+        client: &'a mut Client,
+        job: &Job<'a>,
+        manner: GrowthOptions<'a>,
+        orders: &CommandQueue,
+        hello: &BoardInfo,
+    ) -> Self {
         Self {
             client,
             job: job.clone(),
             silence: manner.silence,
             feedback: manner.feedback,
             parked: manner.parked,
+            permit: orders.permit(),
             is_started: false,
             sent: UploadState::new(job, hello.layer_capacity),
             built: LaidProgress::default(),
@@ -401,31 +411,44 @@ impl<'a> JobRunner<'a> {
     }
 
     /// Sends a request whose response is `Accepted`.
-    fn request_accepted(&mut self, what: &'static str, request: &Message) -> Result<(), ClientError> {
-        match self.client.request(what, request)? {
+    fn request_accepted(&mut self, what: &'static str, request: &PassiveRequest) -> Result<(), ClientError> {
+        let response = self.client.request(what, request)?;
+        self.accept(what, response)
+    }
+
+    fn accept(&mut self, what: &'static str, response: Message) -> Result<(), ClientError> {
+        match response {
             Message::Accepted(accepted) => self.sent.accepted = accepted,
             other => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
         }
         Ok(())
     }
 
-    /// Starts the growth, unless a stop was ordered while layers were sent. Then nothing is heated.
+    /// Starts the growth, unless a stop was ordered while layers were sent, or the board waits for a person and the
+    /// permit is none. Then nothing is heated.
     fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
         if orders.stop_requested() {
             return Ok(());
         }
+        if self.permit.is_continuation() {
+            let status = self.client.status().map_err(GrowthError::Interrupted)?;
+            self.is_started = status.state != State::Idle;
+            if orders.pause_waits() || !self.permit.allows_start(&status) {
+                return Ok(());
+            }
+        }
         self.start().map_err(|error| match error {
-            ClientError::Refused { .. } => GrowthError::NotStarted(error),
+            ClientError::Refused { .. } | ClientError::Voided { .. } => GrowthError::NotStarted(error),
             // It may have started, and only the response is lost.
             error => GrowthError::Interrupted(error),
         })
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
-        self.request_accepted(
-            "to start",
-            &Message::Start(Start { plan_id: self.job.plan_id, on_host_silence: self.silence }),
-        )?;
+        let what = "to start";
+        let start = Start { plan_id: self.job.plan_id, on_host_silence: self.silence };
+        let response = self.client.energize(what, &EnergizingRequest::Start(start), &self.permit)?;
+        self.accept(what, response)?;
         self.is_started = true;
         Ok(())
     }

@@ -3,14 +3,18 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{Empty, Fault, LayerLaid, Message, PauseCause, Refusal, State, Status};
+use growbot_core::link::message::{
+    Empty, Fault, LayerLaid, Message, PassiveRequest, PauseCause, Refusal, State, Status,
+};
 
 use super::amendment::IN_ENGINE;
+use super::commands::QueuedCommand;
 use super::{
     Command, CommandQueue, GrowthError, GrowthReport, JobEvent, JobRunner, OnInterrupted, OnParked, Outcome, is_crash,
     report_crash,
 };
 use crate::client::ClientError;
+use crate::stop_signal::StopLevel;
 
 /// Time to wait for an event before the orders are polled.
 const EVENT_POLL_INTERVAL: Duration = Duration::from_millis(20);
@@ -104,9 +108,11 @@ impl JobRunner<'_> {
         orders: &CommandQueue,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Outcome, ClientError> {
-        if orders.emergency_stop_requested() {
-            // The emergency stop needs no session. A line on which no bytes arrive may still carry it.
-            self.client.emergency_stop()?;
+        // A stop needs no session. A line on which no bytes arrive may still carry an emergency stop.
+        match orders.requested_stop() {
+            Some(StopLevel::EmergencyStop) => self.client.emergency_stop()?,
+            Some(StopLevel::Stop) => drop(self.client.request("to stop", &PassiveRequest::Stop(Empty {}))?),
+            None => {}
         }
         let hello = self.client.open_session_for(self.job.robot)?;
         on_event(&JobEvent::Reconnected);
@@ -139,13 +145,14 @@ impl JobRunner<'_> {
         let mut stopped_by = None;
         let mut questions = StatusPoll::default();
         loop {
-            if let Some(order) = orders.pop().filter(|order| stopped_by != Some(*order)) {
+            if let Some(order) = orders.pop().filter(|order| stopped_by != Some(order.command)) {
+                let command = order.command;
                 // An order that did not reach the board is kept for the next session.
-                self.execute(order, on_event).inspect_err(|_| match order.may_be_repeated() {
+                self.execute(&order, on_event).inspect_err(|_| match command.may_be_repeated() {
                     true => orders.requeue(order),
-                    false => on_event(&JobEvent::CommandFailed(order.uncertain_message())),
+                    false => on_event(&JobEvent::CommandFailed(command.uncertain_message())),
                 })?;
-                stopped_by = Some(order).filter(|order| *order >= Command::Stop);
+                stopped_by = Some(command).filter(|command| *command >= Command::Stop);
                 questions.ask = true;
             }
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
@@ -241,23 +248,25 @@ impl JobRunner<'_> {
     }
 
     /// Executes an order. An order that does not suit the board's state is refused, and the growth continues.
-    fn execute(&mut self, order: Command, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
-        on_event(&JobEvent::Command(order));
-        let done = match order {
-            Command::Preheat | Command::Unload | Command::Load | Command::Purge => match order.task(self.job.robot) {
-                Some(task) => self.client.maintain(task),
+    fn execute(&mut self, order: &QueuedCommand, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
+        let QueuedCommand { command, permit } = order;
+        on_event(&JobEvent::Command(*command));
+        let done = match command {
+            Command::Preheat | Command::Unload | Command::Load | Command::Purge => match command.task(self.job.robot) {
+                Some(task) => self.client.maintain(task, permit),
                 None => Ok(()),
             },
             Command::Continue => {
                 self.sent.pausing = false;
+                self.permit = permit.clone();
                 self.start()
             }
-            Command::Pause => self.client.request("to pause", &Message::Pause(Empty {})).map(drop),
-            Command::Stop => self.client.request("to stop", &Message::Stop(Empty {})).map(drop),
+            Command::Pause => self.client.request("to pause", &PassiveRequest::Pause(Empty {})).map(drop),
+            Command::Stop => self.client.request("to stop", &PassiveRequest::Stop(Empty {})).map(drop),
             Command::EmergencyStop => self.client.emergency_stop(),
         };
         match done {
-            Err(error @ ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {
+            Err(error) if is_temporary(&error) => {
                 on_event(&JobEvent::CommandFailed(error.to_string()));
                 Ok(())
             }
@@ -299,7 +308,7 @@ impl JobRunner<'_> {
         // It paused because this host was silent for too long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             match self.start() {
-                Err(ClientError::Refused { refusal, .. }) if is_temporary(&refusal) => {}
+                Err(error) if is_temporary(&error) => {}
                 done => done?,
             }
         }
@@ -307,17 +316,22 @@ impl JobRunner<'_> {
     }
 }
 
-/// Reports whether a request that was refused for this reason may succeed later, so that the growth continues.
-fn is_temporary(refusal: &Refusal) -> bool {
-    matches!(
-        refusal,
-        Refusal::WrongState { .. }
-            | Refusal::NozzleTooCold { .. }
-            | Refusal::StillMoving
-            | Refusal::NoFilament
-            | Refusal::TemperatureOutOfRange { .. }
-            | Refusal::MoveTooLong { .. }
-    )
+/// Reports whether the growth continues although a request failed for this reason. A request that a stop has voided
+/// fails alone, because the growth carries out the stop next.
+fn is_temporary(error: &ClientError) -> bool {
+    match error {
+        ClientError::Voided { .. } => true,
+        ClientError::Refused { refusal, .. } => matches!(
+            refusal,
+            Refusal::WrongState { .. }
+                | Refusal::NozzleTooCold { .. }
+                | Refusal::StillMoving
+                | Refusal::NoFilament
+                | Refusal::TemperatureOutOfRange { .. }
+                | Refusal::MoveTooLong { .. }
+        ),
+        _ => false,
+    }
 }
 
 /// Returns the outcome of a growth in this state. `None` if it has not ended.

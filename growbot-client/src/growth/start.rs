@@ -1,10 +1,12 @@
 //! Beginning of a growth: with a new job, or with one that the board knows.
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{BeginJob, BoardInfo, Message, Resume, State, Status};
+use growbot_core::link::message::{BeginJob, BoardInfo, PassiveRequest, Resume, State, Status};
 use growbot_core::robot::Robot;
 
-use super::{GrowthError, GrowthOptions, Job, JobEvent, JobRunner, OnInterrupted, is_crash, report_crash};
+use super::{
+    CommandQueue, GrowthError, GrowthOptions, Job, JobEvent, JobRunner, OnInterrupted, is_crash, report_crash,
+};
 use crate::client::{Client, ClientError};
 use crate::feedback::EncoderReference;
 
@@ -14,6 +16,7 @@ impl<'a> JobRunner<'a> {
         client: &'a mut Client,
         job: &Job<'a>,
         manner: GrowthOptions<'a>,
+        orders: &CommandQueue,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = open_session(client, job.robot, on_event)?;
@@ -21,7 +24,7 @@ impl<'a> JobRunner<'a> {
         if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
-        let mut growth = Self::new(client, job, manner, &hello);
+        let mut growth = Self::new(client, job, manner, orders, &hello);
         growth.hand_over_all(on_event).map_err(GrowthError::NotStarted)?;
         growth.count_from_here(on_event).map_err(GrowthError::NotStarted)?;
         Ok(growth)
@@ -33,7 +36,7 @@ impl<'a> JobRunner<'a> {
             layers: self.job.layers.len() as u32,
             robot_hash: self.job.robot.hash(),
         };
-        self.request_accepted("to begin a job", &Message::BeginJob(begin))?;
+        self.request_accepted("to begin a job", &PassiveRequest::BeginJob(begin))?;
         self.hand_over(on_event)
     }
 
@@ -44,10 +47,11 @@ impl<'a> JobRunner<'a> {
         known: Vec<Option<LayerBytes>>,
         interrupted: OnInterrupted,
         manner: GrowthOptions<'a>,
+        orders: &CommandQueue,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = open_session(client, job.robot, on_event)?;
-        let mut growth = Self::new(client, job, manner, &hello);
+        let mut growth = Self::new(client, job, manner, orders, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::nothing_to_resume(growth.job.plan_id, &hello.status));
         }
@@ -82,7 +86,7 @@ impl<'a> JobRunner<'a> {
         self.built.as_built.truncate(known);
         let from = status.layers_laid.saturating_add(u32::from(skip));
         let resume = Resume { plan_id: self.job.plan_id, start_layer: from, reported_layers: known as u32 };
-        self.request_accepted("to resume", &Message::Resume(resume))?;
+        self.request_accepted("to resume", &PassiveRequest::Resume(resume))?;
         self.built.laid = from;
         self.count_from_here(on_event)?;
         // At rest, any remaining layer can be replaced.

@@ -48,8 +48,8 @@ pub trait Port {
     }
 
     /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of
-    /// that port on, this end of the line neither sends nor receives, and blocks until the program ends. `None` if the
-    /// robot ends with this program.
+    /// that port on, this end of the line neither sends nor receives, and blocks until that port is dropped. `None` if
+    /// the robot ends with this program.
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }

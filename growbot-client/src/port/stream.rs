@@ -2,12 +2,13 @@
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
 use std::time::Duration;
 
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::serial::Serial;
 use super::{Port, PortError};
@@ -16,15 +17,29 @@ use super::{Port, PortError};
 const CONNECT: Duration = Duration::from_secs(5);
 /// Time after which a connection that accepts no byte is given up.
 const STALLED: Duration = Duration::from_secs(2);
+/// Timeout of a read of bytes that have arrived. A timeout of zero would mean to wait for ever.
+const AT_ONCE: Duration = Duration::from_millis(1);
+/// Interval at which an end that has left the line to an emergency stop checks whether the stop is over.
+const YIELD_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// A robot at the other end of a stream of bytes.
 pub struct Stream {
     name: String,
     bytes: Bytes,
-    /// True if an emergency stop of this program has taken the line.
-    emergency: Arc<AtomicBool>,
-    /// True if this is the end that the emergency stop uses.
-    is_for_emergency: bool,
+    /// Number of ends of this line with which an emergency stop is being sent.
+    emergencies: Arc<AtomicU32>,
+    role: StreamRole,
+}
+
+/// Use of an end of a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum StreamRole {
+    /// Requests and responses. It yields to emergency stops.
+    Requests,
+    /// An emergency stop that has not been sent.
+    Emergency,
+    /// An emergency stop that is being sent. All ends for requests yield until this one is dropped.
+    ActiveEmergency,
 }
 
 enum Bytes {
@@ -93,7 +108,7 @@ impl Stream {
     }
 
     fn new(name: String, bytes: Bytes) -> Self {
-        Self { name, bytes, emergency: Arc::default(), is_for_emergency: false }
+        Self { name, bytes, emergencies: Arc::default(), role: StreamRole::Requests }
     }
 
     fn lost(&self, error: &io::Error) -> PortError {
@@ -102,20 +117,21 @@ impl Stream {
 
     /// Reports whether the line is left to the emergency stop of another thread.
     fn is_left_to_emergency(&self) -> bool {
-        !self.is_for_emergency && self.emergency.load(Ordering::Relaxed)
+        self.role == StreamRole::Requests && self.emergencies.load(Ordering::SeqCst) > 0
     }
 
-    /// Leaves the line to the emergency stop of another thread, which ends the program once it is finished.
+    /// Leaves the line to the emergency stops of other threads, until the last of their ends is dropped.
     fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
-            thread::sleep(Duration::from_millis(100));
+            thread::sleep(YIELD_POLL_INTERVAL);
         }
     }
 
-    /// Silences all other ends of this line in this program.
-    fn take_line(&self) {
-        if self.is_for_emergency {
-            self.emergency.store(true, Ordering::Relaxed);
+    /// Silences the ends of this line for requests in this program, until this end is dropped.
+    fn take_line(&mut self) {
+        if self.role == StreamRole::Emergency {
+            self.role = StreamRole::ActiveEmergency;
+            self.emergencies.fetch_add(1, Ordering::SeqCst);
         }
     }
 
@@ -124,8 +140,26 @@ impl Stream {
             Bytes::Tcp(stream) => Bytes::Tcp(stream.try_clone()?),
             Bytes::Serial(serial) => Bytes::Serial(serial.try_clone()?),
         };
-        let emergency = Arc::clone(&self.emergency);
-        Ok(Self { name: self.name.clone(), bytes, emergency, is_for_emergency: true })
+        let emergencies = Arc::clone(&self.emergencies);
+        Ok(Self { name: self.name.clone(), bytes, emergencies, role: StreamRole::Emergency })
+    }
+}
+
+impl Drop for Stream {
+    fn drop(&mut self) {
+        if self.role == StreamRole::ActiveEmergency {
+            self.emergencies.fetch_sub(1, Ordering::SeqCst);
+        }
+    }
+}
+
+/// Waits until bytes have arrived or the timeout is over.
+fn wait_for_bytes(stream: &TcpStream, timeout: Duration) -> io::Result<()> {
+    let timeout = Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
+    match poll(&mut [PollFd::new(stream, PollFlags::IN)], Some(&timeout)) {
+        Ok(0) => Err(io::ErrorKind::WouldBlock.into()),
+        Ok(_) => Ok(()),
+        Err(error) => Err(error.into()),
     }
 }
 
@@ -137,10 +171,10 @@ fn is_timeout(error: &io::Error) -> bool {
 impl Port for Stream {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.block_if_yielded();
-        let emergency = &self.emergency;
+        let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let sent = match &mut self.bytes {
             Bytes::Tcp(stream) => stream.write_all(bytes),
-            Bytes::Serial(serial) => serial.send(bytes, || emergency.load(Ordering::Relaxed)),
+            Bytes::Serial(serial) => serial.send(bytes, || yields && emergencies.load(Ordering::SeqCst) > 0),
         };
         self.block_if_yielded();
         sent.map_err(|error| self.lost(&error))
@@ -148,13 +182,17 @@ impl Port for Stream {
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
         self.block_if_yielded();
-        // A timeout of zero would mean to wait for ever.
-        let timeout = timeout.max(Duration::from_millis(1));
-        let (emergency, leaves) = (&self.emergency, !self.is_for_emergency);
+        let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let received = match &mut self.bytes {
-            Bytes::Tcp(stream) => stream.set_read_timeout(Some(timeout)).and_then(|()| stream.read(buffer)),
+            Bytes::Tcp(stream) => wait_for_bytes(stream, timeout).and_then(|()| {
+                // Bytes that arrive during an emergency stop belong to it.
+                match yields && emergencies.load(Ordering::SeqCst) > 0 {
+                    true => Err(io::ErrorKind::WouldBlock.into()),
+                    false => stream.set_read_timeout(Some(AT_ONCE)).and_then(|()| stream.read(buffer)),
+                }
+            }),
             Bytes::Serial(serial) => {
-                let received = serial.receive(buffer, timeout, || leaves && emergency.load(Ordering::Relaxed));
+                let received = serial.receive(buffer, timeout, || yields && emergencies.load(Ordering::SeqCst) > 0);
                 received.and_then(|count| count.ok_or_else(|| io::ErrorKind::WouldBlock.into()))
             }
         };
@@ -180,5 +218,47 @@ impl Port for Stream {
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         // Without this port, an interrupted program advises to cut the power.
         self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::net::TcpListener;
+    use std::sync::mpsc::RecvTimeoutError;
+
+    use super::*;
+
+    /// The far end accepts one connection, as a robot behind TCP does.
+    #[test]
+    fn an_emergency_stop_uses_the_open_connection_and_returns_it() {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let mut line = Stream::tcp(&listener.local_addr().unwrap().to_string()).unwrap();
+        let (mut board, _) = listener.accept().unwrap();
+        let mut receive = [0; 8];
+        for _ in 0..3 {
+            let mut stop = line.emergency_port().unwrap();
+            // The end for requests waits already. It leaves what arrives to the stop.
+            let (received, arrived) = mpsc::channel();
+            let worker = thread::spawn(move || {
+                let mut bytes = [0; 8];
+                let mut count = 0;
+                while count == 0 {
+                    count = line.receive(&mut bytes, CONNECT).unwrap();
+                }
+                received.send(bytes.get(..count).unwrap().to_vec()).unwrap();
+                line
+            });
+            stop.send_emergency_stop().unwrap();
+            board.read_exact(&mut receive).unwrap();
+            assert_eq!(receive, EMERGENCY_STOP);
+            board.write_all(b"off").unwrap();
+            let mut bytes = [0; 8];
+            assert_eq!(stop.receive(&mut bytes, CONNECT).unwrap(), 3);
+            assert_eq!(arrived.recv_timeout(Duration::ZERO), Err(RecvTimeoutError::Timeout));
+            drop(stop);
+            board.write_all(b"on").unwrap();
+            assert_eq!(arrived.recv_timeout(CONNECT).unwrap(), b"on");
+            line = worker.join().unwrap();
+        }
     }
 }

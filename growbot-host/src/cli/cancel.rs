@@ -1,7 +1,7 @@
 //! `growbot cancel`: discards the body that the board stores.
 
 use clap::Args;
-use growbot_core::link::message::{Cancel, Message};
+use growbot_core::link::message::{Cancel, PassiveRequest};
 use growbot_host::output::print;
 
 use super::service_robot::find_service_robot;
@@ -26,6 +26,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     if let Some(owned) = find_service_robot(&port)? {
         return owned.cancel();
     }
+    port.require_running_robot("the cancellation")?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
     let hello = client.open_session()?;
@@ -33,7 +34,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     if plan_id == 0 {
         return Ok(print(&format!("the {}board does not store a body\n", port.kind()))?);
     }
-    client.request("to discard the body", &Message::Cancel(Cancel { plan_id }))?;
+    client.request("to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(
         "plan {plan_id:016x} discarded by the {}board after {} layers\n",
         port.kind(),

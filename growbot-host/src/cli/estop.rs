@@ -1,17 +1,19 @@
 //! `growbot estop`: the emergency stop.
 
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::process::ExitCode;
-use std::thread::sleep;
+use std::thread::{self, ScopedJoinHandle, sleep};
 use std::time::Duration;
 
 use clap::Args;
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
+use growbot_host::settings;
 use growbot_sim::port::{self, OpenError, PortName};
 
-use super::service_robot::owner_in_emergency;
+use super::service_robot::{owner_in_emergency, robots_in_emergency};
 use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
@@ -19,30 +21,87 @@ use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, usage};
 /// The command sends eight bytes that the board recognises as they arrive. It repeats them for three seconds, until the
 /// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
 /// queued bytes. The board stays off until the stop is cleared (`clear` in `growbot console`).
+///
+/// Without --port, the command stops every robot of the service and of growbot.toml.
 #[derive(Args)]
-#[command(after_help = "Example:\n  growbot estop --port /dev/ttyACM0\n\nExit codes: 0, the board has confirmed that \
-                        everything is off; 1, it has not,\nfor any reason: cut its power.")]
+#[command(
+    after_help = "Examples:\n  growbot estop\n  growbot estop --port lab-1\n  growbot estop --port /dev/ttyACM0\n\nExit \
+                        codes: 0, each board has confirmed that everything is off; 1, one has not,\nfor any reason: \
+                        cut its power."
+)]
 pub struct EstopArgs {
     #[command(flatten)]
     port: RequiredPortArg,
     #[command(flatten)]
-    robot: RobotArg,
+    /// Accepted, because the other commands on a board have it. No stop depends on it.
+    _robot: RobotArg,
 }
 
 /// Runs the command. On any failure its exit code is 1, and its message advises to cut the power.
 pub fn run(args: &EstopArgs) -> Result<(), Failure> {
-    let port = args.port.choose().map_err(|failure| unacknowledged(failure.message()))?;
+    let ports = ports(&args.port).map_err(|failure| unacknowledged(failure.message()))?;
+    // Each robot has a thread, so that none waits for another.
+    let stopped: Vec<Result<(), String>> = thread::scope(|scope| {
+        let threads: Vec<_> = ports.iter().map(|port| scope.spawn(|| stop(port))).collect();
+        let end = |thread: ScopedJoinHandle<_>| thread.join().unwrap_or_else(|_| Err("its thread failed".to_owned()));
+        threads.into_iter().map(end).collect()
+    });
+    let mut failed = Vec::new();
+    for (port, stopped) in ports.iter().zip(stopped) {
+        let at = if ports.len() > 1 { format!(" at {}", port.text()) } else { String::new() };
+        match stopped {
+            Ok(()) => {
+                let done = format!("emergency stop: heater and steppers of the {}robot{at} are off\n", port.kind());
+                if print(&done).is_err() {
+                    // The board has stopped, even if the result cannot be printed.
+                    growbot_host::warning!("{}", done.trim_end());
+                }
+            }
+            Err(why) => failed.push(format!("{why}{at}")),
+        }
+    }
+    if failed.is_empty() { Ok(()) } else { Err(unacknowledged(failed.join("; "))) }
+}
+
+/// Returns the given port, or those of all robots: of the service, of the settings, and the default one.
+fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
+    if given.is_given() {
+        return Ok(vec![given.choose()?]);
+    }
+    let owned = robots_in_emergency().into_iter().map(|robot| robot.port);
+    let (configured, problem) = match settings::load_service() {
+        Ok((robots, _)) => (robots, None),
+        Err(error) => (BTreeMap::default(), Some(error)),
+    };
+    let mut ports: Vec<SelectedPort> = Vec::new();
+    let owned: Vec<_> = owned.filter_map(|port| given.at(port).ok()).collect();
+    let configured = configured.into_values().filter_map(|entry| given.at(entry.port).ok()).chain(given.choose().ok());
+    // A simulated robot without a service ends with the program that runs it.
+    let configured = configured.filter(|port| !port.is_in_process());
+    for port in owned.into_iter().chain(configured) {
+        if ports.iter().all(|other| other.text() != port.text()) {
+            ports.push(port);
+        }
+    }
+    match (ports.is_empty(), problem) {
+        (true, Some(error)) => Err(Failure::bad_input(error)),
+        (true, None) => given.choose().map(|port| vec![port]),
+        (false, Some(error)) => {
+            growbot_host::warning!("robots of the settings are not stopped, because they cannot be read: {error}");
+            Ok(ports)
+        }
+        (false, None) => Ok(ports),
+    }
+}
+
+/// Stops one robot. Returns the reason if its board did not acknowledge the stop.
+fn stop(port: &SelectedPort) -> Result<(), String> {
     // A service that does not respond must not delay the stop.
-    let by_service = owner_in_emergency(&port).is_some_and(|owned| owned.emergency_stop());
-    if !by_service {
-        stop(&port, &args.robot).map_err(unacknowledged)?;
+    match owner_in_emergency(port).map(|owned| owned.emergency_stop(port.is_in_process())) {
+        Some(true) => Ok(()),
+        Some(false) if port.is_in_process() => Err("the service has not confirmed it".to_owned()),
+        _ => stop_at_port(port),
     }
-    let done = format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind());
-    if print(&done).is_err() {
-        // The board has stopped, even if the result cannot be printed.
-        growbot_host::warning!("{}", done.trim_end());
-    }
-    Ok(())
 }
 
 /// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.
@@ -59,20 +118,10 @@ pub fn usage_error(error: &clap::Error) -> ExitCode {
     unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error))).report()
 }
 
-/// Stops the board. Returns the reason if the board did not acknowledge the stop.
-fn stop(port: &SelectedPort, robot: &RobotArg) -> Result<(), String> {
+/// Sends the stop to the port itself, until the board confirms it or the time is over.
+fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
+    port.require_running_robot("the emergency stop").map_err(|failure| failure.message().to_string())?;
     let mut attempts = 0;
-    if port.is_in_process() {
-        let robot = robot.load().map_err(|failure| failure.message().to_string())?;
-        let mut client = port.client(&robot).map_err(|failure| failure.message().to_string())?;
-        let began = client.port().now();
-        let why = match client.emergency_stop_within(EMERGENCY_LIMIT, &mut attempts) {
-            Ok(true) => return Ok(()),
-            Ok(false) => unheard(port),
-            Err(error) => error.to_string(),
-        };
-        return Err(tried(&why, attempts, client.port().now().saturating_sub(began)));
-    }
     let began = time_since_boot();
     let elapsed = || time_since_boot().saturating_sub(began);
     let left = || EMERGENCY_LIMIT.saturating_sub(elapsed());

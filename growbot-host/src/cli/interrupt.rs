@@ -18,9 +18,8 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     let kind = port.kind();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
-            if !ends_with_us {
-                stop_at_once(line.take(), &name);
-            }
+            // The line is held to the end, so that the rest of the program does not continue in between.
+            let _line = if ends_with_us { None } else { stop_at_once(line.take(), &name) };
             std::process::exit(1);
         }
         growbot_host::warning!(
@@ -34,10 +33,11 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     orders
 }
 
-/// Gives the emergency stop, and prints the result.
-fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
+/// Gives the emergency stop, and prints the result. Returns the line on which it was sent.
+fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) -> Option<Client> {
     growbot_host::warning!("sending the emergency stop");
-    let stopped = line.is_some_and(|line| Client::new(line, name).emergency_stop().is_ok());
+    let mut client = line.map(|line| Client::new(line, name));
+    let stopped = client.as_mut().is_some_and(|client| client.emergency_stop().is_ok());
     if stopped {
         growbot_host::warning!(
             "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
@@ -46,4 +46,5 @@ fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) {
         let error = ClientError::StopNotAcknowledged { port: name.to_string() };
         growbot_host::error!("{error}");
     }
+    client
 }

@@ -2,6 +2,7 @@
 
 use clap::Args;
 use growbot_client::maintenance::COMMANDS;
+use growbot_client::stop_signal::Permit;
 use growbot_host::output::print;
 
 use super::console::maintain;
@@ -44,6 +45,6 @@ pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
     let (robot, presets) = (args.robot.load()?, args.robot.presets()?);
     let mut client = port.client(&robot)?;
     client.open_session_for(&robot)?;
-    let done = maintain(&mut client, &robot, &presets, &args.task, &args.value)?;
+    let done = maintain(&mut client, &robot, &presets, &args.task, &args.value, &Permit::standalone())?;
     Ok(print(&format!("{}{done}", if port.is_simulated() { "simulated robot: " } else { "" }))?)
 }

@@ -325,8 +325,8 @@ pub struct PortArg {
 /// now on, so a port must be given or configured.
 #[derive(Args)]
 pub struct RequiredPortArg {
-    /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME. With sim and emulator a simulated robot is
-    /// started [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
+    /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME, or the name of a robot in growbot.toml or of the
+    /// service [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -368,6 +368,16 @@ impl PortArg {
 }
 
 impl RequiredPortArg {
+    /// Reports whether a port is given on the command line.
+    fn is_given(&self) -> bool {
+        self.port.is_some()
+    }
+
+    /// Returns this port, with the given faults of the link.
+    fn at(&self, text: String) -> Result<SelectedPort, Failure> {
+        self.line.at(text)
+    }
+
     /// Returns the given port, or the configured one. Returns an error if neither is set.
     fn choose(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
@@ -387,8 +397,16 @@ impl RequiredPortArg {
 }
 
 impl LinkArgs {
+    /// Returns the port with this name: a port, or a robot of the settings or of the user's service.
     fn at(self, text: String) -> Result<SelectedPort, Failure> {
-        let name = text.parse()?;
+        let (text, name) = match text.parse::<PortName>() {
+            Ok(name) => (text, name),
+            Err(unknown) => {
+                let port = service_robot::port_of_robot(&text).ok_or(unknown)?;
+                let name = port.parse()?;
+                (port, name)
+            }
+        };
         let name = match self.link_fault {
             None => name,
             Some(spec) => PortName::Faulty(Box::new(name), spec),
@@ -421,6 +439,19 @@ impl SelectedPort {
     /// Returns true if the robot ends with this program.
     fn is_in_process(&self) -> bool {
         self.is_simulated() && self.name.resident().is_none()
+    }
+
+    /// Returns an error if the robot would be a new one of this program, which has nothing to stop or discard.
+    fn require_running_robot(&self, command: &str) -> Result<(), Failure> {
+        if !self.is_in_process() {
+            return Ok(());
+        }
+        Err(Failure::request_failed(format!(
+            "{command} was not sent: no robot runs at {} that this command can reach. A simulated robot at that port \
+             belongs to the program that runs it: stop that program (Ctrl-C in its terminal), or use sim:NAME, which \
+             all commands reach",
+            self.text
+        )))
     }
 
     /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.

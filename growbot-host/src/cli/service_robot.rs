@@ -19,6 +19,7 @@ use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job_store::{Job, JobState};
 use growbot_host::serve::{RobotState, RobotStatus};
+use growbot_host::settings;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -53,6 +54,20 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
 /// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
     owner_within(port, EMERGENCY).ok().flatten()
+}
+
+/// Returns the port of the robot with this name: of one in the settings, otherwise of one that the service owns.
+pub fn port_of_robot(name: &str) -> Option<String> {
+    let configured = settings::load_service().ok().and_then(|(mut robots, _)| robots.remove(name));
+    configured.map(|entry| entry.port).or_else(|| {
+        let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
+        Some(owned.port)
+    })
+}
+
+/// Returns the robots of the user's service. The list is empty if no service responds at once.
+pub fn robots_in_emergency() -> Vec<RobotStatus> {
+    ServiceClient::find().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
 }
 
 fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
@@ -113,10 +128,12 @@ impl ServiceRobot {
         Ok(print(&format!("body discarded by the {}board\n", self.kind()))?)
     }
 
-    /// Sends the emergency stop. Returns false if the service does not confirm it at once.
-    pub fn emergency_stop(&self) -> bool {
+    /// Sends the emergency stop. Returns false if the service does not confirm it at once. Only the service reaches a
+    /// robot that is simulated in its process, so it has longer for that.
+    pub fn emergency_stop(&self, is_in_process: bool) -> bool {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
-        self.caller.post_within::<Value>(&self.at("commands"), &given, EMERGENCY).is_ok()
+        let limit = if is_in_process { RESPONSE_TIMEOUT } else { EMERGENCY };
+        self.caller.post_within::<Value>(&self.at("commands"), &given, limit).is_ok()
     }
 
     /// Runs a maintenance task.

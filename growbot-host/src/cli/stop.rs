@@ -2,7 +2,7 @@
 
 use clap::Args;
 use growbot_client::client::ClientError;
-use growbot_core::link::message::{Empty, Message};
+use growbot_core::link::message::{Empty, PassiveRequest};
 use growbot_host::output::print;
 
 use super::service_robot::find_service_robot;
@@ -27,9 +27,10 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     if let Some(owned) = find_service_robot(&port)? {
         return owned.stop();
     }
+    port.require_running_robot("the stop")?;
     let robot = args.robot.load()?;
     let mut client = port.client(&robot)?;
-    client.request("to stop", &Message::Stop(Empty {})).map_err(|error| match error {
+    client.request("to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
             "{error}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or \

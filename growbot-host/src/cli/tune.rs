@@ -7,7 +7,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::pose_text::parse_number;
 use growbot_client::sanitize::json_line;
-use growbot_core::link::message::{Message, State, Tune, Tuned};
+use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
 use growbot_host::output::print;
 use serde_json::json;
 
@@ -81,7 +81,8 @@ fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: b
     if orders.stop_requested() {
         return Err(Failure::request_failed("stopped before anything was heated"));
     }
-    client.request("to tune", &Message::Tune(Tune { target_centi_c: (target * 100.0) as i32 })).map_err(lost)?;
+    let request = EnergizingRequest::Tune(Tune { target_centi_c: (target * 100.0) as i32 });
+    client.energize("to tune", &request, &orders.permit()).map_err(lost)?;
     growbot_host::note!("tuning at {target} C; this takes some minutes");
     follow(client, orders, is_simulated)
 }
@@ -166,7 +167,8 @@ mod tests {
     fn an_interrupt_during_tuning_stops_it() {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
-        client.request("to tune", &Message::Tune(Tune { target_centi_c: 20_000 })).unwrap();
+        let request = EnergizingRequest::Tune(Tune { target_centi_c: 20_000 });
+        client.energize("to tune", &request, &orders.permit()).unwrap();
         client.wait(Duration::from_secs(5)).unwrap();
         assert_eq!(sim.borrow().state(), State::Tuning);
         orders.interrupt();

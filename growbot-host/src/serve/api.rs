@@ -22,6 +22,7 @@ use growbot_client::feedback::can_measure;
 use growbot_client::growth::Command;
 use growbot_client::plan_file::PlanFile;
 use growbot_client::run_log::{RecordedRun, utc_now};
+use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
 use growbot_core::job::{MAX_JOB_LAYERS, job_layers, plan_id};
 use growbot_scene::scene_file::SceneBox;
@@ -31,7 +32,6 @@ use serde_json::Value;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 
-use super::Service;
 use super::audit::CommandSource;
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::event_routes;
@@ -41,8 +41,9 @@ use super::limits::MAX_BODY;
 use super::openapi;
 use super::port_lease::lease_port;
 use super::problem::Problem;
-use super::robot_worker::{NewJob, RobotRequest, RobotStatus, RobotWorker};
+use super::robot_worker::{Claim, NewJob, RobotRequest, RobotStatus, RobotWorker};
 use super::scene_store;
+use super::{ArrivalPermits, Service};
 use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, updates_of};
 use growbot_pictures::view::{NamedScene, Subject, page};
@@ -211,31 +212,53 @@ async fn run_blocking<T: Send + 'static>(
     spawn_blocking(what).await.map_err(Problem::internal)?
 }
 
-async fn new_job(
+pub(super) async fn new_job(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
     Path(name): Path<String>,
     headers: HeaderMap,
     Json(wanted): Json<GrowRequest>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
+    let order = Order { permit: permits.of(&name)?.clone(), claim: Claim::default() };
+    let requester = Requester(order.claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
-    run_blocking(move || {
-        let made = make_job(&service, &keeper, &wanted, access, key.as_deref());
+    let made = run_blocking(move || {
+        let made = make_job(&service, &keeper, &wanted, access, order, key.as_deref());
         let refused = made.as_ref().err().map(|problem| problem.detail.clone());
         let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
         service.shared.audit.note(by, &name, order, refused.as_deref());
         made
     })
-    .await
+    .await;
+    drop(requester);
+    made
 }
 
-fn make_job(
+/// An order that arrived: its permit, and whether its requester is still there.
+pub(super) struct Order {
+    pub permit: Permit,
+    pub claim: Claim,
+}
+
+/// The requester of an order. The server drops it when the connection closes. An order that the robot's thread has not
+/// taken by then does not begin.
+struct Requester(Claim);
+
+impl Drop for Requester {
+    fn drop(&mut self) {
+        self.0.take();
+    }
+}
+
+pub(super) fn make_job(
     service: &Service,
     keeper: &RobotWorker,
     wanted: &GrowRequest,
     access: Access,
+    order: Order,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
     let hash = wanted.hash();
@@ -278,7 +301,7 @@ fn make_job(
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
-    keeper.ensure_idle().map_err(Problem::conflict)?;
+    keeper.ensure_idle().and_then(|()| order.claim.check()).map_err(Problem::conflict)?;
     let layers: Vec<_> = job_layers(&plan.path, &robot).collect();
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
@@ -298,8 +321,9 @@ fn make_job(
     };
     service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
     let scene = scene.filter(|_| !wanted.ignore_scene);
-    let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback };
-    if let Err(why) = keeper.request(RobotRequest::Grow(Box::new(new)), COMMAND_TIMEOUT) {
+    let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback, permit: order.permit };
+    let grow = RobotRequest::Grow(Box::new(new));
+    if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
         if !service.shared.jobs_to_read().log_path(&job.id).exists() {
             service.shared.jobs().mark_rejected(&job.id, &why).map_err(Problem::internal)?;
@@ -323,17 +347,19 @@ fn ensure_storable(layers: usize) -> Result<(), Problem> {
 async fn resume(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
     Path(id): Path<String>,
 ) -> ApiResult<Job> {
     let by = require_control(access)?;
     let job = found_job(&service, &id)?;
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
+    let permit = permits.of(&job.robot)?.clone();
     run_blocking(move || {
         let begins = keeper.lock_job_start();
         let outcome = keeper
             .ensure_idle()
             .and_then(|()| ensure_resumable(&job))
-            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone())), COMMAND_TIMEOUT));
+            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), COMMAND_TIMEOUT));
         drop(begins);
         service.shared.audit.note(by, &job.robot, "resume", outcome.as_ref().err().map(String::as_str));
         outcome.map_err(Problem::conflict)?;
@@ -354,13 +380,15 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
 async fn send_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
     Path(name): Path<String>,
     Json(CommandRequest { command }): Json<CommandRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
+    let permit = permits.of(&name)?.clone();
     run_blocking(move || {
-        let given = run_command(&keeper, command);
+        let given = run_command(&keeper, command, &permit);
         service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)?;
         Ok(Json(keeper.status()))
@@ -382,11 +410,13 @@ pub struct MaintenanceRequest {
 async fn maintain(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
     Path(name): Path<String>,
     Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
+    let permit = permits.of(&name)?.clone();
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
@@ -394,7 +424,7 @@ async fn maintain(
             (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
             (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
-            (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task), COMMAND_TIMEOUT),
+            (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
         outcome.map_err(Problem::conflict)?;
@@ -539,21 +569,24 @@ async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> R
 async fn send_live_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
     Path((id, order)): Path<(String, String)>,
 ) -> Result<Response, Problem> {
     let by = require_control(access)?;
     let job = found_job(&service, &id)?;
-    let live = live_of(&service, &job)?;
-    if order != Command::EmergencyStop.name() {
+    let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
+    let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
+        let live = live_of(&service, &job)?;
         let answer = watch::send_command(&live, &order).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &job.robot, &order, None);
         }
         return Ok(answer);
-    }
+    };
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
+    let permit = permits.of(&job.robot)?.clone();
     run_blocking(move || {
-        let given = run_command(&keeper, RobotCommand::EmergencyStop);
+        let given = run_command(&keeper, stop, &permit);
         service.shared.audit.note(by, &job.robot, &order, given.as_ref().err().map(String::as_str));
         given.map_err(Problem::conflict)
     })

@@ -73,14 +73,21 @@ impl ServiceClient {
         Ok(Self { runtime, socket: socket.to_path_buf() })
     }
 
+    /// Returns all robots of the service.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub fn robots(&self, limit: Duration) -> Result<Vec<RobotStatus>, ServiceError> {
+        self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))
+    }
+
     /// Returns the robot with this port if the service owns it.
     ///
     /// # Errors
     /// [`ServiceError`].
     pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotStatus>, ServiceError> {
         let real = |name: &str| std::fs::canonicalize(name).ok();
-        let robots: Vec<RobotStatus> =
-            self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))?;
+        let robots = self.robots(limit)?;
         let is_there =
             |robot: &RobotStatus| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
         Ok(robots.into_iter().find(is_there))

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use growbot_client::growth::Command;
-use growbot_core::link::message::State as BoardState;
+use growbot_client::stop_signal::{Permit, StopLevel};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -11,14 +11,15 @@ use super::robot_worker::{RobotRequest, RobotWorker};
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
-/// Timeout of an emergency stop.
-const ESTOP_TIMEOUT: Duration = Duration::from_secs(2);
-/// Time within which an active growth that processes commands carries out an emergency stop.
-const ESTOP_OUT_OF_BAND_DELAY: Duration = Duration::from_millis(60);
-/// Time within which a robot without a growth carries out an emergency stop, unless it is busy with another request.
-const ESTOP_IDLE_TIMEOUT: Duration = Duration::from_millis(250);
+/// Number of intervals of reconnection for which a stop waits for a robot that is not connected.
+const RECONNECTIONS: u32 = 2;
+/// Interval of the checks whether the board has confirmed a stop.
+const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// Message after an emergency stop that failed.
 const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
+/// Message after each stop that the board has not confirmed.
+const KEPT: &str = "The service keeps the stop, and sends it before anything else once the robot is connected; \
+                    `withdraw-stop` withdraws it";
 
 /// A command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -36,6 +37,8 @@ pub enum RobotCommand {
     ClearFault,
     /// Discard the body that hangs on the robot.
     Cancel,
+    /// Drop a stop that the board has not confirmed.
+    WithdrawStop,
 }
 
 impl RobotCommand {
@@ -47,6 +50,7 @@ impl RobotCommand {
             Self::EmergencyStop => "emergency-stop",
             Self::ClearFault => "clear-fault",
             Self::Cancel => "cancel",
+            Self::WithdrawStop => "withdraw-stop",
         }
     }
 }
@@ -59,79 +63,63 @@ pub struct CommandRequest {
     pub command: RobotCommand,
 }
 
-/// Sends a command. Waits until the robot has carried it out, except for pause and continue, which the growth only
-/// queues.
-pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand) -> Result<(), String> {
-    let of_growth = match order {
-        RobotCommand::Pause => Some(Command::Pause),
-        RobotCommand::Continue => Some(Command::Continue),
-        RobotCommand::Stop => Some(Command::Stop),
-        RobotCommand::EmergencyStop => Some(Command::EmergencyStop),
-        RobotCommand::ClearFault | RobotCommand::Cancel => None,
-    };
-    match (order, of_growth) {
-        (RobotCommand::EmergencyStop, Some(stop)) if keeper.send_command(stop) => wait_until_off(keeper),
-        (RobotCommand::EmergencyStop, _) => keeper
-            .request(RobotRequest::EmergencyStop, ESTOP_IDLE_TIMEOUT)
-            .or_else(|_| keeper.emergency_stop_out_of_band())
-            .map_err(|why| format!("{ESTOP_UNCONFIRMED} ({why})")),
-        (RobotCommand::Stop, Some(stop)) if keeper.send_command(stop) => wait_until_stopped(keeper),
-        (_, Some(order)) if keeper.send_command(order) => Ok(()),
-        (RobotCommand::Stop, _) => keeper.request(RobotRequest::Stop, COMMAND_TIMEOUT),
-        (RobotCommand::ClearFault, _) => keeper.request(RobotRequest::ClearFault, COMMAND_TIMEOUT),
-        (RobotCommand::Cancel, _) if keeper.status().job.is_some() => {
+/// Sends a command with the permit of the moment at which it arrived. Waits until the robot has carried it out, except
+/// for pause and continue, which the growth only queues.
+pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), String> {
+    match order {
+        RobotCommand::EmergencyStop => emergency_stop(keeper),
+        RobotCommand::Stop => stop(keeper),
+        RobotCommand::WithdrawStop => keeper.withdraw_stop(),
+        RobotCommand::ClearFault => keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT),
+        RobotCommand::Cancel if keeper.status().job.is_some() => {
             Err(format!("robot {} has an active job: stop the job first", keeper.name))
         }
-        (RobotCommand::Cancel, _) => keeper.request(RobotRequest::Cancel, COMMAND_TIMEOUT),
-        (RobotCommand::Pause | RobotCommand::Continue, _) => {
+        RobotCommand::Cancel => {
+            // The body of an order that has not begun is discarded, too.
+            keeper.signal().void();
+            keeper.request(RobotRequest::Cancel, COMMAND_TIMEOUT)
+        }
+        RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
+        RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
+        RobotCommand::Pause | RobotCommand::Continue => {
             Err(format!("robot {} has no active job, so there is nothing to {}", keeper.name, order.name()))
         }
     }
 }
 
-/// Waits until the board has reported the emergency stop. If the growth is still waiting for the board, sends the stop
-/// on another connection.
-fn wait_until_off(keeper: &RobotWorker) -> Result<(), String> {
-    let began = Instant::now();
-    let mut is_sent_beside = false;
-    loop {
-        if keeper.status().board_state.as_deref() == Some(BoardState::EmergencyStop.name()) {
-            return Ok(());
-        }
-        if began.elapsed() > ESTOP_TIMEOUT {
-            return Err(ESTOP_UNCONFIRMED.to_owned());
-        }
-        if began.elapsed() > ESTOP_OUT_OF_BAND_DELAY && !is_sent_beside {
-            is_sent_beside = true;
-            if keeper.emergency_stop_out_of_band().is_ok() {
-                return Ok(());
-            }
-        }
-        std::thread::sleep(Duration::from_millis(2));
-    }
+/// Sends the emergency stop, on all ways that reach the board.
+fn emergency_stop(keeper: &RobotWorker) -> Result<(), String> {
+    let stop = keeper.raise_stop(StopLevel::EmergencyStop);
+    let ticket = keeper.stopper.send();
+    keeper.sync_stop_file();
+    ticket.wait().map_err(|why| format!("{ESTOP_UNCONFIRMED} ({why}). {KEPT}"))?;
+    keeper.record_emergency_stop();
+    keeper.notify_thread(RobotRequest::StopConfirmed(stop.generation));
+    Ok(())
 }
 
-/// Waits until the growth has ended. It ends when the board has confirmed that it is off.
-fn wait_until_stopped(keeper: &RobotWorker) -> Result<(), String> {
+/// Stops the robot, and waits until the board has confirmed it.
+fn stop(keeper: &RobotWorker) -> Result<(), String> {
+    let reconnects_within = RECONNECTIONS * keeper.connector.reconnect_interval();
     let began = Instant::now();
-    loop {
-        let view = keeper.status();
-        if let Some(trouble) = view.connection_error {
+    let _stop = keeper.raise_stop(StopLevel::Stop);
+    keeper.sync_stop_file();
+    while keeper.signal().level().is_some() {
+        let robot = &keeper.name;
+        let problem = keeper.status().connection_error.filter(|_| began.elapsed() > reconnects_within);
+        if let Some(problem) = problem {
             return Err(format!(
-                "the stop will be sent when robot {} is connected again ({trouble}): if it must be off now, send the \
-                 emergency stop or cut its power",
-                keeper.name
+                "robot {robot} is not connected ({problem}): if it must be off now, send the emergency stop or cut its \
+                 power. {KEPT}"
             ));
-        }
-        if view.job.is_none() {
-            return Ok(());
         }
         if began.elapsed() > COMMAND_TIMEOUT {
-            let (robot, limit) = (&keeper.name, COMMAND_TIMEOUT.as_secs());
             return Err(format!(
-                "robot {robot} did not confirm the stop within {limit} s: send the emergency stop, or cut its power"
+                "robot {robot} did not confirm the stop within {} s: send the emergency stop, or cut its power. {KEPT}",
+                COMMAND_TIMEOUT.as_secs()
             ));
         }
-        std::thread::sleep(Duration::from_millis(5));
+        std::thread::sleep(CONFIRM_POLL_INTERVAL);
     }
+    Ok(())
 }

@@ -8,11 +8,12 @@ use growbot_client::client::ClientError;
 use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
 use growbot_client::forecast::Forecast;
 use growbot_client::growth::{
-    CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job as BoardJob, JobEvent, OnInterrupted, OnParked,
-    Outcome, grow_job, resume_job,
+    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job as BoardJob, JobEvent, OnInterrupted,
+    OnParked, Outcome, grow_job, resume_job,
 };
 use growbot_client::plan::Plan;
 use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunOrigin, utc_text};
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::robot::Robot;
@@ -21,17 +22,25 @@ use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::ground_truth::grow_with_ground_truth;
 use time::OffsetDateTime;
 
+use super::connector::BoardConnection;
 use super::job_store::{Job, JobState};
 use super::notification::{NotificationContext, NotificationEvent};
-use super::robot_worker::{BoardConnection, LinkState, NewJob, RobotWorker};
+use super::robot_worker::{LinkState, NewJob, RobotWorker};
 use crate::watch::LiveGrowth;
 
 type Reply = Sender<Result<(), String>>;
 
+/// Message for an order that a later stop has voided.
+const VOIDED: &str = "not started, because the robot was stopped after this order: order it again";
+
 impl RobotWorker {
     /// Starts a new job.
     pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
-        let NewJob { job, plan, robot, scene, feedback } = new;
+        let NewJob { job, plan, robot, scene, feedback, permit } = new;
+        if !permit.is_valid() {
+            return refuse(&reply, VOIDED);
+        }
+        let commands = self.announce_growth(&job, permit);
         let board_job = BoardJob::of_plan(&robot, &plan);
         let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
         let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
@@ -41,7 +50,7 @@ impl RobotWorker {
         });
         if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
             let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
-            return refuse(&reply, &format!("{too_near}: {remedy}"));
+            return self.refuse_growth(&reply, &format!("{too_near}: {remedy}"));
         }
         let imperfection = ErrorModel::default();
         let origin = RunOrigin {
@@ -52,13 +61,15 @@ impl RobotWorker {
         let path = self.shared.jobs().log_path(&job.id);
         let log = match RunLog::create(&path, &plan, &board_job, noise, origin) {
             Ok(log) => log,
-            Err(error) => return refuse(&reply, &error.to_string()),
+            Err(error) => return self.refuse_growth(&reply, &error.to_string()),
         };
-        // The client may have given the request up by now.
+        if commands.stop_requested() {
+            log.discard();
+            return self.refuse_growth(&reply, VOIDED);
+        }
         self.set_job_state(&job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, Some(reply));
+        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands, Some(reply));
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
-        let commands = Arc::clone(&growing.commands);
         let BoardConnection { client, simulation, .. } = connection;
         let grown =
             grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
@@ -68,15 +79,25 @@ impl RobotWorker {
     }
 
     /// Resumes an unfinished job at a client's request.
-    pub(super) fn resume(&self, connection: &mut BoardConnection, job: &Job, reply: Reply) -> LinkState {
-        self.continue_job(connection, job, Some(reply), |_| Ok(()))
+    pub(super) fn resume(
+        &self,
+        connection: &mut BoardConnection,
+        job: &Job,
+        permit: Permit,
+        reply: Reply,
+    ) -> LinkState {
+        if !permit.is_valid() {
+            return refuse(&reply, VOIDED);
+        }
+        self.continue_job(connection, job, permit, Some(reply), |_| Ok(()))
     }
 
-    /// Resumes the job that was active when the service ended or the connection was lost. The board must have continued
-    /// the job or be waiting for its host. After a loss of power or a stop the job becomes interrupted, because only a
-    /// user may start heating again.
+    /// Follows the job that was active when the service ended or the connection was lost, if the board grows, pauses, is
+    /// parked or done. Only what waits for its host is started again. A requested pause, a filament runout and a parked
+    /// board wait for a person. After a loss of power or a stop the job becomes interrupted.
     pub(super) fn reattach_job(&self, connection: &mut BoardConnection, job: &Job) -> LinkState {
-        self.continue_job(connection, job, None, |state| match state {
+        let permit = self.signal().continuation();
+        self.continue_job(connection, job, permit, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
             state => Err(format!("the board is {}: resume the job, or cancel it", state.name())),
         })
@@ -86,9 +107,11 @@ impl RobotWorker {
         &self,
         connection: &mut BoardConnection,
         job: &Job,
+        permit: Permit,
         reply: Option<Reply>,
         may: impl FnOnce(State) -> Result<(), String>,
     ) -> LinkState {
+        let commands = self.announce_growth(job, permit);
         let hello = match connection.client.identify() {
             Ok(hello) => hello,
             Err(error) => return LinkState::Lost(error.to_string()),
@@ -119,8 +142,9 @@ impl RobotWorker {
                     self.set_job_state(job, JobState::Interrupted, Some(&why));
                 }
                 if let Some(reply) = reply {
-                    return refuse(&reply, &why);
+                    return self.refuse_growth(&reply, &why);
                 }
+                self.forget_growth();
                 self.notify_job(job, NotificationEvent::Interrupted, Some(&why));
                 return LinkState::Ready;
             }
@@ -130,8 +154,9 @@ impl RobotWorker {
             Err(error) => {
                 let why = error.to_string();
                 if let Some(reply) = reply {
-                    return refuse(&reply, &why);
+                    return self.refuse_growth(&reply, &why);
                 }
+                self.forget_growth();
                 self.set_job_state(job, JobState::Interrupted, Some(&why));
                 return LinkState::Ready;
             }
@@ -143,8 +168,7 @@ impl RobotWorker {
         let feedback = record.feedback(&board_job, &plan, around.as_ref());
         let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.set_job_state(job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, reply);
-        let commands = Arc::clone(&growing.commands);
+        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands, reply);
         let grown = resume_job(
             &mut connection.client,
             &board_job,
@@ -157,20 +181,36 @@ impl RobotWorker {
         growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
-    /// Stops the job that was active when the connection was lost, because a stop was sent then.
-    pub(super) fn apply_pending_stop(&self, connection: &mut BoardConnection, job: &Job) -> LinkState {
-        match connection.client.stop() {
-            Ok(_) => {
-                self.update_state(|known| known.stop_on_reconnect = false);
-                self.set_job_state(
-                    job,
-                    JobState::Interrupted,
-                    Some("stopped, as requested while the board was disconnected"),
-                );
-                LinkState::Ready
+    /// Ends the job of a board that was stopped when the connection was back, because a stop was ordered meanwhile.
+    pub(super) fn end_stopped_job(&self, job: &Job) -> LinkState {
+        let why = "stopped, as requested while the board was disconnected";
+        self.set_job_state(job, JobState::Interrupted, Some(why));
+        self.notify_job(job, NotificationEvent::Interrupted, Some(why));
+        LinkState::Ready
+    }
+
+    /// Makes a growth known before it is prepared, so that commands reach it from its first moment.
+    fn announce_growth(&self, job: &Job, permit: Permit) -> Arc<CommandQueue> {
+        let is_continuation = permit.is_continuation();
+        let commands = Arc::new(CommandQueue::new(permit));
+        self.update_state(|known| {
+            if std::mem::take(&mut known.pauses_on_reconnect) && is_continuation {
+                commands.push(Command::Pause);
             }
-            Err(error) => LinkState::Lost(error.to_string()),
-        }
+            (known.commands, known.command_error) = (Some(Arc::clone(&commands)), None);
+            known.job = Some(job.id.clone());
+        });
+        commands
+    }
+
+    /// Withdraws the announcement of a growth that does not begin.
+    fn forget_growth(&self) {
+        self.update_state(|known| (known.commands, known.job) = (None, None));
+    }
+
+    fn refuse_growth(&self, reply: &Reply, why: &str) -> LinkState {
+        self.forget_growth();
+        refuse(reply, why)
     }
 
     /// Sends a notice about a job.
@@ -229,19 +269,16 @@ impl<'a> RunningJob<'a> {
         board_job: &BoardJob,
         known: &[Option<LayerBytes>],
         mut log: RunLog,
+        commands: &Arc<CommandQueue>,
         reply: Option<Reply>,
     ) -> Self {
-        let commands = Arc::new(CommandQueue::default());
-        let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(&commands)));
+        let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(commands)));
         live_growth.set_pace(keeper.pace());
         let period_s = board_job.robot.description().layer.period_s;
         let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
         log.set_forecast(forecast);
-        keeper.update_state(|known| {
-            (known.commands, known.live_growth) = (Some(Arc::clone(&commands)), Some(Arc::clone(&live_growth)));
-            known.command_error = None;
-            known.job = Some(job.id.clone());
-        });
+        keeper.update_state(|known| known.live_growth = Some(Arc::clone(&live_growth)));
+        let commands = Arc::clone(commands);
         Self { keeper, job, log, commands, live_growth, forecast, layers: job.layers, laid: job.laid, reply }
     }
 
@@ -254,14 +291,18 @@ impl<'a> RunningJob<'a> {
             JobEvent::Status(status) => {
                 let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
                 self.keeper.update_state(|known| known.finish_utc = finish.map(utc_text));
+                self.keeper.void_if_stopped_elsewhere(status.state);
                 self.keeper.record_status(status.clone());
                 self.confirm_start();
             }
-            JobEvent::State(state) => self.keeper.update_state(|known| {
-                if let Some(status) = &mut known.status {
-                    status.state = *state;
-                }
-            }),
+            JobEvent::State(state) => {
+                self.keeper.void_if_stopped_elsewhere(*state);
+                self.keeper.update_state(|known| {
+                    if let Some(status) = &mut known.status {
+                        status.state = *state;
+                    }
+                });
+            }
             JobEvent::Laid { index, .. } => {
                 self.laid = index.saturating_add(1);
                 self.keeper.update_state(|known| {
@@ -336,12 +377,12 @@ impl<'a> RunningJob<'a> {
         }
     }
 
-    /// Leaves a job that continues or waits without its host. The thread resumes it when the connection is back. It
-    /// then repeats a stop that the board may not have received.
+    /// Leaves a job that continues or waits without its host. The thread follows it again when the connection is back.
+    /// Before that it delivers a stop that the board has not confirmed.
     fn detach(&mut self, why: &str) -> LinkState {
         self.live_growth.supersede();
-        let stops = self.commands.stop_requested();
-        self.keeper.update_state(|known| known.stop_on_reconnect |= stops);
+        let pauses = self.commands.pause_waits();
+        self.keeper.update_state(|known| known.pauses_on_reconnect = pauses);
         self.confirm_start();
         LinkState::Lost(why.to_owned())
     }

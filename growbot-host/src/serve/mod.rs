@@ -1,9 +1,9 @@
 //! The service: one process that owns robots and handles the requests of programs and pages.
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
-//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board.
-//!   `job_run`
-//!   is a job on its board.
+//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
+//!   `connector` the ways to reach it. `robot_stops` are its stops, `stopper` sends the emergency stops, and `stop_file`
+//!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
 //! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
 //! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
@@ -16,8 +16,11 @@ mod audit;
 pub mod client;
 pub mod commands;
 pub mod config;
+mod connector;
 mod event_routes;
 mod event_stream;
+#[cfg(test)]
+mod fake_board;
 pub mod grow_request;
 mod job_run;
 pub mod job_store;
@@ -28,15 +31,19 @@ mod openapi;
 mod paths;
 pub mod port_lease;
 mod problem;
+mod robot_stops;
 mod robot_worker;
 mod scene_store;
 pub mod server;
+mod stop_file;
 #[cfg(test)]
-mod tests;
+mod stop_model;
+mod stopper;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use growbot_client::stop_signal::Permit;
 use tokio::sync::watch;
 
 use self::api::PageUrls;
@@ -47,6 +54,7 @@ use self::job_store::{Job, JobStore};
 use self::notifier::Notifier;
 pub use self::notifier::NotifyError;
 pub use self::paths::ServicePaths;
+use self::problem::Problem;
 use self::robot_worker::RobotWorker;
 pub use self::robot_worker::{RobotState, RobotStatus};
 
@@ -68,6 +76,18 @@ pub enum StartError {
     /// The settings of notifications cannot be used.
     #[error(transparent)]
     Notify(#[from] NotifyError),
+}
+
+/// Permits of the moment at which the head of a request arrived, by robot. Stops that come later void them, also while
+/// the body of the request is received.
+#[derive(Debug, Clone)]
+pub struct ArrivalPermits(BTreeMap<String, Permit>);
+
+impl ArrivalPermits {
+    /// Returns the permit for this robot.
+    fn of(&self, robot: &str) -> Result<&Permit, Problem> {
+        self.0.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
+    }
 }
 
 /// Maximum number of previews (pages of plans) that are kept.
@@ -149,7 +169,7 @@ impl Service {
         threads.start(&shared);
         let robots = robots
             .iter()
-            .map(|(name, entry)| (name.clone(), RobotWorker::start(name, entry, Arc::clone(&shared))))
+            .map(|(name, entry)| (name.clone(), RobotWorker::start(name, entry, &places, Arc::clone(&shared))))
             .collect();
         Ok(Self { places, robots, shared, addresses: OnceLock::new() })
     }
@@ -164,6 +184,11 @@ impl Service {
     #[must_use]
     pub fn robots(&self) -> Vec<RobotStatus> {
         self.robots.values().map(|robot| robot.status()).collect()
+    }
+
+    /// Returns a permit for each robot, for an order that arrives now.
+    fn permits(&self) -> ArrivalPermits {
+        ArrivalPermits(self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect())
     }
 
     fn robot(&self, name: &str) -> Option<&Arc<RobotWorker>> {

@@ -37,7 +37,7 @@ impl ServicePaths {
     /// # Errors
     /// A directory cannot be created.
     pub fn create(&self) -> io::Result<()> {
-        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes()] {
+        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes(), &self.stops()] {
             fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)?;
         }
         Ok(())
@@ -59,6 +59,12 @@ impl ServicePaths {
     #[must_use]
     pub fn scenes(&self) -> PathBuf {
         self.state.join("scenes")
+    }
+
+    /// Returns the directory of the stops that no board has confirmed yet.
+    #[must_use]
+    pub fn stops(&self) -> PathBuf {
+        self.state.join("stops")
     }
 
     /// Returns the path of the list of jobs.

@@ -11,8 +11,6 @@ use axum::extract::{Path, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use growbot_client::client::Client;
-use growbot_sim::port;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tokio::task::spawn_blocking;
@@ -26,10 +24,6 @@ use super::robot_worker::{PendingRequest, RobotRequest, RobotWorker};
 const LEASE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Interval at which the service checks whether the lease has ended.
 const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Timeout of opening a separate connection for an emergency stop.
-const ESTOP_CONNECT_TIMEOUT: Duration = Duration::from_millis(500);
-/// Timeout of a board's confirmation of an emergency stop.
-const ESTOP_CONFIRM_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Request for a lease.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
@@ -89,31 +83,14 @@ pub async fn lease_port(
 }
 
 impl RobotWorker {
-    /// Waits until a lease of the closed port ends. Rejects all requests in the meantime, except for an emergency stop.
+    /// Waits until a lease of the closed port ends. Rejects all requests in the meantime. The emergency stop has a thread
+    /// of its own.
     pub(super) fn wait_for_lease_end(&self, loan: &PortLease, requests: &Receiver<PendingRequest>) {
         let lent = format!("its port is in use by {}, which must end first", loan.to);
         self.update_state(|known| known.connection_error = Some(lent.clone()));
         while !loan.is_over.load(Ordering::Acquire) {
             let Ok(pending) = requests.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
-            let response = match pending.request {
-                RobotRequest::EmergencyStop => self.emergency_stop_out_of_band(),
-                _ => Err(format!("robot {}: {lent}", self.name)),
-            };
-            pending.respond(response);
-        }
-    }
-
-    /// Sends the emergency stop on a separate connection, while the port is leased or busy.
-    pub(super) fn emergency_stop_out_of_band(&self) -> Result<(), String> {
-        let name = self.port()?;
-        let port = port::open_for_emergency_stop(&name, ESTOP_CONNECT_TIMEOUT).map_err(|error| error.to_string())?;
-        let mut client = Client::new(port, &self.entry.port);
-        match client.emergency_stop_within(ESTOP_CONFIRM_TIMEOUT, &mut 0) {
-            Ok(true) => Ok(()),
-            Ok(false) => {
-                Err(format!("no response at {} within {} s", self.entry.port, ESTOP_CONFIRM_TIMEOUT.as_secs()))
-            }
-            Err(error) => Err(error.to_string()),
+            self.respond_without_board(pending, || format!("robot {}: {lent}", self.name));
         }
     }
 }

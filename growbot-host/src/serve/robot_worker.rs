@@ -1,7 +1,6 @@
 //! One robot of the service. A thread owns its board and reconnects to it when its port comes back.
 
-use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -12,27 +11,25 @@ use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
-use growbot_core::link::message::{
-    BoardInfo, Cancel, Empty, Fault, MaintenanceTask, Message, PauseCause, State, Status,
-};
+use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
+use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::ground_truth::SimulatedTip;
-use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
+use growbot_sim::port::{self, PortName};
 use growbot_sim::sim_daemon::StateDir;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::ServiceContext;
 use super::config::RobotEntry;
+use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job_store::{Job, JobState};
 use super::notification::{AlertState, NotificationContext};
 use super::port_lease::PortLease;
-use crate::sim_process::switch_on;
+use super::stop_file::StopFile;
+use super::stopper::Stopper;
+use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
 
-/// Time after which a connection to a missing port is tried again.
-const RECONNECT_INTERVAL: Duration = Duration::from_secs(1);
 /// Time between two status requests to a board without a job. A request to the robot waits at most this long.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(100);
 
@@ -87,6 +84,9 @@ pub struct RobotStatus {
     pub finish_utc: Option<String>,
     /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
     pub command_error: Option<String>,
+    /// Stop that the board has not confirmed. It is sent before anything else, also after a restart of the service.
+    /// Null if there is none.
+    pub pending_stop: Option<StopLevel>,
 }
 
 /// A job to start.
@@ -97,17 +97,21 @@ pub struct NewJob {
     /// Scene that corrections of the path keep clear of.
     pub scene: Option<LoadedScene>,
     pub feedback: bool,
+    /// Permit of the moment at which the order arrived.
+    pub permit: Permit,
 }
 
 /// A request to a robot's thread.
 pub enum RobotRequest {
     Grow(Box<NewJob>),
-    Resume(Box<Job>),
+    Resume(Box<Job>, Permit),
     Cancel,
-    Stop,
-    EmergencyStop,
-    ClearFault,
-    Task(MaintenanceTask),
+    ClearFault(Permit),
+    Task(MaintenanceTask, Permit),
+    /// Wake the thread, because a stop was raised.
+    Wake,
+    /// The board has confirmed this stop to the stop thread.
+    StopConfirmed(Generation),
     /// Close the port until the lease ends.
     Lend(PortLease),
 }
@@ -116,17 +120,30 @@ pub enum RobotRequest {
 pub struct PendingRequest {
     pub request: RobotRequest,
     pub reply: Sender<Result<(), String>>,
-    /// True once the thread has taken the request or the caller has given it up, whichever comes first.
-    claimed: Arc<AtomicBool>,
+    claim: Claim,
+}
+
+/// Shared state of a request: true once the robot's thread has taken it or its caller has given it up, whichever comes
+/// first.
+#[derive(Clone, Default)]
+pub struct Claim(Arc<AtomicBool>);
+
+impl Claim {
+    /// Takes the request or gives it up. Returns false if that had happened before.
+    pub fn take(&self) -> bool {
+        !self.0.swap(true, Ordering::AcqRel)
+    }
+
+    /// Returns an error if the request is given up.
+    pub fn check(&self) -> Result<(), String> {
+        if self.0.load(Ordering::Acquire) {
+            return Err("its requester has gone before it began, so it does not begin: request it again".to_owned());
+        }
+        Ok(())
+    }
 }
 
 impl PendingRequest {
-    /// Takes the request. Returns false if the caller has given it up, except for an emergency stop.
-    fn claim(&self) -> bool {
-        let is_given_up = self.claimed.swap(true, Ordering::AcqRel);
-        !is_given_up || matches!(self.request, RobotRequest::EmergencyStop)
-    }
-
     pub(super) fn respond(self, response: Result<(), String>) {
         // The caller may no longer wait for the response.
         let _ = self.reply.send(response);
@@ -140,6 +157,13 @@ pub struct RobotWorker {
     pub(super) shared: Arc<ServiceContext>,
     known: Mutex<WorkerState>,
     requests: Sender<PendingRequest>,
+    pub(super) connector: Arc<dyn Connector>,
+    /// Stops of the robot, and the permits of the orders to it.
+    pub(super) signal: Arc<StopSignal>,
+    pub(super) stop_file: StopFile,
+    pub(super) stopper: Stopper,
+    /// Number of stops whose callers wait for the board's confirmation.
+    pub(super) stops_in_progress: AtomicU32,
     /// Condition that was reported last in notices. `None` if this process has reported none.
     last_alert: Mutex<Option<AlertState>>,
     /// Lock from the check for an active job to the start of a new job.
@@ -160,16 +184,8 @@ pub struct WorkerState {
     pub live_growth: Option<Arc<LiveGrowth>>,
     pub finish_utc: Option<String>,
     pub command_error: Option<String>,
-    /// True if a stop was sent that the board may not have received before the connection was lost.
-    pub stop_on_reconnect: bool,
-}
-
-/// An open connection to a board.
-pub struct BoardConnection {
-    pub client: Client,
-    pub simulation: Option<Box<dyn SimulatedTip>>,
-    pub robot: Robot,
-    pub hello: BoardInfo,
+    /// True if the growth whose connection was lost had an order to pause that the board may not have received.
+    pub pauses_on_reconnect: bool,
 }
 
 /// State of a connection after a request, a job or a check of the board.
@@ -184,8 +200,32 @@ pub enum LinkState {
 
 impl RobotWorker {
     /// Starts a thread that owns a robot.
-    pub(super) fn start(name: &str, entry: &RobotEntry, shared: Arc<ServiceContext>) -> Arc<Self> {
+    pub(super) fn start(
+        name: &str,
+        entry: &RobotEntry,
+        places: &ServicePaths,
+        shared: Arc<ServiceContext>,
+    ) -> Arc<Self> {
+        let port = ConfiguredPort(entry.port.clone());
+        Self::start_with(name, entry, Arc::new(port), places, shared)
+    }
+
+    /// Starts a thread that reaches its robot through this connector.
+    pub(super) fn start_with(
+        name: &str,
+        entry: &RobotEntry,
+        connector: Arc<dyn Connector>,
+        places: &ServicePaths,
+        shared: Arc<ServiceContext>,
+    ) -> Arc<Self> {
         let (sender, requests) = mpsc::channel();
+        let signal = Arc::<StopSignal>::default();
+        let (stop_file, left) = StopFile::open(places, name);
+        // No permit is valid until the board has confirmed this stop.
+        if let Some(level) = left {
+            signal.raise(level);
+        }
+        let stopper = Stopper::start(&entry.port, &signal, Arc::clone(&connector));
         let known =
             Mutex::new(WorkerState { connection_error: Some("it is looked for".to_owned()), ..WorkerState::default() });
         let keeper = Arc::new(Self {
@@ -194,6 +234,11 @@ impl RobotWorker {
             shared,
             known,
             requests: sender,
+            connector,
+            signal,
+            stop_file,
+            stopper,
+            stops_in_progress: AtomicU32::new(0),
             last_alert: Mutex::default(),
             job_start: Mutex::default(),
         });
@@ -205,7 +250,7 @@ impl RobotWorker {
         keeper
     }
 
-    fn lock_state(&self) -> MutexGuard<'_, WorkerState> {
+    pub(super) fn lock_state(&self) -> MutexGuard<'_, WorkerState> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -290,6 +335,7 @@ impl RobotWorker {
             job: known.job.clone(),
             finish_utc: known.finish_utc.clone(),
             command_error: known.command_error.clone(),
+            pending_stop: self.signal.level(),
         }
     }
 
@@ -315,9 +361,15 @@ impl RobotWorker {
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.
-    pub fn send_command(&self, order: Command) -> bool {
+    pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
         let known = self.lock_state();
-        known.commands.as_ref().map(|orders| orders.push(order)).is_some()
+        known.commands.as_ref().map(|commands| commands.push_with(command, permit.clone())).is_some()
+    }
+
+    /// Sends the thread a message that needs no response.
+    pub(super) fn notify_thread(&self, request: RobotRequest) {
+        // A thread that has ended needs none.
+        let _ = self.requests.send(PendingRequest { request, reply: mpsc::channel().0, claim: Claim::default() });
     }
 
     /// Locks the start of jobs. While the guard is held, no other caller can start a job.
@@ -343,19 +395,27 @@ impl RobotWorker {
     /// # Errors
     /// The reason why the request was rejected, or that it timed out.
     pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), String> {
+        self.request_claimed(request, &Claim::default(), limit)
+    }
+
+    /// Like [`Self::request`], but the caller can give the request up by its claim before the thread has taken it.
+    ///
+    /// # Errors
+    /// Like [`Self::request`].
+    pub(super) fn request_claimed(&self, request: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
         let (reply, response) = mpsc::channel();
-        let settled = Arc::new(AtomicBool::new(false));
-        let pending = PendingRequest { request, reply, claimed: Arc::clone(&settled) };
+        claim.check()?;
+        let pending = PendingRequest { request, reply, claim: claim.clone() };
         self.requests.send(pending).map_err(|_| "its thread has ended: restart the service".to_owned())?;
         response.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
-            Err(match settled.swap(true, Ordering::AcqRel) {
-                false => {
+            Err(match claim.take() {
+                true => {
                     format!("robot {robot} did not accept the request within {limit:.0} s; it was cancelled: try again")
                 }
-                true => {
+                false => {
                     format!(
                         "robot {robot} accepted the request, but did not finish it within {limit:.0} s: check the \
                          robot's state"
@@ -377,7 +437,8 @@ impl RobotWorker {
                 LinkState::Ready => continue,
                 LinkState::Lost(why) => why,
                 LinkState::Leased(loan, reply) => {
-                    // The port is closed now. The client that waits for it may be gone.
+                    // The port is closed now, with its duplicate. The client that waits for it may be gone.
+                    self.stopper.publish(None);
                     let _ = reply.send(Ok(()));
                     self.wait_for_lease_end(&loan, requests);
                     continue;
@@ -385,67 +446,24 @@ impl RobotWorker {
             };
             // A user who switches the simulated robot off later wants it to stay off.
             switches_on = false;
+            self.stopper.publish(None);
             self.update_state(|known| {
                 (known.commands, known.live_growth, known.finish_utc) = (None, None, None);
                 known.connection_error = Some(why.clone());
             });
-            let until = Instant::now() + RECONNECT_INTERVAL;
+            let until = Instant::now() + self.connector.reconnect_interval();
             while let Ok(pending) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                let is_stopped = matches!(pending.request, RobotRequest::Stop) && self.stop_without_session().is_ok();
-                let refusal = || format!("robot {} is not connected: {why}", self.name);
-                pending.respond(if is_stopped { Ok(()) } else { Err(refusal()) });
+                self.respond_without_board(pending, || format!("robot {} is not connected: {why}", self.name));
             }
         }
     }
 
-    fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
-        let name = self.port()?;
-        let configured = self.entry.robot.as_ref().map(PathBuf::from);
-        let mut robot = match &configured {
-            Some(robot) => Some(robot_file::load(robot).map_err(|error| error.to_string())?),
-            None => None,
-        };
-        if let PortName::SimDaemon(name) = &name {
-            let place = StateDir::of(name).map_err(|error| error.to_string())?;
-            if switches_on && !place.is_on() {
-                let pace = self.entry.pace.unwrap_or(1.0);
-                switch_on(&place, configured.as_deref(), pace).map_err(|error| error.to_string())?;
-            }
-            robot = place.robot().map_err(|error| error.to_string())?.or(robot);
+    /// Responds to a request while the port is closed.
+    pub(super) fn respond_without_board(&self, pending: PendingRequest, why: impl Fn() -> String) {
+        match pending.request {
+            RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
+            _ => pending.respond(Err(why())),
         }
-        let robot = match robot {
-            Some(robot) => Some(robot),
-            None if name.is_simulated() => {
-                Some(robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|e| e.to_string())?)
-            }
-            None => None,
-        };
-        // On a real port the board reports which robot it is.
-        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
-        let settings = TipSettings::default();
-        let opened = port::open(&name, robot.as_ref().unwrap_or(&any), &settings).map_err(|error| error.to_string())?;
-        let OpenPort { port, simulated_tip: simulation } = opened;
-        let mut client = Client::new(port, &self.entry.port);
-        let hello = client.identify().map_err(|error| error.to_string())?;
-        let robot = match robot {
-            Some(robot) => robot,
-            None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
-                format!(
-                    "its board's robot is {}, which is not built in: set `robot` for it in growbot.toml",
-                    hello.robot_name
-                )
-            })?,
-        };
-        let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
-        Ok(BoardConnection { client, simulation, robot, hello })
-    }
-
-    /// Stops a board with which the service has no session, because its firmware is of another release.
-    fn stop_without_session(&self) -> Result<(), String> {
-        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
-        let opened = port::open(&self.port()?, &any, &TipSettings::default()).map_err(|error| error.to_string())?;
-        let stopped = Client::new(opened.port, &self.entry.port).request("to stop", &Message::Stop(Empty {}));
-        stopped.map(drop).map_err(|error| error.to_string())
     }
 
     /// Owns a connected board until the connection is lost or the port is leased.
@@ -457,10 +475,10 @@ impl RobotWorker {
             known.job = active.as_ref().map(|job| job.id.clone());
         });
         self.record_status(connection.hello.status.clone());
+        let is_virtual = self.port().is_ok_and(|port| port.is_virtual());
         if let Some(job) = active {
-            let stops = self.lock_state().stop_on_reconnect;
-            let left = match stops {
-                true => self.apply_pending_stop(&mut connection, &job),
+            let left = match connection.is_stopped {
+                true => self.end_stopped_job(&job),
                 false => self.reattach_job(&mut connection, &job),
             };
             if matches!(left, LinkState::Lost(_)) {
@@ -468,10 +486,20 @@ impl RobotWorker {
             }
         }
         loop {
-            let done = match requests.try_recv() {
-                Ok(pending) if pending.claim() => self.handle_request(&mut connection, pending),
-                Ok(_) => LinkState::Ready,
-                Err(_) => self.poll_status(&mut connection.client),
+            match self.deliver_stop(&mut connection.client) {
+                Ok(false) => {}
+                Ok(true) => match connection.client.status() {
+                    Ok(status) => self.record_status(status),
+                    Err(error) => return LinkState::Lost(error.to_string()),
+                },
+                Err(why) => return LinkState::Lost(why),
+            }
+            // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
+            let next = if is_virtual { requests.recv().ok() } else { requests.try_recv().ok() };
+            let done = match next {
+                Some(pending) if pending.claim.take() => self.handle_request(&mut connection, pending),
+                Some(_) => LinkState::Ready,
+                None => self.poll_status(&mut connection.client),
             };
             if !matches!(done, LinkState::Ready) {
                 return done;
@@ -487,6 +515,7 @@ impl RobotWorker {
             Ok(status) => {
                 let is_new = self.lock_state().status.as_ref() != Some(&status);
                 if is_new {
+                    self.void_if_stopped_elsewhere(status.state);
                     self.record_status(status);
                 }
                 LinkState::Ready
@@ -500,16 +529,15 @@ impl RobotWorker {
         let is_cancel = matches!(pending.request, RobotRequest::Cancel);
         let done = match pending.request {
             RobotRequest::Grow(new) => return self.start_job(connection, *new, pending.reply),
-            RobotRequest::Resume(job) => return self.resume(connection, &job, pending.reply),
+            RobotRequest::Resume(job, permit) => return self.resume(connection, &job, permit, pending.reply),
+            RobotRequest::Wake | RobotRequest::StopConfirmed(_) => return LinkState::Ready,
             RobotRequest::Lend(loan) => return LinkState::Leased(loan, pending.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
-                let cancel = Message::Cancel(Cancel { plan_id: status.plan_id });
+                let cancel = PassiveRequest::Cancel(Cancel { plan_id: status.plan_id });
                 client.request("to discard the body", &cancel).map(drop)
             }),
-            RobotRequest::Stop => client.stop().map(drop),
-            RobotRequest::EmergencyStop => client.emergency_stop(),
-            RobotRequest::ClearFault => client.clear_fault(),
-            RobotRequest::Task(task) => client.maintain(task),
+            RobotRequest::ClearFault(permit) => client.clear_fault(&permit),
+            RobotRequest::Task(task, permit) => client.maintain(task, &permit),
         };
         if is_cancel && done.is_ok() {
             self.give_up_interrupted("discarded: the board has deleted the body");
@@ -518,6 +546,12 @@ impl RobotWorker {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
             _ => LinkState::Ready,
         };
+        if self.port().is_ok_and(|port| port.is_virtual())
+            && let Ok(status) = client.status()
+        {
+            // It is not polled, so this is how the effect is seen.
+            self.record_status(status);
+        }
         let _ = pending.reply.send(done.map_err(|error| error.to_string()));
         left
     }

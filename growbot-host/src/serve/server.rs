@@ -147,7 +147,7 @@ impl Server {
         let (router, document) = api::routes();
         let document = Arc::new(document);
         let site = |access, door: &Arc<ConnectionLimiter>| {
-            site(router.clone(), Arc::clone(&document), access, door).with_state(Arc::clone(&service))
+            site(router.clone(), Arc::clone(&document), access, door, &service).with_state(Arc::clone(&service))
         };
         let [page_door, command_door] = ConnectionLimiter::two(request);
         let pages = Router::new()
@@ -168,17 +168,23 @@ fn site(
     document: Arc<Value>,
     access: Access,
     door: &Arc<ConnectionLimiter>,
+    service: &Arc<Service>,
 ) -> Router<Arc<Service>> {
     let openapi = move || {
         let document = Arc::clone(&document);
         async move { Json(Value::clone(&document)) }
     };
-    let insert = move |mut request: Request| async move {
-        if let Some(visitor) = request.extensions().get::<ConnectionHandle>() {
-            visitor.mark_authenticated();
+    let service = Arc::clone(service);
+    let insert = move |mut request: Request| {
+        let permits = service.permits();
+        async move {
+            request.extensions_mut().insert(permits);
+            if let Some(visitor) = request.extensions().get::<ConnectionHandle>() {
+                visitor.mark_authenticated();
+            }
+            request.extensions_mut().insert(access);
+            request
         }
-        request.extensions_mut().insert(access);
-        request
     };
     Router::new()
         .route("/", get(|| async { ([("content-security-policy", POLICY)], Html(PAGE)) }))

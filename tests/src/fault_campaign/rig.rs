@@ -5,10 +5,12 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{
-    AppendLayers, BeginJob, HostSilencePolicy, MAX_LAYERS_PER_MESSAGE, Message, Start, State, Status,
+    AppendLayers, BeginJob, EnergizingRequest, HostSilencePolicy, MAX_LAYERS_PER_MESSAGE, PassiveRequest, Start, State,
+    Status,
 };
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
@@ -55,7 +57,7 @@ impl Rig {
     pub fn begin(&mut self, layers: u32) -> Result<(), ClientError> {
         (self.encoder, self.handed_over) = (LayerEncoder::default(), 0);
         let begin = BeginJob { plan_id: PLAN, layers, robot_hash: self.robot.hash() };
-        self.client.request("to begin", &Message::BeginJob(begin)).map(|_| ())
+        self.client.request("to begin", &PassiveRequest::BeginJob(begin)).map(|_| ())
     }
 
     /// Sends this many more layers of a bend.
@@ -83,7 +85,7 @@ impl Rig {
         for batch in layers.chunks(MAX_LAYERS_PER_MESSAGE) {
             let layers =
                 AppendLayers { plan_id: PLAN, first: self.handed_over, layers: batch.iter().copied().collect() };
-            self.client.request("to store layers", &Message::AppendLayers(layers))?;
+            self.client.request("to store layers", &PassiveRequest::AppendLayers(layers))?;
             self.handed_over += batch.len() as u32;
         }
         Ok(())
@@ -95,7 +97,11 @@ impl Rig {
     /// Returns an error if the board refuses.
     pub fn start(&mut self) -> Result<(), ClientError> {
         self.client
-            .request("to start", &Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }))
+            .energize(
+                "to start",
+                &EnergizingRequest::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+                &Permit::standalone(),
+            )
             .map(|_| ())
     }
 

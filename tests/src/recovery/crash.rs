@@ -8,8 +8,9 @@ use growbot_client::client::Client;
 use growbot_client::growth::{
     CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
 };
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{Empty, HostSilencePolicy, Message, ResetCause, State, Status};
+use growbot_core::link::message::{HostSilencePolicy, ResetCause, State, Status};
 
 use super::{Board, CuttablePort, ReferenceGrowth, late_board};
 
@@ -128,8 +129,7 @@ fn reconnect_and_resume(
     let mut client = Client::new(Box::new(Rc::clone(board)), "sim");
     let hello = client.open_session().map_err(GrowthError::NotStarted)?;
     if hello.status.state == State::Fault {
-        let clear = Message::ClearFault(Empty {});
-        client.request("to clear the fault", &clear).map_err(GrowthError::NotStarted)?;
+        client.clear_fault(&Permit::standalone()).map_err(GrowthError::NotStarted)?;
     }
     let found = client.status().map_err(GrowthError::NotStarted)?;
     let (stop, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});

@@ -5,6 +5,7 @@
 //! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays the
 //! same, so that every host can request the identity of a board.
 
+mod effect;
 mod requests;
 mod responses;
 
@@ -12,6 +13,7 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
+pub use self::effect::{Effect, EnergizingRequest, PassiveRequest};
 pub use self::requests::*;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};

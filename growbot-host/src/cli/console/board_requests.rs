@@ -2,9 +2,11 @@
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::maintenance::{MaterialPresets, task_message};
+use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
-    Accepted, Empty, HostSilencePolicy, Message, PlanRequest, ReadLayers, Refusal, Resume, Start, State, StoredLayers,
+    Accepted, Empty, EnergizingRequest, HostSilencePolicy, Message, PassiveRequest, PlanRequest, ReadLayers, Refusal,
+    Resume, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -23,13 +25,14 @@ pub fn send(
     presets: &MaterialPresets,
     start: &Pose,
     what: &BoardRequest,
+    permit: &Permit,
 ) -> Result<String, Failure> {
     match what {
         BoardRequest::Status => Ok(BoardReport::of(client, is_simulated)?.text()),
         BoardRequest::Plan(goal) => plan(client, robot, start, goal),
-        BoardRequest::Start => start_stored(client),
+        BoardRequest::Start => start_stored(client, permit),
         BoardRequest::Pause => {
-            client.request("to pause", &Message::Pause(Empty {}))?;
+            client.request("to pause", &PassiveRequest::Pause(Empty {}))?;
             Ok("pauses after the current layer; `start` continues\n".to_owned())
         }
         BoardRequest::Layers(first) => layers(client, *first),
@@ -41,9 +44,9 @@ pub fn send(
             client.emergency_stop()?;
             Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", simulated_prefix(is_simulated)))
         }
-        BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest),
+        BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest, permit),
         BoardRequest::Clear => {
-            client.clear_fault()?;
+            client.clear_fault(permit)?;
             Ok("cleared\n".to_owned())
         }
     }
@@ -57,7 +60,7 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
         planner: Planner::Shortest,
     };
     let what = "to plan";
-    match client.request(what, &Message::Plan(request))? {
+    match client.request(what, &PassiveRequest::Plan(request))? {
         Message::Planned(planned) => {
             Ok(format!("plan {:016x}: {} layers, {:.3} mm\n", planned.plan_id, planned.layers, planned.length))
         }
@@ -72,12 +75,13 @@ pub fn maintain(
     presets: &MaterialPresets,
     word: &str,
     rest: &str,
+    permit: &Permit,
 ) -> Result<String, Failure> {
     let Some(task) = presets.task(word, rest, robot) else {
         return Err(Failure::request_failed(format!("unknown maintenance command {word:?}")));
     };
     let task = task.map_err(Failure::request_failed)?;
-    client.maintain(task).map_err(|error| match error {
+    client.maintain(task, permit).map_err(|error| match error {
         ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => {
             Failure::request_failed(format!("{error}: motors turn only while the nozzle is hot; run `preheat` first"))
         }
@@ -86,7 +90,7 @@ pub fn maintain(
     Ok(format!("{}\n", task_message(task)))
 }
 
-fn start_stored(client: &mut Client) -> Result<String, Failure> {
+fn start_stored(client: &mut Client, permit: &Permit) -> Result<String, Failure> {
     let what = "to start";
     let status = client.status()?;
     let plan_id = status.plan_id;
@@ -94,10 +98,11 @@ fn start_stored(client: &mut Client) -> Result<String, Failure> {
     if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
         // An interrupted layer is laid again. `growbot resume` offers the choice.
         let resume = Resume { plan_id, start_layer: status.layers_laid, reported_layers: status.layers_laid };
-        client.request("to resume", &Message::Resume(resume))?;
+        client.request("to resume", &PassiveRequest::Resume(resume))?;
         text += &format!("resumes at layer {}\n", status.layers_laid);
     }
-    match client.request(what, &Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Pause }))? {
+    let start = Start { plan_id, on_host_silence: HostSilencePolicy::Pause };
+    match client.energize(what, &EnergizingRequest::Start(start), permit)? {
         Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
         other => Err(unexpected(what, &other)),
     }
@@ -109,7 +114,7 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
         Some(first) => first,
         None => client.status()?.layers_laid,
     };
-    match client.request(what, &Message::ReadLayers(ReadLayers { first }))? {
+    match client.request(what, &PassiveRequest::ReadLayers(ReadLayers { first }))? {
         Message::StoredLayers(StoredLayers { first, layers }) => {
             let mut text = format!("layer,{LAYER_COLUMNS}\n");
             for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {

@@ -243,7 +243,8 @@ impl ConsoleSession {
     }
 
     fn ask(&mut self, what: &BoardRequest) -> Result<String, Failure> {
-        send(&mut self.client, &self.robot, self.port.is_simulated(), &self.presets, &self.start, what)
+        let permit = self.orders.permit_now();
+        send(&mut self.client, &self.robot, self.port.is_simulated(), &self.presets, &self.start, what, &permit)
     }
 
     fn command(&mut self, line: &str) -> Result<Next, Failure> {

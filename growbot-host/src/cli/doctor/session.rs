@@ -141,7 +141,7 @@ impl DoctorSession {
     /// Requests a maintenance task from the board. Returns the reason if the board refuses it.
     pub fn maintain(&mut self, task: MaintenanceTask) -> Result<Option<String>, Failure> {
         self.stop_if_interrupted()?;
-        match self.client.maintain(task) {
+        match self.client.maintain(task, &self.orders.permit()) {
             Ok(()) => Ok(None),
             Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
             Err(error) => Err(lost(error)),
@@ -150,7 +150,7 @@ impl DoctorSession {
 
     /// Clears a fault or an emergency stop. Returns the reason if the board refuses it.
     pub fn clear(&mut self) -> Result<Option<String>, Failure> {
-        match self.client.clear_fault() {
+        match self.client.clear_fault(&self.orders.permit()) {
             Ok(()) => Ok(None),
             Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
             Err(error) => Err(lost(error)),
@@ -167,7 +167,9 @@ impl DoctorSession {
         };
         match self.client.status() {
             Ok(status) if rests(status.state) => Ok(()),
-            Ok(Status { state: State::Maintenance, .. }) if self.client.maintain(MaintenanceTask::CoolDown).is_ok() => {
+            Ok(Status { state: State::Maintenance, .. })
+                if self.client.maintain(MaintenanceTask::CoolDown, &self.orders.permit()).is_ok() =>
+            {
                 Ok(())
             }
             _ => {

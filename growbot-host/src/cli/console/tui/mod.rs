@@ -27,6 +27,7 @@ use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
+use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
@@ -238,8 +239,13 @@ impl TuiApp {
         }
     }
 
+    fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
+        let (client, permit) = (self.watch.client(), Permit::standalone());
+        send(client, &self.model.robot, self.simulated, &self.presets, &self.start, what, &permit)
+    }
+
     fn ask(&mut self, what: &BoardRequest) {
-        let answer = send(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, what);
+        let answer = self.send(what);
         self.show_response(answer);
     }
 
@@ -276,7 +282,7 @@ impl TuiApp {
             return false;
         }
         let request = BoardRequest::Plan(plan.goal);
-        let answer = send(self.watch.client(), &self.model.robot, self.simulated, &self.presets, &self.start, &request);
+        let answer = self.send(&request);
         let planned = answer.is_ok();
         if planned {
             self.model.body = body;

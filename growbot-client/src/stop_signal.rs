@@ -1,0 +1,214 @@
+//! Stops of a robot, and the permits that they void.
+//!
+//! Each order takes a [`Permit`] when it arrives, before anything is planned, read or sent. Each stop voids all earlier
+//! permits. [`Client::energize`](crate::client::Client::energize) sends nothing with a void permit, so nothing heats
+//! after a stop without a later order.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use growbot_core::link::message::{PauseCause, State, Status};
+use serde::{Deserialize, Serialize};
+
+/// Number of bits of the level in the state of a signal.
+const LEVEL_BITS: u32 = 2;
+
+/// A stop that a board has not confirmed yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum StopLevel {
+    /// Heater and steppers off. The body can be resumed.
+    Stop,
+    /// Heater and steppers off before anything else, until the stop is cleared.
+    EmergencyStop,
+}
+
+/// Number of a stop of a signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Generation(u64);
+
+/// Stops of one robot: how many there were, and whether the latest is confirmed. One atomic number holds both, so no
+/// permit is valid between the two.
+#[derive(Debug, Default)]
+pub struct StopSignal(AtomicU64);
+
+impl StopSignal {
+    /// Raises a stop. It voids all permits, and stays until [`Self::confirm`]. It does not lower an emergency stop.
+    pub fn raise(&self, level: StopLevel) -> Generation {
+        self.change(Some(level))
+    }
+
+    /// Voids all permits without a stop, because the board is off already or the body is discarded.
+    pub fn void(&self) -> Generation {
+        self.change(None)
+    }
+
+    fn change(&self, raised: Option<StopLevel>) -> Generation {
+        let mut state = self.0.load(Ordering::SeqCst);
+        loop {
+            let next = encode(decode(state).0.wrapping_add(1), decode(state).1.max(raised));
+            match self.0.compare_exchange_weak(state, next, Ordering::SeqCst, Ordering::SeqCst) {
+                Ok(_) => return Generation(decode(next).0),
+                Err(newer) => state = newer,
+            }
+        }
+    }
+
+    /// Records that the board is off since this stop. Returns false if a newer stop was raised, which stays.
+    pub fn confirm(&self, generation: Generation) -> bool {
+        let state = self.0.load(Ordering::SeqCst);
+        let confirmed = encode(generation.0, None);
+        decode(state).0 == generation.0
+            && self.0.compare_exchange(state, confirmed, Ordering::SeqCst, Ordering::SeqCst).is_ok()
+    }
+
+    /// Returns the stop that is not confirmed yet, with its number.
+    #[must_use]
+    pub fn pending(&self) -> Option<(StopLevel, Generation)> {
+        let (generation, level) = decode(self.0.load(Ordering::SeqCst));
+        level.map(|level| (level, Generation(generation)))
+    }
+
+    /// Returns the level of the stop that is not confirmed yet.
+    #[must_use]
+    pub fn level(&self) -> Option<StopLevel> {
+        self.pending().map(|(level, _)| level)
+    }
+
+    /// Returns a permit for an order that arrives now.
+    #[must_use]
+    pub fn permit(self: &Arc<Self>) -> Permit {
+        self.permit_of(Authority::Person)
+    }
+
+    /// Returns a permit to continue a growth that continues or waits by itself, without an order of a person.
+    #[must_use]
+    pub fn continuation(self: &Arc<Self>) -> Permit {
+        self.permit_of(Authority::Continuation)
+    }
+
+    fn permit_of(self: &Arc<Self>, authority: Authority) -> Permit {
+        let (generation, _) = decode(self.0.load(Ordering::SeqCst));
+        Permit { signal: Arc::clone(self), generation, authority }
+    }
+}
+
+/// Origin of a permit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Authority {
+    /// An order of a person or of that person's program.
+    Person,
+    /// A growth that is taken up after a lost connection or a restart.
+    Continuation,
+}
+
+/// Permission to heat or move a robot. Each later stop of its signal voids it.
+#[derive(Debug, Clone)]
+pub struct Permit {
+    signal: Arc<StopSignal>,
+    generation: u64,
+    authority: Authority,
+}
+
+impl Permit {
+    /// Returns a permit with a signal of its own, for a program whose only user orders the request. Nothing voids it.
+    #[must_use]
+    pub fn standalone() -> Self {
+        Arc::<StopSignal>::default().permit()
+    }
+
+    /// Reports whether no stop was raised since, and every earlier stop is confirmed.
+    #[must_use]
+    pub fn is_valid(&self) -> bool {
+        self.signal.0.load(Ordering::SeqCst) == encode(self.generation, None)
+    }
+
+    /// Reports whether the permit allows the start of a job on a board with this status. A continuation does not start
+    /// what waits for a person: a requested pause, also one that is pending, a filament runout, or a parked board.
+    #[must_use]
+    pub fn allows_start(&self, status: &Status) -> bool {
+        let goes_on = matches!(status.state, State::Heating | State::Homing | State::Growing | State::Paused);
+        let waits_for_host = matches!(status.pause_cause, PauseCause::LayersExhausted | PauseCause::HostSilent);
+        self.authority == Authority::Person || (goes_on && waits_for_host)
+    }
+
+    /// Reports whether the permit belongs to no order of a person.
+    #[must_use]
+    pub fn is_continuation(&self) -> bool {
+        self.authority == Authority::Continuation
+    }
+
+    /// Returns the signal that voids the permit.
+    #[must_use]
+    pub fn signal(&self) -> &Arc<StopSignal> {
+        &self.signal
+    }
+}
+
+fn encode(generation: u64, level: Option<StopLevel>) -> u64 {
+    let level = match level {
+        None => 0,
+        Some(StopLevel::Stop) => 1,
+        Some(StopLevel::EmergencyStop) => 2,
+    };
+    generation << LEVEL_BITS | level
+}
+
+fn decode(state: u64) -> (u64, Option<StopLevel>) {
+    let level = match state & ((1 << LEVEL_BITS) - 1) {
+        0 => None,
+        1 => Some(StopLevel::Stop),
+        _ => Some(StopLevel::EmergencyStop),
+    };
+    (state >> LEVEL_BITS, level)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_voids_every_earlier_permit_and_no_later_one() {
+        let signal = Arc::<StopSignal>::default();
+        let before = signal.permit();
+        assert!(before.is_valid());
+        let stop = signal.raise(StopLevel::Stop);
+        let meanwhile = signal.permit();
+        assert!(!before.is_valid() && !meanwhile.is_valid(), "the stop is not confirmed");
+        assert!(signal.confirm(stop));
+        assert!(!before.is_valid() && meanwhile.is_valid());
+        signal.void();
+        assert!(!meanwhile.is_valid() && signal.permit().is_valid());
+    }
+
+    #[test]
+    fn a_newer_stop_is_never_confirmed_with_an_older_one() {
+        let signal = Arc::<StopSignal>::default();
+        let first = signal.raise(StopLevel::EmergencyStop);
+        let second = signal.raise(StopLevel::Stop);
+        assert!(!signal.confirm(first));
+        assert_eq!(signal.level(), Some(StopLevel::EmergencyStop), "a stop does not lower an emergency stop");
+        assert!(signal.confirm(second));
+        assert_eq!(signal.level(), None);
+    }
+
+    /// Every order of one raise, one confirmation of the stop before it, and one check of a permit from before both.
+    #[test]
+    fn no_interleaving_makes_an_old_permit_valid() {
+        let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];
+        for order in orders {
+            let signal = Arc::<StopSignal>::default();
+            let old = signal.permit();
+            let stop = signal.raise(StopLevel::Stop);
+            for step in order {
+                match step {
+                    0 => drop(signal.raise(StopLevel::EmergencyStop)),
+                    1 => drop(signal.confirm(stop)),
+                    _ => assert!(!old.is_valid(), "{order:?}"),
+                }
+            }
+            assert_eq!(signal.level(), Some(StopLevel::EmergencyStop), "{order:?}");
+        }
+    }
+}

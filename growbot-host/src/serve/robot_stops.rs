@@ -1,0 +1,98 @@
+//! Stops of a robot of the service: raised by any thread, delivered and confirmed by the robot's own thread.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use growbot_client::client::Client;
+use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
+use growbot_core::link::message::State;
+
+use super::robot_worker::{RobotRequest, RobotWorker};
+
+impl RobotWorker {
+    /// Returns the robot's stops.
+    pub(super) fn signal(&self) -> &Arc<StopSignal> {
+        &self.signal
+    }
+
+    /// Raises a stop: all earlier orders are void, and the thread sends the stop to the board before anything else.
+    pub(super) fn raise_stop(&self, level: StopLevel) -> StopInProgress<'_> {
+        self.stops_in_progress.fetch_add(1, Ordering::SeqCst);
+        let generation = self.signal.raise(level);
+        self.notify_thread(RobotRequest::Wake);
+        self.shared.signal_change();
+        StopInProgress { worker: self, generation }
+    }
+
+    /// Records that the board has confirmed an emergency stop to the stop thread.
+    pub(super) fn record_emergency_stop(&self) {
+        self.update_state(|known| {
+            if let Some(status) = &mut known.status {
+                status.state = State::EmergencyStop;
+            }
+        });
+    }
+
+    /// Stores the unconfirmed stop on disk, or removes the confirmed one.
+    pub(super) fn sync_stop_file(&self) {
+        self.stop_file.sync(&self.signal);
+        self.shared.signal_change();
+    }
+
+    /// Drops a stop that the board has not confirmed, at a person's request.
+    pub(super) fn withdraw_stop(&self) -> Result<(), String> {
+        let name = &self.name;
+        let Some((_, generation)) = self.signal.pending() else {
+            return Err(format!("robot {name} has no unconfirmed stop: there is nothing to withdraw"));
+        };
+        if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
+            return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
+        }
+        self.sync_stop_file();
+        Ok(())
+    }
+
+    /// Records that the board has confirmed this stop.
+    pub(super) fn confirm_stop(&self, generation: Generation) {
+        // A newer stop stays, and is sent next.
+        self.signal.confirm(generation);
+        self.sync_stop_file();
+    }
+
+    /// Sends the stop that the board has not confirmed, without a session. Returns false if there is none.
+    pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, String> {
+        let mut is_stopped = false;
+        while let Some((level, generation)) = self.signal.pending() {
+            match level {
+                StopLevel::Stop => client.stop().map(drop),
+                StopLevel::EmergencyStop => client.emergency_stop(),
+            }
+            .map_err(|error| error.to_string())?;
+            is_stopped = true;
+            self.confirm_stop(generation);
+        }
+        Ok(is_stopped)
+    }
+
+    /// Voids all earlier orders if the board has entered a stop or a fault that this service has not ordered.
+    pub(super) fn void_if_stopped_elsewhere(&self, state: State) {
+        let is_off = |state| matches!(state, State::Stopped | State::EmergencyStop | State::Fault);
+        let was_on = self.lock_state().status.as_ref().is_some_and(|status| !is_off(status.state));
+        if was_on && is_off(state) && self.signal.level().is_none() {
+            self.signal.void();
+        }
+    }
+}
+
+/// A stop whose caller waits for the board's confirmation. Until it is dropped, the stop cannot be withdrawn.
+pub struct StopInProgress<'a> {
+    worker: &'a RobotWorker,
+    /// Number of the stop.
+    pub generation: Generation,
+}
+
+impl Drop for StopInProgress<'_> {
+    fn drop(&mut self) {
+        self.worker.stops_in_progress.fetch_sub(1, Ordering::SeqCst);
+    }
+}

@@ -1,0 +1,95 @@
+//! The stop of a robot that its board has not confirmed, on disk. It outlives the service.
+
+use std::fs;
+use std::io::{self, ErrorKind};
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use growbot_client::atomic_file::write_atomic;
+use growbot_client::run_log::utc_now;
+use growbot_client::stop_signal::{StopLevel, StopSignal};
+use serde::{Deserialize, Serialize};
+
+use super::ServicePaths;
+
+/// Content of the file.
+#[derive(Debug, Serialize, Deserialize)]
+struct StoredStop {
+    level: StopLevel,
+    /// Time of the order, for readers of the file.
+    time_utc: String,
+}
+
+/// The file of one robot.
+pub struct StopFile {
+    path: PathBuf,
+    /// Level that the file has. One thread at a time compares it with the signal and writes.
+    stored: Mutex<Option<StopLevel>>,
+}
+
+impl StopFile {
+    /// Reads the stop that an earlier service has left. A file that cannot be read counts as an emergency stop, because
+    /// one was ordered if there is a file.
+    pub fn open(places: &ServicePaths, robot: &str) -> (Self, Option<StopLevel>) {
+        let path = places.stops().join(format!("{robot}.json"));
+        let stored = match fs::read(&path) {
+            Ok(bytes) => {
+                Some(serde_json::from_slice(&bytes).map_or(StopLevel::EmergencyStop, |stored: StoredStop| stored.level))
+            }
+            Err(error) if error.kind() == ErrorKind::NotFound => None,
+            Err(error) => {
+                crate::warning!(
+                    "cannot read {}, the unconfirmed stop of robot {robot} ({error}): the emergency stop is sent",
+                    path.display()
+                );
+                Some(StopLevel::EmergencyStop)
+            }
+        };
+        (Self { path, stored: Mutex::new(stored) }, stored)
+    }
+
+    /// Makes the file agree with the signal: stores a stop that is not confirmed, and removes one that is.
+    pub fn sync(&self, signal: &StopSignal) {
+        let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
+        let level = signal.level();
+        if level == *stored {
+            return;
+        }
+        match self.write(level) {
+            Ok(()) => *stored = level,
+            Err(error) => crate::warning!(
+                "cannot write {} ({error}): an unconfirmed stop is lost if the service ends; free disk space",
+                self.path.display()
+            ),
+        }
+    }
+
+    fn write(&self, level: Option<StopLevel>) -> io::Result<()> {
+        let Some(level) = level else { return fs::remove_file(&self.path) };
+        let text = serde_json::to_vec(&StoredStop { level, time_utc: utc_now() })?;
+        write_atomic(&self.path, &text).map_err(io::Error::other)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_unconfirmed_stop_outlives_the_service_and_a_confirmed_one_does_not() {
+        let directory = tempfile::tempdir().unwrap();
+        let places = ServicePaths::in_dir(directory.path().to_path_buf());
+        places.create().unwrap();
+        let signal = StopSignal::default();
+        let (file, left) = StopFile::open(&places, "lab");
+        assert_eq!(left, None);
+        let stop = signal.raise(StopLevel::Stop);
+        file.sync(&signal);
+        assert_eq!(StopFile::open(&places, "lab").1, Some(StopLevel::Stop));
+        signal.confirm(stop);
+        file.sync(&signal);
+        assert_eq!(StopFile::open(&places, "lab").1, None);
+        fs::write(places.stops().join("lab.json"), "{").unwrap();
+        assert_eq!(StopFile::open(&places, "lab").1, Some(StopLevel::EmergencyStop), "a damaged file");
+    }
+}

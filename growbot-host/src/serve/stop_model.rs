@@ -1,0 +1,476 @@
+//! Sequences of orders and faults against a model: a robot heats only after an order that nothing later has voided, and
+//! no stop gets lost.
+//!
+//! All pairs run as a test. `cargo stop-triples` runs all triples.
+
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, OnceLock};
+use std::task::{Context, Waker};
+use std::thread::{self, sleep};
+use std::time::{Duration, Instant};
+
+use axum::extract::{Path, State};
+use axum::http::HeaderMap;
+use axum::{Extension, Json};
+use growbot_client::robot_file;
+use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
+
+use super::api::{Access, Order, make_job, new_job};
+use super::audit::{Audit, CommandSource};
+use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
+use super::config::{NotifyEntry, RobotEntry};
+use super::fake_board::{FakeLine, LineState};
+use super::grow_request::GrowRequest;
+use super::job_store::{Job, JobState, JobStore};
+use super::notifier::Notifier;
+use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
+use super::{Service, ServiceContext, ServicePaths};
+
+/// Number of cases at a time.
+const PARALLEL: usize = 96;
+/// Time after each step for what the robot's thread does by itself.
+const SETTLE: Duration = Duration::from_millis(8);
+/// Number of waits for bytes in which the robot's thread carries out what is queued.
+const SETTLE_WAITS: u32 = 8;
+/// Maximum time until the robot's thread has connected again.
+const CONNECT_LIMIT: Duration = Duration::from_secs(20);
+const ROBOT: &str = "growbot-a2";
+
+/// An order of a person, or an event of the board, its line or the service.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Step {
+    Grow,
+    Resume,
+    Continue,
+    Preheat,
+    Pause,
+    Stop,
+    EmergencyStop,
+    Cancel,
+    ClearFault,
+    WithdrawStop,
+    BoardLosesHost,
+    BoardParks,
+    BoardFails,
+    BoardLosesPower,
+    LineLost,
+    LineSilent,
+    LineBack,
+    ServiceRestarts,
+    DiskFails,
+}
+
+impl Step {
+    const ALL: [Self; 19] = [
+        Self::Grow,
+        Self::Resume,
+        Self::Continue,
+        Self::Preheat,
+        Self::Pause,
+        Self::Stop,
+        Self::EmergencyStop,
+        Self::Cancel,
+        Self::ClearFault,
+        Self::WithdrawStop,
+        Self::BoardLosesHost,
+        Self::BoardParks,
+        Self::BoardFails,
+        Self::BoardLosesPower,
+        Self::LineLost,
+        Self::LineSilent,
+        Self::LineBack,
+        Self::ServiceRestarts,
+        Self::DiskFails,
+    ];
+}
+
+/// State in which a case begins.
+#[derive(Debug, Clone, Copy)]
+enum Start {
+    Idle,
+    Growing,
+    Paused,
+    Parked,
+    Stopped,
+    Fault,
+}
+
+impl Start {
+    const ALL: [Self; 6] = [Self::Idle, Self::Growing, Self::Paused, Self::Parked, Self::Stopped, Self::Fault];
+
+    fn steps(self) -> &'static [Step] {
+        match self {
+            Self::Idle => &[],
+            Self::Growing => &[Step::Grow],
+            Self::Paused => &[Step::Grow, Step::Pause],
+            Self::Parked => &[Step::Grow, Step::BoardParks],
+            Self::Stopped => &[Step::Grow, Step::Stop],
+            Self::Fault => &[Step::Grow, Step::BoardFails],
+        }
+    }
+}
+
+/// The model: what the orders of a person allow and require.
+#[derive(Default)]
+struct Model {
+    may_heat: bool,
+    must_be_off: bool,
+}
+
+impl Model {
+    fn step(&mut self, step: Step, accepted: bool) {
+        match step {
+            Step::Grow | Step::Resume | Step::Continue | Step::Preheat if accepted => {
+                (self.may_heat, self.must_be_off) = (true, false);
+            }
+            Step::Stop | Step::EmergencyStop => (self.may_heat, self.must_be_off) = (false, true),
+            Step::Pause | Step::Cancel if accepted => self.may_heat = false,
+            Step::WithdrawStop if accepted => self.must_be_off = false,
+            Step::BoardParks | Step::BoardFails | Step::BoardLosesPower => self.may_heat = false,
+            _ => {}
+        }
+    }
+}
+
+/// A service with one robot.
+struct Case<'a> {
+    service: &'a Service,
+    name: String,
+    line: FakeLine,
+    worker: Arc<RobotWorker>,
+    model: Model,
+}
+
+impl<'a> Case<'a> {
+    fn new(service: &'a Service, name: String) -> Self {
+        let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
+        let worker = start(service, &name, &line);
+        Self { service, name, line, worker, model: Model::default() }
+    }
+
+    fn run(&mut self, steps: impl Iterator<Item = Step>) -> Vec<String> {
+        self.wait_for_connection();
+        for step in steps {
+            self.step(step);
+            self.settle();
+        }
+        // However the case ends, the line comes back and the service follows.
+        self.line.board().line = LineState::Up;
+        self.wait_for_connection();
+        self.settle();
+        let board = self.line.board();
+        let mut violations = board.violations.clone();
+        if self.model.must_be_off && board.is_hot() {
+            violations.push(format!("{} after a stop", board.state.name()));
+        }
+        violations
+    }
+
+    /// Gives the robot's thread time for what it does by itself. A thread that is connected carries out what is queued.
+    fn settle(&self) {
+        let waits = self.line.waits();
+        sleep(SETTLE);
+        let began = Instant::now();
+        while self.line.waits() < waits + SETTLE_WAITS && self.worker.status().connection_error.is_none() {
+            assert!(began.elapsed() < CONNECT_LIMIT, "{}: {:?}", self.name, self.worker.status());
+            sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn wait_for_connection(&self) {
+        let began = Instant::now();
+        while self.worker.status().connection_error.is_some() {
+            assert!(began.elapsed() < CONNECT_LIMIT, "{}: {:?}", self.name, self.worker.status());
+            sleep(Duration::from_millis(1));
+        }
+    }
+
+    fn step(&mut self, step: Step) {
+        let before = self.model.may_heat;
+        if matches!(step, Step::Grow | Step::Resume | Step::Continue | Step::Preheat) {
+            self.line.board().may_heat = true;
+        }
+        let accepted = self.carry_out(step).is_ok();
+        self.model.step(step, accepted);
+        self.line.board().may_heat = self.model.may_heat;
+        if !accepted {
+            assert!(self.model.may_heat == before || !self.model.may_heat);
+        }
+    }
+
+    fn carry_out(&mut self, step: Step) -> Result<(), String> {
+        let permit = self.worker.signal().permit();
+        let command = |command| run_command(&self.worker, command, &permit);
+        match step {
+            Step::Grow => {
+                let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+                let access = Access::Control(CommandSource::Socket);
+                let order = Order { permit, claim: Claim::default() };
+                let made = make_job(self.service, &self.worker, &wanted, access, order, None);
+                return made.map(drop).map_err(|problem| problem.detail);
+            }
+            Step::Resume => {
+                let jobs = self.service.shared.jobs_to_read().latest(1000).map_err(|error| error.to_string())?;
+                let job = jobs.into_iter().find(|job| job.robot == self.name).ok_or("no job")?;
+                self.worker.ensure_idle()?;
+                return self.worker.request(RobotRequest::Resume(Box::new(job), permit), COMMAND_TIMEOUT);
+            }
+            Step::Preheat => {
+                self.worker.ensure_idle()?;
+                let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
+                return self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT);
+            }
+            Step::Continue => return command(RobotCommand::Continue),
+            Step::Pause => return command(RobotCommand::Pause),
+            Step::Stop => return command(RobotCommand::Stop),
+            Step::EmergencyStop => return command(RobotCommand::EmergencyStop),
+            Step::Cancel => return command(RobotCommand::Cancel),
+            Step::ClearFault => return command(RobotCommand::ClearFault),
+            Step::WithdrawStop => return command(RobotCommand::WithdrawStop),
+            _ => {}
+        }
+        let mut board = self.line.board();
+        match step {
+            Step::BoardLosesHost if board.state == BoardState::Growing => {
+                (board.state, board.pause) = (BoardState::Paused, PauseCause::HostSilent);
+            }
+            Step::BoardParks if matches!(board.state, BoardState::Growing | BoardState::Paused) => {
+                board.state = BoardState::Parked;
+            }
+            Step::BoardFails => board.state = BoardState::Fault,
+            Step::BoardLosesPower => board.lose_power(),
+            Step::LineLost => board.line = LineState::Missing,
+            Step::LineSilent => board.line = LineState::Silent,
+            Step::LineBack => board.line = LineState::Up,
+            Step::DiskFails => {
+                // A directory in the file's place: the stop cannot be stored.
+                let file = self.service.places.stops().join(format!("{}.json", self.name));
+                let _ = std::fs::create_dir_all(file.join("full"));
+            }
+            Step::ServiceRestarts => {
+                drop(board);
+                self.line.kill_service();
+                self.line = self.line.for_next_service();
+                self.worker = start(self.service, &self.name, &self.line);
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}
+
+fn start(service: &Service, name: &str, line: &FakeLine) -> Arc<RobotWorker> {
+    start_at("tcp:127.0.0.1:1", service, name, line)
+}
+
+fn start_at(port: &str, service: &Service, name: &str, line: &FakeLine) -> Arc<RobotWorker> {
+    let entry = RobotEntry { port: port.to_owned(), robot: Some(ROBOT.to_owned()), pace: None };
+    RobotWorker::start_with(name, &entry, Arc::new(line.clone()), &service.places, Arc::clone(&service.shared))
+}
+
+fn service(directory: &tempfile::TempDir) -> Service {
+    let places = ServicePaths::in_dir(directory.path().to_path_buf());
+    let jobs = JobStore::open(&places).unwrap();
+    let (notifier, _) = Notifier::new(&NotifyEntry::default(), &places).unwrap();
+    let shared = Arc::new(ServiceContext {
+        job_writer: Mutex::new(jobs),
+        job_reader: Mutex::new(JobStore::open_to_read(&places).unwrap()),
+        audit: Audit::open(&places.audit()).unwrap(),
+        notifier,
+        previews: Mutex::default(),
+        changes: tokio::sync::watch::Sender::new(0),
+    });
+    Service { places, robots: BTreeMap::new(), shared, addresses: OnceLock::new() }
+}
+
+/// Runs all sequences of `length` steps in every state. Returns those that break the model, and the number of all.
+fn failures(length: u32) -> (Vec<String>, usize) {
+    let steps = Step::ALL.len();
+    let sequences = steps.pow(length);
+    let count = Start::ALL.len() * sequences;
+    let (next, failures) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    thread::scope(|scope| {
+        for _ in 0..PARALLEL {
+            scope.spawn(|| {
+                let directory = tempfile::tempdir().unwrap();
+                let service = service(&directory);
+                loop {
+                    let number = next.fetch_add(1, Ordering::Relaxed);
+                    if number >= count {
+                        return;
+                    }
+                    let start = Start::ALL[number / sequences];
+                    let digits = (0..length).map(|digit| Step::ALL[number % sequences / steps.pow(digit) % steps]);
+                    let sequence: Vec<Step> = start.steps().iter().copied().chain(digits).collect();
+                    let mut case = Case::new(&service, format!("robot{number}"));
+                    let broken = case.run(sequence.iter().copied());
+                    case.line.kill_service();
+                    if !broken.is_empty() {
+                        failures.lock().unwrap().push(format!("{start:?} {sequence:?}: {broken:?}"));
+                    }
+                }
+            });
+        }
+    });
+    (failures.into_inner().unwrap(), count)
+}
+
+#[test]
+fn every_pair_of_orders_and_faults_heats_only_as_ordered() {
+    let (failures, count) = failures(2);
+    assert!(failures.is_empty(), "{} of {count}:\n{}", failures.len(), failures.join("\n"));
+}
+
+#[test]
+#[ignore = "takes minutes; cargo stop-triples runs it"]
+fn every_triple_of_orders_and_faults_heats_only_as_ordered() {
+    let (failures, count) = failures(3);
+    println!("{count} sequences, {} broken", failures.len());
+    assert!(failures.is_empty(), "{} of {count}:\n{}", failures.len(), failures.join("\n"));
+}
+
+/// Waits until `is_so` returns true.
+fn wait_until(is_so: impl Fn() -> bool) {
+    let began = Instant::now();
+    while !is_so() {
+        assert!(began.elapsed() < CONNECT_LIMIT);
+        sleep(Duration::from_millis(1));
+    }
+}
+
+#[test]
+fn a_stop_reaches_a_growth_that_is_being_prepared() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    let worker = &case.worker;
+    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    let robot = worker.description().unwrap();
+    let access = Access::Control(CommandSource::Socket);
+    let plan = wanted.resolve(&robot, &service.places, access).unwrap_or_else(|_| panic!("no plan")).plan;
+    let job = Job {
+        id: "20261123T014500123_lab".to_owned(),
+        robot: "lab".to_owned(),
+        name: "a body".to_owned(),
+        state: JobState::Active,
+        plan_id: String::new(),
+        layers: 8,
+        laid: 0,
+        length_mm: 8.0,
+        simulated: false,
+        ignore_scene: false,
+        created_utc: String::new(),
+        ended_utc: None,
+        reason: None,
+    };
+    let permit = worker.signal().permit();
+    let new = NewJob { job, plan, robot, scene: None, feedback: false, permit: permit.clone() };
+    thread::scope(|scope| {
+        // The preparation needs the list of jobs, which this test holds.
+        let jobs = service.shared.jobs();
+        let grow = scope.spawn(|| worker.request(RobotRequest::Grow(Box::new(new)), COMMAND_TIMEOUT));
+        wait_until(|| worker.status().job.is_some());
+        let stop = scope.spawn(|| run_command(worker, RobotCommand::Stop, &permit));
+        wait_until(|| worker.status().pending_stop.is_some());
+        drop(jobs);
+        assert!(grow.join().unwrap().unwrap_err().contains("stopped after this order"));
+        assert_eq!(stop.join().unwrap(), Ok(()));
+    });
+    let board = case.line.board();
+    assert!(board.violations.is_empty() && board.state == BoardState::Stopped, "{:?}", board.violations);
+}
+
+#[test]
+fn an_idle_thread_on_a_virtual_clock_sends_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
+    let worker = start_at("sim", &service, "lab", &line);
+    wait_until(|| worker.status().connection_error.is_none());
+    let frames = line.board().frames;
+    sleep(20 * SETTLE);
+    assert_eq!(line.board().frames, frames);
+    // It still carries out requests and stops.
+    let permit = worker.signal().permit();
+    let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
+    line.board().may_heat = true;
+    assert_eq!(worker.request(RobotRequest::Task(task, permit.clone()), COMMAND_TIMEOUT), Ok(()));
+    assert_eq!(worker.status().board_state.as_deref(), Some(BoardState::Maintenance.name()));
+    assert_eq!(run_command(&worker, RobotCommand::Stop, &permit), Ok(()));
+    assert_eq!(line.board().state, BoardState::Stopped);
+}
+
+#[test]
+fn an_emergency_stop_reaches_the_board_although_the_thread_has_ended() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    case.step(Step::Grow);
+    case.line.end_thread();
+    // The thread ends at its next use of the line. The stop does not use it.
+    wait_until(|| !case.line.has_thread());
+    let permit = case.worker.signal().permit();
+    assert_eq!(run_command(&case.worker, RobotCommand::EmergencyStop, &permit), Ok(()));
+    assert_eq!(case.line.board().state, BoardState::EmergencyStop);
+}
+
+#[test]
+fn a_job_whose_requester_has_gone_does_not_begin() {
+    let directory = tempfile::tempdir().unwrap();
+    let mut service = service(&directory);
+    let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
+    let worker = start(&service, "lab", &line);
+    service.robots.insert("lab".to_owned(), Arc::clone(&worker));
+    wait_until(|| worker.status().connection_error.is_none());
+    let service = Arc::new(service);
+    let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
+    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    {
+        let _runtime = runtime.enter();
+        // The plan is ready, and waits for this lock, when the requester goes.
+        let _begins = worker.lock_job_start();
+        let mut order = Box::pin(new_job(
+            State(Arc::clone(&service)),
+            Extension(Access::Control(CommandSource::Socket)),
+            Extension(service.permits()),
+            Path("lab".to_owned()),
+            HeaderMap::new(),
+            Json(wanted),
+        ));
+        assert!(order.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
+        drop(order);
+    }
+    let audit = || std::fs::read_to_string(service.places.audit()).unwrap();
+    wait_until(|| !audit().is_empty());
+    assert!(audit().contains("requester has gone"), "{}", audit());
+    assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
+    assert_eq!(line.board().state, BoardState::Idle);
+}
+
+#[test]
+fn a_stop_of_another_origin_voids_earlier_orders() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    for step in [Step::Preheat, Step::Grow] {
+        for state in [BoardState::EmergencyStop, BoardState::Fault, BoardState::Stopped] {
+            case.line.board().state = BoardState::Idle;
+            wait_until(|| case.worker.status().board_state.as_deref() == Some(BoardState::Idle.name()));
+            assert_eq!(case.carry_out(step), Ok(()));
+            wait_until(|| case.worker.status().target_c.is_some());
+            let permit = case.worker.signal().permit();
+            assert!(permit.is_valid());
+            case.line.board().state = state;
+            wait_until(|| case.worker.status().board_state.as_deref() == Some(state.name()));
+            assert!(!permit.is_valid(), "{step:?} {state:?}");
+            wait_until(|| case.worker.status().job.is_none());
+        }
+    }
+    let permit = case.worker.signal().permit();
+    assert_eq!(run_command(&case.worker, RobotCommand::Cancel, &permit), Ok(()));
+    assert!(!permit.is_valid(), "a cancellation");
+}

@@ -1,0 +1,154 @@
+//! The emergency stop of a robot, with a thread and a line of its own. It waits for no queue, job, file or database.
+
+use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use growbot_client::client::{Client, EMERGENCY_PAUSE};
+use growbot_client::port::Port;
+use growbot_client::stop_signal::StopSignal;
+
+use super::connector::Connector;
+
+/// Maximum time of opening a separate connection.
+const CONNECT_LIMIT: Duration = Duration::from_millis(500);
+/// Interval of the checks whether the robot's thread has confirmed the stop.
+const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
+/// Time beyond the limit within which the thread responds.
+const RESPONSE_MARGIN: Duration = Duration::from_secs(1);
+
+type Line = Box<dyn Port + Send>;
+
+/// Channel of the result of an emergency stop.
+type Reply = Sender<Result<(), String>>;
+
+/// Sender of emergency stops.
+pub struct Stopper {
+    tasks: Sender<Reply>,
+    line: Arc<Mutex<Option<Line>>>,
+    limit: Duration,
+}
+
+/// An emergency stop that is being sent.
+pub struct StopTicket {
+    result: Receiver<Result<(), String>>,
+    limit: Duration,
+}
+
+impl StopTicket {
+    /// Waits until the board has confirmed the stop.
+    ///
+    /// # Errors
+    /// The reason why it has not.
+    pub fn wait(self) -> Result<(), String> {
+        match self.result.recv_timeout(self.limit + RESPONSE_MARGIN) {
+            Ok(result) => result,
+            Err(RecvTimeoutError::Timeout) => Err("the line accepts no stop".to_owned()),
+            Err(RecvTimeoutError::Disconnected) => Err("the thread of the emergency stop has ended".to_owned()),
+        }
+    }
+}
+
+impl Stopper {
+    /// Starts the thread. `name` is the name of the port in messages.
+    pub fn start(name: &str, signal: &Arc<StopSignal>, connector: Arc<dyn Connector>) -> Self {
+        let (tasks, received) = mpsc::channel();
+        let line = Arc::<Mutex<Option<Line>>>::default();
+        let limit = connector.emergency_limit();
+        let sender =
+            StopSender { name: name.to_owned(), signal: Arc::clone(signal), connector, line: Arc::clone(&line) };
+        let spawned = thread::Builder::new().name(format!("stop {name}")).spawn(move || sender.run(&received));
+        if let Err(error) = spawned {
+            crate::warning!("cannot start the thread of the emergency stop at {name}: {error}");
+        }
+        Self { tasks, line, limit }
+    }
+
+    /// Sets the line on which the stop is sent: a duplicate of the open connection. `None` once that is closed.
+    pub fn publish(&self, line: Option<Line>) {
+        *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
+    }
+
+    /// Sends the emergency stop. Returns at once.
+    pub fn send(&self) -> StopTicket {
+        let (reply, result) = mpsc::channel();
+        // If the thread has ended, the ticket reports it.
+        let _ = self.tasks.send(reply);
+        StopTicket { result, limit: self.limit }
+    }
+}
+
+/// State of the thread.
+struct StopSender {
+    name: String,
+    signal: Arc<StopSignal>,
+    connector: Arc<dyn Connector>,
+    line: Arc<Mutex<Option<Line>>>,
+}
+
+impl StopSender {
+    fn run(&self, tasks: &Receiver<Reply>) {
+        for reply in tasks {
+            // The caller may no longer wait for the result.
+            let _ = reply.send(self.stop());
+        }
+    }
+
+    /// Sends the stop on the duplicate, and later on connections of its own too, until the board confirms it.
+    fn stop(&self) -> Result<(), String> {
+        let until = Instant::now() + self.connector.emergency_limit();
+        let mut why = "the robot is not connected".to_owned();
+        loop {
+            if let Some(line) = self.duplicate() {
+                match self.send_on(line) {
+                    Ok(()) => return Ok(()),
+                    Err(error) => why = error,
+                }
+            }
+            let left = until.saturating_duration_since(Instant::now());
+            if self.is_confirmed() {
+                return Ok(());
+            }
+            if left.is_zero() {
+                return Err(why);
+            }
+            match self.connector.open_for_emergency_stop(CONNECT_LIMIT.min(left)) {
+                Ok(line) => match self.send_on(line) {
+                    Ok(()) => return Ok(()),
+                    Err(error) => why = error,
+                },
+                Err(error) => {
+                    why = error.to_string();
+                    // The robot may be in this process. Then only its own thread reaches it.
+                    let pause = Instant::now() + EMERGENCY_PAUSE;
+                    while Instant::now() < pause && !self.is_confirmed() {
+                        thread::sleep(CONFIRM_POLL_INTERVAL);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Returns another duplicate of the published line. The lock is only tried, because its holder may hang.
+    fn duplicate(&self) -> Option<Line> {
+        match self.line.try_lock() {
+            Ok(mut line) => line.as_mut()?.emergency_port(),
+            Err(TryLockError::Poisoned(line)) => line.into_inner().as_mut()?.emergency_port(),
+            Err(TryLockError::WouldBlock) => None,
+        }
+    }
+
+    fn send_on(&self, line: Box<dyn Port>) -> Result<(), String> {
+        match Client::new(line, &self.name).emergency_stop_within(EMERGENCY_PAUSE, &mut 0) {
+            Ok(true) => Ok(()),
+            Ok(false) => Err(format!("no response at {}", self.name)),
+            Err(error) => Err(error.to_string()),
+        }
+    }
+
+    /// Reports whether the robot's thread has confirmed every stop.
+    fn is_confirmed(&self) -> bool {
+        self.signal.level().is_none()
+    }
+}

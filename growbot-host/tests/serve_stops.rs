@@ -1,0 +1,137 @@
+//! Stops of the service as its users meet them: while the robot is silent, over a restart, during planning, and without
+//! a port.
+
+use std::io::{Read, Write};
+use std::os::unix::net::UnixStream;
+use std::time::Duration;
+
+use serde_json::{Value, json};
+
+use crate::lab::{GOAL, Lab, wait_for};
+use crate::running::command;
+
+fn signal(pid: &str, signal: &str) {
+    assert!(command("kill").args([signal, pid]).status().unwrap().success());
+}
+
+/// Returns the process of the simulated robot.
+fn robot_process(lab: &Lab) -> String {
+    let lock = lab.directory.path().join("state/growbot/robots/lab/lock").canonicalize().unwrap();
+    let has_it = |process: &std::fs::DirEntry| {
+        let open = std::fs::read_dir(process.path().join("fd")).into_iter().flatten().flatten();
+        open.map(|open| std::fs::read_link(open.path())).any(|link| link.is_ok_and(|link| link == lock))
+    };
+    let found = std::fs::read_dir("/proc").unwrap().flatten().find(has_it).unwrap();
+    found.file_name().into_string().unwrap()
+}
+
+fn robot(lab: &Lab) -> Value {
+    lab.ask("GET", "/robots/lab", "").1
+}
+
+#[test]
+fn a_stop_of_a_silent_robot_is_delivered_when_it_is_back_also_after_a_restart() {
+    for restarts in [false, true] {
+        let mut lab = Lab::new(5.0);
+        lab.wait_until_ready();
+        let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "100,100,600,0,45" }).to_string());
+        assert_eq!(status, 201, "{job}");
+        let pid = robot_process(&lab);
+        signal(&pid, "-STOP");
+        let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
+        let detail = problem["detail"].as_str().unwrap();
+        assert!(
+            status == 409 && detail.contains("cut the robot's power") && detail.contains("keeps the stop"),
+            "{detail}"
+        );
+        assert_eq!(robot(&lab)["pending_stop"], "emergency-stop");
+        if restarts {
+            lab.kill();
+            lab.start();
+            assert_eq!(robot(&lab)["pending_stop"], "emergency-stop");
+        }
+        signal(&pid, "-CONT");
+        let off = wait_for("the stop is delivered", || {
+            let robot = robot(&lab);
+            (robot["state"] == "ready" && robot["pending_stop"].is_null()).then_some(robot)
+        });
+        // The restarted service found the robot off, and switched it on. A loss of power is a fault, and stays one.
+        let state = if restarts { "fault" } else { "emergency-stop" };
+        assert_eq!((&off["board_state"], &off["target_c"]), (&json!(state), &Value::Null), "{off}");
+        let ended = lab.wait_for_end(job["id"].as_str().unwrap());
+        assert_eq!(ended["state"], "interrupted", "{ended}");
+        let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"withdraw-stop"}"#);
+        assert!(status == 409 && problem["detail"].as_str().unwrap().contains("nothing to withdraw"), "{problem}");
+    }
+}
+
+/// Opens a connection, sends the head of a request, and waits until the service has received it.
+fn send_head(lab: &Lab, path: &str, length: usize) -> UnixStream {
+    let mut stream = UnixStream::connect(lab.socket()).unwrap();
+    stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();
+    let head = format!(
+        "POST /api/v1{path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\ncontent-type: application/json\r\n\
+         expect: 100-continue\r\ncontent-length: {length}\r\n\r\n"
+    );
+    stream.write_all(head.as_bytes()).unwrap();
+    let mut answer = [0; 25];
+    stream.read_exact(&mut answer).unwrap();
+    assert_eq!(&answer, b"HTTP/1.1 100 Continue\r\n\r\n");
+    stream
+}
+
+#[test]
+fn a_stop_voids_the_orders_that_arrived_before_it() {
+    let lab = Lab::new(100.0);
+    lab.wait_until_ready();
+    let orders = [
+        ("/robots/lab/jobs", json!({ "to": GOAL }).to_string()),
+        ("/robots/lab/maintenance", json!({ "task": "preheat", "value": "200" }).to_string()),
+    ];
+    for stop in ["stop", "emergency-stop", "cancel"] {
+        for (path, body) in &orders {
+            let mut order = send_head(&lab, path, body.len());
+            let (status, said) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": stop }).to_string());
+            assert_eq!(status, 200, "{said}");
+            order.write_all(body.as_bytes()).unwrap();
+            let mut answer = String::new();
+            order.read_to_string(&mut answer).unwrap();
+            assert!(answer.contains("409 Conflict") && answer.contains("order it again"), "{stop} {path}: {answer}");
+            assert_eq!(robot(&lab)["target_c"], Value::Null, "{stop} {path}");
+        }
+        lab.ask("POST", "/robots/lab/commands", r#"{"command":"clear-fault"}"#);
+    }
+    // An order after the stop is carried out.
+    let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
+    assert_eq!(status, 201, "{job}");
+}
+
+#[test]
+fn an_emergency_stop_without_a_port_stops_every_robot() {
+    let settings = "[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a2\"\n\
+                    [robots.bench]\nport = \"sim\"\nrobot = \"growbot-a2\"\n";
+    let mut lab = Lab::configured(settings);
+    for name in ["lab", "bench"] {
+        lab.wait_until_robot_is_ready(name);
+    }
+    let (code, said) = lab.run(&["estop"]);
+    assert!(
+        code == Some(0) && said.contains("robot at sim:lab are off") && said.contains("robot at sim are off"),
+        "{said}"
+    );
+    for name in ["lab", "bench"] {
+        assert_eq!(lab.ask("GET", &format!("/robots/{name}"), "").1["board_state"], "emergency-stop");
+    }
+    // Names work wherever a port does.
+    let (code, said) = lab.run(&["status", "--port", "bench"]);
+    assert!(code == Some(0) && said.contains("bench, owned by the service, simulated"), "{said}");
+    let (code, said) = lab.run(&["stop", "--port", "lab"]);
+    assert!(code == Some(0) && said.contains("are off"), "{said}");
+    lab.kill();
+    let (code, said) = lab.run(&["estop", "--port", "lab"]);
+    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
+    let (code, said) = lab.run(&["estop"]);
+    assert!(code == Some(0) && said.starts_with("emergency stop"), "without the service: {said}");
+    let (code, said) = lab.run(&["stop", "--port", "none"]);
+    assert!(code == Some(2) && said.contains("unknown port `none`"), "{said}");
+}
