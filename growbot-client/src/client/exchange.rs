@@ -266,3 +266,74 @@ pub(super) fn decode_response(request: &'static str, frame: &LinkFrame) -> Resul
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::rc::Rc;
+    use std::sync::Arc;
+
+    use growbot_core::link::frame::FrameDecoder;
+    use growbot_core::link::message::{HostSilencePolicy, Start};
+
+    use super::*;
+    use crate::port::{Port, PortError};
+    use crate::stop_signal::{StopLevel, StopSignal};
+
+    /// A line without a board. A stop is raised once this many starts were sent.
+    struct StoppedAfter {
+        starts: u32,
+        signal: Arc<StopSignal>,
+        receiver: FrameDecoder,
+        sent: u32,
+    }
+
+    impl StoppedAfter {
+        fn new(starts: u32) -> Self {
+            Self { starts, signal: Arc::default(), receiver: FrameDecoder::default(), sent: 0 }
+        }
+
+        fn raise_stop_if_due(&self) {
+            if self.sent >= self.starts {
+                self.signal.raise(StopLevel::Stop);
+            }
+        }
+    }
+
+    impl Port for StoppedAfter {
+        fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+            for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)) {
+                let frame = frame.unwrap();
+                let message = Message::decode(frame.header.kind, &frame.body).unwrap();
+                self.sent += u32::from(matches!(message, Message::Start(_)));
+            }
+            self.raise_stop_if_due();
+            Ok(())
+        }
+
+        fn receive(&mut self, _buffer: &mut [u8], _timeout: Duration) -> Result<usize, PortError> {
+            Ok(0)
+        }
+    }
+
+    #[test]
+    fn no_start_is_sent_after_a_stop_that_voids_its_permit() {
+        let start = EnergizingRequest::Start(Start { plan_id: 1, on_host_silence: HostSilencePolicy::Pause });
+        let energize = |starts: u32| {
+            let line = Rc::new(RefCell::new(StoppedAfter::new(starts)));
+            let permit = line.borrow().signal.permit();
+            line.borrow().raise_stop_if_due();
+            let error = Client::new(Box::new(Rc::clone(&line)), "stopped").energize("to start", &start, &permit);
+            let sent = line.borrow().sent;
+            (sent, error.unwrap_err())
+        };
+        for starts in 0..3 {
+            let (sent, error) = energize(starts);
+            assert!(matches!(error, ClientError::Voided { request: "to start" }), "{starts}: {error}");
+            assert_eq!(sent, starts, "{error}");
+        }
+        // Without a stop, the request is repeated more often.
+        let (sent, error) = energize(u32::MAX);
+        assert!(sent > 3 && matches!(error, ClientError::NoResponse { .. }), "{sent}: {error}");
+    }
+}
