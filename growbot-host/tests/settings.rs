@@ -137,8 +137,9 @@ fn settings_errors_are_reported_and_affect_only_commands_with_settings() {
                 ran.err
             );
         }
-        // The emergency stop of a named robot does not need a valid file.
-        assert_eq!(place.run(&["estop", "--port", "sim", "--robot", "growbot-a"]).code, Some(0));
+        // The emergency stop of a named robot does not need a valid file. No robot runs here.
+        let ran = place.run(&["estop", "--port", "sim", "--robot", "growbot-a"]);
+        assert!(ran.code == Some(1) && ran.err.contains("no robot runs at sim"), "{}", ran.err);
         assert_eq!(place.run(&["rmin", "--robot", "growbot-a"]).code, Some(0));
         assert_eq!(place.run(&["estop"]).code, Some(1));
     }
@@ -180,7 +181,8 @@ fn unknown_variables_are_refused_but_do_not_prevent_a_stop() {
     }
     for command in ["stop", "estop"] {
         let ran = place.run(&[command, "--port", "sim"]);
-        assert!(ran.code == Some(0) && ran.err.contains(refusal), "{command}: {}", ran.err);
+        let is_tried = ran.code == Some(1) && ran.err.contains("no robot runs at sim");
+        assert!(is_tried && ran.err.contains(refusal), "{command}: {}", ran.err);
     }
     // A command of a notification calls growbot with these variables. Empty variables count as not set.
     place.environment = vec![
