@@ -61,12 +61,13 @@ pub struct Feedback<'a> {
     keeper: Option<ClearanceGuard<'a>>,
     /// Growth per pulse of the filament's encoder, mm. `None` without an encoder.
     mm_per_pulse: Option<f64>,
-    /// Count of the encoder from which growth is measured. `expected` is the expected growth of the layers since, mm.
+    /// Count of the encoder from which growth is measured.
     counted: Option<u32>,
+    /// Expected growth of the layers since `counted`, mm.
     expected: f64,
-    /// Layers below this index are not covered by a count. `uncounted` is their expected growth, mm, which is added to
-    /// the next layer that is counted.
+    /// Index of the first layer that a count covers.
     counts_from: u32,
+    /// Expected growth of the layers below `counts_from`, mm. It is added to the next layer that is counted.
     uncounted: f64,
     /// Number of laid layers that are known here.
     laid: u32,

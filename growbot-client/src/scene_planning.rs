@@ -368,8 +368,9 @@ struct LegSearch<'a> {
     robot: &'a Robot,
     search: &'a PlanOptions,
     through: &'a SceneOptions<'a>,
-    /// The existing body, and the roll of its tip relative to the frame of the start, radians.
+    /// Segments of the existing body.
     grown: &'a [Segment],
+    /// Roll of its tip relative to the frame of the start, radians.
     from_grown: f64,
     /// Number of legs that are not planned yet. They share the remaining time.
     legs_left: Cell<u32>,

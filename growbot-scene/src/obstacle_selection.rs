@@ -84,9 +84,9 @@ impl ObstacleSelection {
 struct Neighbourhood {
     places: Bvh<Vector3<f64>>,
     centre: Vector3<f64>,
-    /// Maximum distance of shown obstacles from the centreline, mm. `size` is half the diagonal of the body's bounding
-    /// box, mm.
+    /// Maximum distance of shown obstacles from the centreline, mm.
     far: f64,
+    /// Half the diagonal of the body's bounding box, mm.
     size: f64,
 }
 

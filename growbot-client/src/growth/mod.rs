@@ -371,7 +371,7 @@ struct PendingAmendment {
     plan_id: u64,
     /// Layers of the amended job.
     layers: Vec<LayerBytes>,
-    /// Number of layers that count as sent once it is applied.
+    /// Number of layers that count as sent once the board has applied the amendment.
     handed_over: u32,
 }
 

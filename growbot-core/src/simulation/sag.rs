@@ -68,7 +68,7 @@ struct Sections {
     flexibility: Matrix3<f64>,
     /// Sum of `A Z m`, where `Z v` is the moment that a unit weight at `v` has about the root.
     turned: Vector3<f64>,
-    /// Sum of `m x A`.
+    /// Sum of `m x A`, the cross products of position and flexibility.
     moved_flexibility: Matrix3<f64>,
     /// Sum of `m x A Z m`.
     moved: Vector3<f64>,

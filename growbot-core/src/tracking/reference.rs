@@ -307,7 +307,8 @@ impl Columns {
 }
 
 impl Linear {
-    /// Linearises the end of `reference`.
+    /// Computes how far the end of `reference` is from `goal`, and the derivatives of that by the curvature and the
+    /// length of each piece.
     fn set(&mut self, reference: &ReferenceTrajectory, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
             let moved = moved / reference.radius;

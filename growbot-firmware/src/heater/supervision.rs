@@ -9,7 +9,7 @@
 //! described and a reading that follows within 4 s. Two trials bound each of them from opposite sides. No limit may
 //! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/no_false_alarms.rs`). Every fault
 //! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below
-//! call these two trials "sound" and "faults". The module's own tests check the values.
+//! call these two trials `sound` and `faults`. The module's own tests check the values.
 //!
 //! The limits are:
 //!
@@ -52,31 +52,32 @@ use self::models::{
 use super::model::NozzleModel;
 use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
 
-/// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. Sound bounds it from below,
-/// faults (a heater's open wire) from above.
+/// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. `sound` bounds it from
+/// below, `faults` (a heater's open wire) from above.
 const LOWER_C: f32 = 12.0;
-/// Share of that rise that the reading must show. Decision 0023. Sound bounds it from above, faults from below.
+/// Share of that rise that the reading must show. Decision 0023. `sound` bounds it from above, `faults` from below.
 const LOWER_SHARE: f32 = 0.7;
-/// Change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until sound
+/// Change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until `sound`
 /// raised no alarm.
 const NOMINAL_C: f32 = 26.0;
-/// Share of that change that the reading must show. Decision 0023. Faults bounds it from below, because its detached
+/// Share of that change that the reading must show. Decision 0023. `faults` bounds it from below, because its detached
 /// thermistors still get up to 40 % of the nozzle's warmth.
 const NOMINAL_SHARE: f32 = 0.4;
 /// Change of the nominal model, degrees, through which the reading of a working sensor cannot stand still. Decision
-/// 0023. Faults (a frozen reading must be detected within 15 s of switching on) bounds it from above.
+/// 0023. `faults` (a frozen reading must be detected within 15 s of switching on) bounds it from above.
 const FROZEN_C: f32 = 12.0;
-/// Time of dither, s, through which the reading of a working sensor cannot stand still. Decision 0023. Faults (a frozen
-/// reading must be detected within 60 s) bounds it from above.
+/// Time of dither, s, through which the reading of a working sensor cannot stand still. Decision 0023. `faults` (a
+/// frozen reading must be detected within 60 s) bounds it from above.
 const FROZEN_S: f32 = 45.0;
-/// Time, s, after which a reading that does not follow and has not changed at all is frozen. In sound, a working
+/// Time, s, after which a reading that does not follow and has not changed at all is frozen. In `sound`, a working
 /// reading of half a degree a count stands still for nearly 3 s when a draught turns a rise into a fall.
 const STILL_S: f32 = 4.0;
 /// Distance from the first value, degrees, up to which a reading counts as never having moved. Such a reading may also
-/// be that of a heater without effect. Decision 0023. It is well above the noise of sound, 1.5 counts of half a degree.
+/// be that of a heater without effect. Decision 0023. It is well above the noise of `sound`, 1.5 counts of half a
+/// degree.
 const MOVED_C: f32 = 3.0;
-/// Max rise above the upper model, degrees. Decision 0023. Sound bounds it from below, faults (a power stage that is
-/// stuck on) from above.
+/// Max rise above the upper model, degrees. Decision 0023. `sound` bounds it from below, `faults` (a power stage that
+/// is stuck on) from above.
 const RISE_C: f32 = 6.0;
 /// Max rise above the upper model, degrees, if there was no power in the whole time. Decision 0023. It is bounded like
 /// [`RISE_C`].
@@ -84,7 +85,8 @@ const RISE_UNPOWERED_C: f32 = 2.0;
 /// Ages of the marks since which a rise is judged, s. Decision 0023. Bounded like [`RISE_C`].
 const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
 /// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall is
-/// not that of the nozzle. Decision 0023. Sound bounds it from below, faults (a thermistor that comes out) from above.
+/// not that of the nozzle. Decision 0023. `sound` bounds it from below, `faults` (a thermistor that comes out) from
+/// above.
 const FALL_TIMES: f32 = 1.6;
 /// Degrees of a fall beyond [`FALL_TIMES`]. Decision 0023. Bounded like [`FALL_TIMES`].
 const FALL_C: f32 = 4.0;
@@ -93,26 +95,26 @@ const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
 /// Distance of a hot nozzle below its target, degrees, that is a temperature drop after [`DROP_S`]. Decision 0023.
 /// Sound, whose flow varies by 35 %, bounds it from below.
 const DROP_C: f32 = 8.0;
-/// Time of a drop by [`DROP_C`], s. Decision 0023. Faults (20 s for a heater's open wire) bounds it from above.
+/// Time of a drop by [`DROP_C`], s. Decision 0023. `faults` (20 s for a heater's open wire) bounds it from above.
 const DROP_S: f32 = 3.0;
-/// Max time of a hot nozzle below its band, s. It was lengthened from 20 s until sound raised no alarm.
+/// Max time of a hot nozzle below its band, s. It was lengthened from 20 s until `sound` raised no alarm.
 const OUT_OF_BAND_S: f32 = 30.0;
-/// Time over which power and need are averaged, s. Decision 0023. Sound bounds it from below, faults from above.
+/// Time over which power and need are averaged, s. Decision 0023. `sound` bounds it from below, `faults` from above.
 const ENERGY_S: f32 = 60.0;
-/// Max mean power, as a multiple of the mean need. Decision 0023. Sound bounds it from below: 10 % more loss and 10 %
+/// Max mean power, as a multiple of the mean need. Decision 0023. `sound` bounds it from below: 10 % more loss and 10 %
 /// less power than described already give 1.22 times.
 const ENERGY_TIMES: f32 = 1.6;
-/// Time over which the regulation's trim is learned, s. Sound bounds it from above, because the nominal model is wrong
-/// until then. Faults bounds it from below, because a fault is learned too.
+/// Time over which the regulation's trim is learned, s. `sound` bounds it from above, because the nominal model is
+/// wrong until then. `faults` bounds it from below, because a fault is learned too.
 const LEARNING_S: f32 = 30.0;
 /// Distance from the target within which the trim is learned, degrees. Bounded like [`LEARNING_S`].
 const LEARNING_C: f32 = 2.0;
-/// Share of the dither's amplitude below which it is missing in the reading. Decision 0023. Sound bounds it from above,
-/// faults (a standing voltage with noise) from below.
+/// Share of the dither's amplitude below which it is missing in the reading. Decision 0023. `sound` bounds it from
+/// above, `faults` (a standing voltage with noise) from below.
 const DITHER_SHARE: f32 = 0.15;
-/// Number of consecutive periods without the dither that are a fault. Decision 0023. Faults allows 120 s for them.
+/// Number of consecutive periods without the dither that are a fault. Decision 0023. `faults` allows 120 s for them.
 const DITHERS_MISSED: u32 = 2;
-/// Share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until sound raised no
+/// Share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until `sound` raised no
 /// alarm.
 const SATURATED_SHARE: f32 = 0.6;
 /// Number of consecutive saturated periods that a hot nozzle cannot need. Decision 0023. Bounded like
@@ -121,8 +123,8 @@ const PERIODS_SATURATED: u32 = 3;
 /// Time, s, by which the reading is extrapolated, because the nozzle is ahead of its thermistor. It is the lag of the
 /// slowest healthy reading, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
-/// Rate, degrees a second, beyond which the reading is extrapolated. Decision 0023. Faults (the nozzle stays below 5 C
-/// above `max_c`) bounds it from above.
+/// Rate, degrees a second, beyond which the reading is extrapolated. Decision 0023. `faults` (the nozzle stays below 5
+/// C above `max_c`) bounds it from above.
 const AHEAD_C_PER_S: f32 = 0.5;
 /// Ages of the marks since which that rate is measured, s. They are about 3 s (decision 0023).
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;

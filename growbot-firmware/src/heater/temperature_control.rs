@@ -45,7 +45,8 @@ const APPROACH_C_PER_S: f32 = 0.15;
 /// Bound of the trim, as a share of the need, if the supply is measured. Decision 0022. `heater::tests::sound` bounds
 /// it from below.
 const TRIM_MAX: f32 = 0.35;
-/// Bound of the trim if the supply is not measured, because 10 % less voltage is 19 % less power. Decision 0022.
+/// Bound of the trim, as a share of the need, if the supply is not measured. It is greater than [`TRIM_MAX`], because
+/// 10 % less voltage is 19 % less power. Decision 0022.
 const TRIM_MAX_UNMEASURED: f32 = 0.55;
 /// Min need by which the trim is scaled, as a share of the heater's power. Near the temperature of the surroundings the
 /// need is zero, and the scale would be infinite.

@@ -373,7 +373,7 @@ impl RequiredPortArg {
         self.port.is_some()
     }
 
-    /// Returns this port, with the given faults of the link.
+    /// Returns the port, or the port of the robot, that `text` names, with the `--link-fault` of this command.
     fn at(&self, text: String) -> Result<SelectedPort, Failure> {
         self.line.at(text)
     }

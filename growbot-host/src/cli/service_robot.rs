@@ -65,7 +65,7 @@ pub fn port_of_robot(name: &str) -> Option<String> {
     })
 }
 
-/// Returns the robots of the user's service. The list is empty if no service responds at once.
+/// Returns all robots of the user's service, for an emergency. The list is empty if no service responds at once.
 pub fn robots_in_emergency() -> Vec<RobotStatus> {
     ServiceClient::find().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
 }

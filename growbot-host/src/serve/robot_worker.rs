@@ -458,7 +458,7 @@ impl RobotWorker {
         }
     }
 
-    /// Responds to a request while the port is closed.
+    /// Responds to a request while the port is closed: confirms a stop, and refuses everything else with `why`.
     pub(super) fn respond_without_board(&self, pending: PendingRequest, why: impl Fn() -> String) {
         match pending.request {
             RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),

@@ -116,7 +116,8 @@ impl<'a> Simulation<'a> {
         self.run_by_layer(seed, |_| ())
     }
 
-    /// Like [`Self::run`], but calls `each` with every layer as laid, without the sag of the body.
+    /// Like [`Self::run`], and calls `each` with every layer as it was laid. The result contains the sag of the body, the
+    /// layers do not.
     pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> SimulationResult {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();

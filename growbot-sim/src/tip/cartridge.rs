@@ -26,7 +26,8 @@ pub struct CartridgeParameters {
 const ROOM_C: f64 = 25.0;
 /// 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
-/// Maximum step, s: a sixth of the shortest time constant of a cartridge of 10 % and 4 W/K.
+/// Maximum step, s: a sixth of the shortest time constant, that of a cartridge with a tenth of the nozzle's heat
+/// capacity and a conductance of 4 W/K.
 const STEP_S: f64 = 0.05;
 /// Minimum lag of a thermistor that the steps can follow, s.
 const SHORTEST_LAG_S: f64 = 0.1;

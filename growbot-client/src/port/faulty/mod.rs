@@ -39,7 +39,7 @@ const MAX_SWALLOWED: usize = 1 << 16;
 /// Counts of the faults of a wire so far, both directions together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
-    /// Pieces that entered the wire.
+    /// Frames that entered the wire, lost ones included. The other counts call them pieces.
     pub frames: u64,
     /// Pieces that were lost by `drop`.
     pub dropped: u64,

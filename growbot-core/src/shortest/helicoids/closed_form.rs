@@ -90,7 +90,7 @@ pub(super) struct ClosedFormCurve<T> {
     pub(super) swing: T,
     alpha: T,
     beta: T,
-    /// `P`.
+    /// `P`, the length of `p`.
     pub(super) force: T,
     /// `b / P`: the component of `m` along `p`.
     along: T,
