@@ -40,7 +40,7 @@ fn closed_loops_are_bit_identical_on_the_microcontroller() {
             return;
         }
         let [seed, layers, hash, instructions, stack] = line.split(',').collect::<Vec<_>>()[..] else {
-            panic!("the board said: {line}");
+            panic!("the board answer: {line}");
         };
         println!("{seed:>6} {layers:>8} {hash:>18} {instructions:>24} {stack:>10}");
         let here = trial::grow(&robot, seed.parse().unwrap()).unwrap();

@@ -60,7 +60,7 @@ fn measure() -> Vec<Row> {
             return rows;
         }
         let [planner, goals, instructions, stack] = line.split(',').collect::<Vec<_>>()[..] else {
-            panic!("the board said: {line}");
+            panic!("the board answer: {line}");
         };
         let (instructions, stack) = (instructions.parse().unwrap(), stack.parse().unwrap());
         match rows.last_mut() {

@@ -101,7 +101,7 @@ fn read_rows(line: &TcpStream, enough: &AtomicBool) -> Option<Vec<Row>> {
             return Some(rows);
         }
         let [turns, tick, count, worst] = line.split(',').collect::<Vec<_>>()[..] else {
-            panic!("the board said: {line}");
+            panic!("the board answer: {line}");
         };
         rows.push(Row {
             turns: turns.to_owned(),

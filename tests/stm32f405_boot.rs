@@ -66,7 +66,7 @@ fn the_robots_board_boots_and_responds() {
     let refused = client.request("to begin", &PassiveRequest::BeginJob(begin)).unwrap_err();
     let state = State::Fault;
     assert!(
-        matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: said }, .. } if said == state),
+        matches!(refused, ClientError::Refused { refusal: Refusal::WrongState { state: answer }, .. } if answer == state),
         "{refused}"
     );
     let refused = client
@@ -97,7 +97,7 @@ fn without_its_crystal_the_board_responds_but_refuses_work() {
         .unwrap_err();
     let fault = Fault::ClockFailed;
     assert!(
-        matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { fault: said }, .. } if said == fault),
+        matches!(refused, ClientError::Refused { refusal: Refusal::FaultRemains { fault: answer }, .. } if answer == fault),
         "{refused}"
     );
 }

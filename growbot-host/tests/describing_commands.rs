@@ -118,10 +118,10 @@ fn robots_explains_a_robot() {
 /// uses.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
-    for (keyword, said) in schema.as_object().unwrap() {
+    for (keyword, answer) in schema.as_object().unwrap() {
         let fits = match keyword.as_str() {
             "$schema" | "title" | "description" | "default" => true,
-            "type" => match said.as_str().unwrap() {
+            "type" => match answer.as_str().unwrap() {
                 "object" => value.is_object(),
                 "array" => value.is_array(),
                 "string" => value.is_string(),
@@ -130,26 +130,28 @@ fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
                 "number" => value.is_number(),
                 kind => panic!("{kind}"),
             },
-            "minimum" => value.as_f64().is_none_or(|value| value >= said.as_f64().unwrap()),
-            "maximum" => value.as_f64().is_none_or(|value| value <= said.as_f64().unwrap()),
-            "const" => value == said,
-            "oneOf" => said.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count() == 1,
+            "minimum" => value.as_f64().is_none_or(|value| value >= answer.as_f64().unwrap()),
+            "maximum" => value.as_f64().is_none_or(|value| value <= answer.as_f64().unwrap()),
+            "const" => value == answer,
+            "oneOf" => answer.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count() == 1,
             "pattern" => {
-                assert_eq!(said, "^[a-z0-9-]+$");
+                assert_eq!(answer, "^[a-z0-9-]+$");
                 value.as_str().is_some_and(|text| {
                     !text.is_empty() && text.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
                 })
             }
-            "maxLength" => value.as_str().is_some_and(|text| text.len() as u64 <= said.as_u64().unwrap()),
-            "items" => value.as_array().is_some_and(|items| items.iter().all(|item| faults(said, item, at).is_empty())),
-            "minItems" => value.as_array().is_some_and(|items| items.len() as u64 >= said.as_u64().unwrap()),
-            "maxItems" => value.as_array().is_some_and(|items| items.len() as u64 <= said.as_u64().unwrap()),
-            "required" => said.as_array().unwrap().iter().all(|key| value.get(key.as_str().unwrap()).is_some()),
+            "maxLength" => value.as_str().is_some_and(|text| text.len() as u64 <= answer.as_u64().unwrap()),
+            "items" => {
+                value.as_array().is_some_and(|items| items.iter().all(|item| faults(answer, item, at).is_empty()))
+            }
+            "minItems" => value.as_array().is_some_and(|items| items.len() as u64 >= answer.as_u64().unwrap()),
+            "maxItems" => value.as_array().is_some_and(|items| items.len() as u64 <= answer.as_u64().unwrap()),
+            "required" => answer.as_array().unwrap().iter().all(|key| value.get(key.as_str().unwrap()).is_some()),
             "properties" | "additionalProperties" => true,
             other => panic!("{other} at {at}"),
         };
         if !fits {
-            found.push(format!("{at}: {keyword} {said} and not {value}"));
+            found.push(format!("{at}: {keyword} {answer} and not {value}"));
         }
     }
     if let (Some(properties), Some(object)) = (schema.get("properties"), value.as_object()) {

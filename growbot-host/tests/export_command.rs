@@ -158,7 +158,7 @@ fn failed_exports_give_one_line_and_leave_no_file() {
     fs::write(bodies.path("old.jsonl"), header.replace("growbot-run/4", "growbot-run/1")).unwrap();
     let names = |directory: &Path| fs::read_dir(directory).unwrap().count();
     let before = names(bodies.0.path());
-    for (args, said) in [
+    for (args, answer) in [
         (vec![plan.as_str(), "-o", &bodies.path("a.mcap")], "run log"),
         (vec![&plan, "-o", &bodies.path("a.obj")], "use .stl, .glb, .csv, .tum or .mcap"),
         (vec![&plan], "--format"),
@@ -173,7 +173,7 @@ fn failed_exports_give_one_line_and_leave_no_file() {
     ] {
         let ran = growbot(&[vec!["export"], args.clone()].concat());
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{args:?}: {}", ran.err);
-        assert!(ran.err.contains(said), "{args:?}: {}", ran.err);
+        assert!(ran.err.contains(answer), "{args:?}: {}", ran.err);
         assert!(args.contains(&"--segments") || ran.err.lines().count() == 1, "{args:?}: {}", ran.err);
     }
     assert_eq!(names(bodies.0.path()), before);

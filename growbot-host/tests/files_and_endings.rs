@@ -439,9 +439,9 @@ fn a_log_failure_is_reported_at_once_and_the_result_still_printed() {
     assert_eq!((&result["outcome"], result["layers"].as_u64()), (&Value::from("done"), Some(156)));
     let missing = result["log_lines_missing"].as_u64().unwrap();
     assert!(missing > 10, "{missing}");
-    let said: Vec<&str> = ran.err.lines().collect();
-    let failed = said.iter().position(|line| line.contains("cannot write the run log")).unwrap();
-    assert!(failed + 1 < said.len() && said.last().unwrap().contains("the run log is incomplete"), "{said:?}");
+    let answer: Vec<&str> = ran.err.lines().collect();
+    let failed = answer.iter().position(|line| line.contains("cannot write the run log")).unwrap();
+    assert!(failed + 1 < answer.len() && answer.last().unwrap().contains("the run log is incomplete"), "{answer:?}");
     let replayed = growbot(&["replay", &log, "--json"]);
     assert_eq!(replayed.code, Some(0), "{}", replayed.err);
     let replayed: Value = serde_json::from_str(&replayed.out).unwrap();

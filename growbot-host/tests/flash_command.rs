@@ -72,7 +72,7 @@ impl Bench {
             .env_remove("GROWBOT_ROBOT")
             .output()
             .unwrap();
-        let [out, err] = [output.stdout, output.stderr].map(|said| String::from_utf8(said).unwrap());
+        let [out, err] = [output.stdout, output.stderr].map(|answer| String::from_utf8(answer).unwrap());
         Ran { code: output.status.code(), out, err: running::in_lines(&err) }
     }
 }

@@ -521,8 +521,8 @@ fn commands_for_a_physical_robot_require_a_port() {
         assert_refused(&growbot_configured("/dev/ttyNONE7", &[command]), &["/dev/ttyNONE7", "not found"]);
         // The option overrides the configured port.
         let ran = growbot_configured("/dev/ttyNONE7", &[command, "--port", "sim"]);
-        let said = if matches!(command, "stop" | "cancel") { &ran.err } else { &ran.out };
-        assert!(said.contains("simulated"), "{command}: {}", ran.err);
+        let answer = if matches!(command, "stop" | "cancel") { &ran.err } else { &ran.out };
+        assert!(answer.contains("simulated"), "{command}: {}", ran.err);
         assert!(growbot(&[command, "--help"]).out.contains("GROWBOT_PORT"));
     }
     // Commands that begin a growth simulate it without a port, and `growbot` alone always does.

@@ -198,8 +198,8 @@ fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
         faults.push("a log was left of a growth that never began".to_owned());
     }
     if !faults.is_empty() {
-        let said = String::from_utf8_lossy(&ran.err).into_owned();
-        faults.push(format!("board {index} of seed {seed}, {manner:?}, `growbot {command}`: {said}"));
+        let answer = String::from_utf8_lossy(&ran.err).into_owned();
+        faults.push(format!("board {index} of seed {seed}, {manner:?}, `growbot {command}`: {answer}"));
     }
     (ran.code, faults)
 }

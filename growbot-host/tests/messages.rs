@@ -121,8 +121,8 @@ fn every_command_with_a_port_marks_a_simulated_robot() {
         };
         for args in uses {
             let ran = growbot_reading(&[&[name.as_str()], *args, &["--port", "sim"]].concat(), "status\nstop\n");
-            let said = format!("{}{}", ran.out, ran.err);
-            assert!(said.contains("simulated"), "{name} {args:?}: {said}");
+            let answer = format!("{}{}", ran.out, ran.err);
+            assert!(answer.contains("simulated"), "{name} {args:?}: {answer}");
             // A user may keep standard output alone, so it must state the simulation too.
             assert!(ran.out.is_empty() || ran.out.contains("simulated"), "{name} {args:?}: {}", ran.out);
         }
@@ -168,9 +168,9 @@ fn quiet_hides_notes_but_not_warnings_and_errors() {
     let plan = directory.path().join("plan.json");
     let plan = plan.to_str().unwrap();
     let goal = ["plan", "--to", "0,0,20,0,90", "-o", plan];
-    let said = |more: &[&str]| growbot(&[&goal[..], more].concat()).err;
-    assert!(said(&[]).contains("note: plan written") && said(&[]).contains("warning: "), "{}", said(&[]));
-    assert!(!said(&["-q"]).contains("note: ") && said(&["--quiet"]).contains("warning: "), "{}", said(&["-q"]));
+    let answer = |more: &[&str]| growbot(&[&goal[..], more].concat()).err;
+    assert!(answer(&[]).contains("note: plan written") && answer(&[]).contains("warning: "), "{}", answer(&[]));
+    assert!(!answer(&["-q"]).contains("note: ") && answer(&["--quiet"]).contains("warning: "), "{}", answer(&["-q"]));
     assert_eq!(growbot(&["grow", plan, "-q"]).err, "");
     assert!(growbot(&["-q", "rmin", "--robot", "none"]).err.starts_with("error: "));
     assert!(growbot(&["grow", plan, "-v"]).err.contains("note: port sim, from: built in"));

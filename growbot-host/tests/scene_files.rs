@@ -63,13 +63,13 @@ fn plan(directory: &Path, scene: &str) -> i32 {
     let limited = format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\"");
     let args = ["plan", "--to", "0,0,300", "--effort", "1", "--scene", scene];
     let ran = command("sh").args(["-c", &limited, PROGRAM]).args(args).current_dir(directory).output().unwrap();
-    let said = in_lines(&String::from_utf8(ran.stderr).unwrap());
-    let code = ran.status.code().unwrap_or_else(|| panic!("{scene}: {:?}: {said}", ran.status));
-    assert!(matches!(code, 0..=2) && !said.contains("panicked"), "{scene}: {code}: {said}");
-    assert!(!said.contains('\x1b'), "{scene}: {said:?}");
+    let answer = in_lines(&String::from_utf8(ran.stderr).unwrap());
+    let code = ran.status.code().unwrap_or_else(|| panic!("{scene}: {:?}: {answer}", ran.status));
+    assert!(matches!(code, 0..=2) && !answer.contains("panicked"), "{scene}: {code}: {answer}");
+    assert!(!answer.contains('\x1b'), "{scene}: {answer:?}");
     if code == 2 {
         assert!(ran.stdout.is_empty(), "{scene}");
-        assert!(said.starts_with("error: ") && said.matches('\n').count() == 1, "{scene}: {said:?}");
+        assert!(answer.starts_with("error: ") && answer.matches('\n').count() == 1, "{scene}: {answer:?}");
     }
     code
 }

@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 /// Returns the places where a value violates the schema, by the keywords that growbot's schemas use.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
-    for (keyword, said) in schema.as_object().unwrap() {
-        if !fits(keyword, said, value, schema, at) {
-            found.push(format!("{at}: {keyword} {said} and not {value}"));
+    for (keyword, answer) in schema.as_object().unwrap() {
+        if !fits(keyword, answer, value, schema, at) {
+            found.push(format!("{at}: {keyword} {answer} and not {value}"));
         }
     }
     for (key, schema) in schema["properties"].as_object().into_iter().flatten() {
@@ -23,25 +23,25 @@ fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     found
 }
 
-fn fits(keyword: &str, said: &Value, value: &Value, schema: &Value, at: &str) -> bool {
+fn fits(keyword: &str, answer: &Value, value: &Value, schema: &Value, at: &str) -> bool {
     let all =
         |items: &Value, check: &dyn Fn(&Value) -> bool| items.as_array().is_none_or(|items| items.iter().all(check));
-    let matches = || said.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count();
+    let matches = || answer.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count();
     match keyword {
         "$schema" | "title" | "description" | "default" | "properties" => true,
-        "type" => match said {
+        "type" => match answer {
             Value::Array(kinds) => kinds.iter().any(|kind| is_of_type(kind.as_str().unwrap(), value)),
             kind => is_of_type(kind.as_str().unwrap(), value),
         },
-        "minimum" => value.as_f64().is_none_or(|value| value >= said.as_f64().unwrap()),
-        "maximum" => value.as_f64().is_none_or(|value| value <= said.as_f64().unwrap()),
-        "const" => value == said,
-        "enum" => said.as_array().unwrap().contains(value),
+        "minimum" => value.as_f64().is_none_or(|value| value >= answer.as_f64().unwrap()),
+        "maximum" => value.as_f64().is_none_or(|value| value <= answer.as_f64().unwrap()),
+        "const" => value == answer,
+        "enum" => answer.as_array().unwrap().contains(value),
         "oneOf" => matches() == 1,
         "anyOf" => matches() > 0,
         "pattern" => {
             let is_hex = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit() || (b'a'..=b'f').contains(&byte));
-            value.as_str().is_none_or(|text| match said.as_str().unwrap() {
+            value.as_str().is_none_or(|text| match answer.as_str().unwrap() {
                 "^[0-9a-f]{16}$" => text.len() == 16 && is_hex(text),
                 "^([0-9a-f]{24})*$" => text.len() % 24 == 0 && is_hex(text),
                 "^[a-z0-9-]+$" => {
@@ -51,17 +51,17 @@ fn fits(keyword: &str, said: &Value, value: &Value, schema: &Value, at: &str) ->
                 other => panic!("{other}"),
             })
         }
-        "items" => all(value, &|item| faults(said, item, at).is_empty()),
-        "maxLength" => value.as_str().is_none_or(|text| text.chars().count() as u64 <= said.as_u64().unwrap()),
-        "minItems" => value.as_array().is_none_or(|items| items.len() as u64 >= said.as_u64().unwrap()),
-        "maxItems" => value.as_array().is_none_or(|items| items.len() as u64 <= said.as_u64().unwrap()),
+        "items" => all(value, &|item| faults(answer, item, at).is_empty()),
+        "maxLength" => value.as_str().is_none_or(|text| text.chars().count() as u64 <= answer.as_u64().unwrap()),
+        "minItems" => value.as_array().is_none_or(|items| items.len() as u64 >= answer.as_u64().unwrap()),
+        "maxItems" => value.as_array().is_none_or(|items| items.len() as u64 <= answer.as_u64().unwrap()),
         "required" => {
-            value.as_object().is_none_or(|object| all(said, &|key| object.contains_key(key.as_str().unwrap())))
+            value.as_object().is_none_or(|object| all(answer, &|key| object.contains_key(key.as_str().unwrap())))
         }
         "additionalProperties" => {
             let is_known = |key: &str| schema["properties"].get(key).is_some();
             let others = value.as_object().into_iter().flatten().filter(|(key, _)| !is_known(key));
-            others.into_iter().all(|(_, other)| said.is_object() && faults(said, other, at).is_empty())
+            others.into_iter().all(|(_, other)| answer.is_object() && faults(answer, other, at).is_empty())
         }
         other => panic!("{other} at {at}"),
     }

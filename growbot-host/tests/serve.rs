@@ -97,38 +97,38 @@ fn a_job_begun_right_after_startup_is_grown() {
 fn commands_go_through_the_service_that_owns_the_robot() {
     let lab = Lab::new(50.0);
     lab.wait_until_ready();
-    let (code, said) = lab.run(&["status"]);
-    assert!(code == Some(0) && said.contains("owned by the service, simulated"), "{said}");
+    let (code, answer) = lab.run(&["status"]);
+    assert!(code == Some(0) && answer.contains("owned by the service, simulated"), "{answer}");
     let growth = lab.command(&["grow", "--to", "100,100,600,0,45", "--log", "copy.jsonl"]);
     let mut growth = { growth }.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let state = |wanted: &str| {
         wait_for(wanted, || {
-            let (_, said) = lab.run(&["status", "--json"]);
-            let status: Value = serde_json::from_str(&said).unwrap();
+            let (_, answer) = lab.run(&["status", "--json"]);
+            let status: Value = serde_json::from_str(&answer).unwrap();
             (status["state"] == wanted).then_some(status)
         })
     };
     state("growing");
-    let (code, said) = lab.run(&["grow", "--to", GOAL]);
-    assert!(code == Some(1) && said.contains("has an active job"), "{said}");
+    let (code, answer) = lab.run(&["grow", "--to", GOAL]);
+    assert!(code == Some(1) && answer.contains("has an active job"), "{answer}");
     assert_eq!(lab.run(&["pause"]).0, Some(0));
     let paused = state("paused");
     assert!(paused["pause_cause"] == "on request" && paused["laid"].as_u64() > Some(0), "{paused}");
     assert_eq!(lab.run(&["continue"]).0, Some(0));
     state("growing");
-    let (code, said) = lab.run(&["estop"]);
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
+    let (code, answer) = lab.run(&["estop"]);
+    assert!(code == Some(0) && answer.starts_with("emergency stop"), "{answer}");
     assert_eq!(growth.wait().unwrap().code(), Some(1));
     let copy = RecordedRun::open(&lab.directory.path().join("copy.jsonl")).unwrap();
     assert_eq!(copy.outcome().name(), "stopped");
-    let (code, said) = lab.run(&["pause"]);
-    assert!(code == Some(1) && said.contains("nothing to pause"), "{said}");
+    let (code, answer) = lab.run(&["pause"]);
+    assert!(code == Some(1) && answer.contains("nothing to pause"), "{answer}");
     let (status, _) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"clear-fault"}"#);
     assert_eq!(status, 200);
     assert_eq!(lab.run(&["maintain", "preheat", "120"]).0, Some(0));
     assert_eq!(lab.run(&["cancel"]).0, Some(0));
-    let (code, said) = lab.run(&["serve", "--page-port", "0"]);
-    assert!(code == Some(2) && said.contains("already runs `growbot serve`"), "{said}");
+    let (code, answer) = lab.run(&["serve", "--page-port", "0"]);
+    assert!(code == Some(2) && answer.contains("already runs `growbot serve`"), "{answer}");
 }
 
 #[test]
@@ -137,9 +137,9 @@ fn a_frozen_service_does_not_block_the_emergency_stop() {
     lab.wait_until_ready();
     let pid = lab.service.as_ref().unwrap().id().to_string();
     assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
-    let (code, said) = lab.run(&["estop"]);
+    let (code, answer) = lab.run(&["estop"]);
     assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
+    assert!(code == Some(0) && answer.starts_with("emergency stop"), "{answer}");
     wait_for("the service hears of it", || {
         let (_, robot) = lab.ask("GET", "/robots/lab", "");
         (robot["board_state"] == "emergency-stop").then_some(())
@@ -167,11 +167,11 @@ fn ended_jobs_do_not_change() {
     let (status, problem) = lab.ask("POST", &format!("/jobs/{id}/resume"), "{}");
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("is done"), "{status} {problem}");
     assert_eq!(lab.ask("GET", &format!("/jobs/{id}"), "").1, done);
-    let (code, said) = lab.run(&["resume"]);
-    assert!(code == Some(1) && said.contains("no unfinished job"), "{said}");
+    let (code, answer) = lab.run(&["resume"]);
+    assert!(code == Some(1) && answer.contains("no unfinished job"), "{answer}");
     for given in [["--interrupted-layer", "keep"], ["--on-host-silence", "continue"], ["--scene", "none.toml"]] {
-        let (code, said) = lab.run(&["resume", given[0], given[1]]);
-        assert!(code == Some(2) && said.contains(given[0]) && said.contains("does not support"), "{said}");
+        let (code, answer) = lab.run(&["resume", given[0], given[1]]);
+        assert!(code == Some(2) && answer.contains(given[0]) && answer.contains("does not support"), "{answer}");
     }
 }
 
@@ -364,10 +364,10 @@ fn a_direct_command_leases_the_link_of_the_service() {
     });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("in use by growbot console"), "{problem}");
-    let (code, said) = lab.run(&["tune"]);
-    assert!(code == Some(1) && said.contains("in use by growbot console"), "{said}");
-    let (status, said) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
-    assert_eq!(status, 200, "{said}");
+    let (code, answer) = lab.run(&["tune"]);
+    assert!(code == Some(1) && answer.contains("in use by growbot console"), "{answer}");
+    let (status, answer) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
+    assert_eq!(status, 200, "{answer}");
     console.stdin.take().unwrap().write_all(b"status\nclear\nquit\n").unwrap();
     let output = console.wait_with_output().unwrap();
     let text = String::from_utf8([output.stdout, output.stderr].concat()).unwrap();
@@ -387,13 +387,13 @@ fn a_direct_command_leases_the_link_of_the_service() {
     assert_eq!(lab.ask_page(&page, &["host: 127.0.0.1"], "POST", r#"{"holder":"me"}"#), 403);
     assert_eq!(lab.ask_page(&lab.at("/page-urls"), &["host: 127.0.0.1"], "GET", ""), 403);
     // A growth is watched on the page of the service.
-    let (code, said) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
-    assert!(code == Some(2) && said.contains("--pace is for growths without a service"), "{said}");
-    let (code, said) = lab.run(&["grow", "--to", GOAL, "--watch"]);
+    let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
+    assert!(code == Some(2) && answer.contains("--pace is for growths without a service"), "{answer}");
+    let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch"]);
     let (port, [_, look]) = lab.pages.clone().unwrap();
-    assert_eq!(code, Some(0), "{said}");
-    let at = said.split_once("watch it at").unwrap().1.split_whitespace().next().unwrap();
-    assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{said}");
+    assert_eq!(code, Some(0), "{answer}");
+    let at = answer.split_once("watch it at").unwrap().1.split_whitespace().next().unwrap();
+    assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{answer}");
     let (status, _) = http(lab.page(), "GET", at.split_once(&port.to_string()).unwrap().1, &["host: 127.0.0.1"], "");
     assert_eq!(status, 200, "{at}");
     let (status, problem) = lab.ask("POST", "/robots/none/port-lease", r#"{"holder":"me"}"#);

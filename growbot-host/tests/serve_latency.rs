@@ -44,9 +44,9 @@ impl Growth {
     /// Runs a command that must succeed, and returns its duration.
     fn command(&self, args: &[&str]) -> Duration {
         let began = Instant::now();
-        let (code, said) = self.lab.run(args);
+        let (code, answer) = self.lab.run(args);
         let took = began.elapsed();
-        assert_eq!(code, Some(0), "{said}");
+        assert_eq!(code, Some(0), "{answer}");
         took
     }
 

@@ -29,20 +29,20 @@ fn the_service_keeps_bodies_clear_of_their_scene() {
     let scene = lab.directory.path().join("ball.toml");
     fs::write(&scene, BALL).unwrap();
     // A command plans. The service runs in another directory, but finds the scene.
-    let (code, said) =
+    let (code, answer) =
         lab.run(&["plan", "--to", "0,0,60,0,90", "--scene", "ball.toml", "--robot", "growbot-a", "-o", "plan.json"]);
-    assert_eq!(code, Some(0), "{said}");
-    let (code, said) = lab.run(&["grow", "plan.json", "--port", "sim:sensed", "--feedback", "--log", "run.jsonl"]);
-    assert_eq!(code, Some(0), "{said}");
+    assert_eq!(code, Some(0), "{answer}");
+    let (code, answer) = lab.run(&["grow", "plan.json", "--port", "sim:sensed", "--feedback", "--log", "run.jsonl"]);
+    assert_eq!(code, Some(0), "{answer}");
     let record = RecordedRun::open(&lab.directory.path().join("run.jsonl")).unwrap();
     let (robot, of) = (record.own_robot().unwrap(), record.feedback.is_some());
     let plan = record.plan(&robot).unwrap();
     assert!(of && record.scene(&plan, &robot, None).unwrap().is_some(), "the log knows scene and feedback");
     // A scene that the plan does not know.
     fs::write(&scene, IN_THE_WAY).unwrap();
-    let (_, said) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "straight.json"]);
+    let (_, answer) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "straight.json"]);
     let straight: Value =
-        serde_json::from_slice(&fs::read(lab.directory.path().join("straight.json")).unwrap()).expect(&said);
+        serde_json::from_slice(&fs::read(lab.directory.path().join("straight.json")).unwrap()).expect(&answer);
     let wanted = json!({ "plan": straight, "scene": scene });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
     let detail = problem["detail"].as_str().unwrap_or_default();
@@ -67,9 +67,9 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
     let lab = lab();
     fs::write(lab.directory.path().join("near.toml"), IN_THE_WAY).unwrap();
     fs::write(lab.directory.path().join("old.jsonl"), "").unwrap();
-    let (_, said) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "plain.json"]);
+    let (_, answer) = lab.run(&["plan", "--to", "0,0,60,0,90", "-o", "plain.json"]);
     let plain: Value =
-        serde_json::from_slice(&fs::read(lab.directory.path().join("plain.json")).unwrap()).expect(&said);
+        serde_json::from_slice(&fs::read(lab.directory.path().join("plain.json")).unwrap()).expect(&answer);
     let mut warns = plain.clone();
     warns["warnings"] =
         json!([{ "code": "self-collision", "message": "it meets itself", "value": 31.0, "limit": 47.1 }]);
@@ -108,10 +108,10 @@ fn each_flag_of_a_job_overrides_one_refusal_and_no_other() {
         (vec!["plain.json", "--log", "old.jsonl"], "--overwrite", ["--force", "--ignore-scene"], "already exists"),
     ] {
         let grow = |flags: &[&str]| lab.run(&[&["grow", "--port", "sim:lab"], &arguments[..], flags].concat());
-        let (code, said) = grow(&others);
-        assert!(code != Some(0) && said.contains(refusal), "{code:?} {said}");
-        let (code, said) = grow(&[flag]);
-        assert_eq!(code, Some(0), "{said}");
+        let (code, answer) = grow(&others);
+        assert!(code != Some(0) && answer.contains(refusal), "{code:?} {answer}");
+        let (code, answer) = grow(&[flag]);
+        assert_eq!(code, Some(0), "{answer}");
     }
 }
 
@@ -135,8 +135,8 @@ fn a_body_is_resumed_in_its_original_scene() {
     let (status, problem) = lab.ask("POST", &resume, "{}");
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("ball.toml"), "{status} {problem}");
     fs::write(&scene, BALL).unwrap();
-    let (status, said) = lab.ask("POST", &resume, "{}");
-    assert_eq!(status, 200, "{said}");
+    let (status, answer) = lab.ask("POST", &resume, "{}");
+    assert_eq!(status, 200, "{answer}");
     assert_eq!(lab.wait_for_end(id)["state"], "done");
 }
 

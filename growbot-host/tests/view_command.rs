@@ -58,9 +58,9 @@ fn a_plan_becomes_one_self_contained_page() {
 
     let html = fs::read_to_string(&page).unwrap();
     // The size in book/src/see-it.md is right.
-    let (_, said) =
+    let (_, answer) =
         include_str!("../../book/src/see-it.md").split_once("one HTML file of about ").expect("the page says so");
-    let megabytes: f64 = said.split(' ').next().unwrap_or_default().parse().unwrap();
+    let megabytes: f64 = answer.split(' ').next().unwrap_or_default().parse().unwrap();
     assert!(
         (html.len() as f64 / 1e6 - megabytes).abs() < 0.1,
         "{} bytes, and see-it.md says {megabytes} MB",

@@ -270,8 +270,8 @@ fn scene_shows_what_was_read_from_a_file() {
 
 /// Returns the page of a growth, from the address that the growth prints.
 fn page_of(growing: &mut Child) -> String {
-    let said = BufReader::new(growing.stderr.as_mut().unwrap());
-    let address = said.lines().find_map(|line| {
+    let answer = BufReader::new(growing.stderr.as_mut().unwrap());
+    let address = answer.lines().find_map(|line| {
         let line = line.unwrap();
         Some(line.split_once("watch it at http://")?.1.to_owned())
     });

@@ -107,12 +107,13 @@ impl Subject<'_> {
         let outcome = match &attempt.grown {
             Ok(grown) => Some(grown.outcome),
             Err(error) => {
-                let said = error.to_string();
-                let killed = said.contains(KILLED);
+                let answer = error.to_string();
+                let killed = answer.contains(KILLED);
                 let early = matches!(error, GrowthError::NotStarted(_));
-                if said.contains(ENDLESS) || !killed && (!early || disturbances.iter().all(|(_, one)| one.is_of_line()))
+                if answer.contains(ENDLESS)
+                    || !killed && (!early || disturbances.iter().all(|(_, one)| one.is_of_line()))
                 {
-                    return Err(said);
+                    return Err(answer);
                 }
                 let state = attempt.board.borrow().state();
                 let is_at_rest = matches!(state, State::Idle | State::Stopped | State::Fault | State::SelfTest);

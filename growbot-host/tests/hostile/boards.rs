@@ -103,12 +103,12 @@ fn serve(mut line: TcpStream, manner: Manner, mut random: Rng) -> std::io::Resul
                 for byte in buffer.get(..count).unwrap_or_default() {
                     let Some(Ok(frame)) = from_sim.push(*byte) else { continue };
                     let bytes = frame::encode(&frame.header, &frame.body).unwrap().to_vec();
-                    let said = if manner == Manner::Lies {
+                    let answer = if manner == Manner::Lies {
                         lie(&frame, bytes, &mut random)
                     } else {
                         garble(bytes, &mut last, &mut random)
                     };
-                    line.write_all(&said)?;
+                    line.write_all(&answer)?;
                 }
             }
         }

@@ -99,7 +99,7 @@ pub fn faults(ran: &Ran, directory: &Path, output: Option<&str>) -> Vec<String> 
     if let Some(output) = output {
         let written = fs::metadata(directory.join(output)).ok().map(|file| file.len());
         match (ran.code, written) {
-            (Some(0), None) => faults.push(format!("{output} was not written, and nothing said so")),
+            (Some(0), None) => faults.push(format!("{output} was not written, and no message reports it")),
             (Some(0 | 1), Some(0)) => faults.push(format!("{output} is empty")),
             (Some(2), Some(_)) => faults.push(format!("{output} was written in spite of exit code 2")),
             _ => {}

@@ -161,17 +161,17 @@ impl Trial {
         let turn = i64::from(bench.robot.description().head.steps_per_turn);
         let moved = bench.motors.moved.head - start;
         let over = moved - i64::from(status.layers_laid) * turn;
-        let told = format!(
+        let position = format!(
             "{} laid, {:?}, and {moved} steps of {turn} a turn: {what}",
             status.layers_laid, status.interrupted
         );
         match status.interrupted {
-            None => assert_eq!(over, 0, "{told}"),
+            None => assert_eq!(over, 0, "{position}"),
             Some(interrupted) => {
                 let step = |sectors: u8| i64::from(sectors) * turn / 64;
-                assert!((step(interrupted.min)..=step(interrupted.max) + 1).contains(&over), "{told}");
+                assert!((step(interrupted.min)..=step(interrupted.max) + 1).contains(&over), "{position}");
                 // Without a step of this layer it may have begun, but no sector is complete.
-                assert!(over > 0 || interrupted.min == 0, "{told}");
+                assert!(over > 0 || interrupted.min == 0, "{position}");
             }
         }
     }
