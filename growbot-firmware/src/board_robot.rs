@@ -1,6 +1,6 @@
 //! The robot of a board: the one that a host has configured, otherwise the one that this firmware was built for.
 //!
-//! `build.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` and writes the robot as source. The default of
+//! `build/board.rs` reads and checks `robots/<GROWBOT_ROBOT>.toml` and writes the robot as source. The default of
 //! GROWBOT_ROBOT is `growbot-a`, and it may also be the path to a file. With `none` no robot is built in: the board
 //! only communicates until it is configured.
 
