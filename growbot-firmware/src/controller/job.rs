@@ -386,10 +386,17 @@ impl<B: Board> Controller<B> {
         self.store_mut().restart(known.layers_laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
-        // Between two layers the robot was paused, with filament pulled back.
-        let between_layers =
-            (1..self.job.layer_count).contains(&self.job.layers_laid) && self.job.interrupted.is_none();
-        self.motion.set_retracted_steps(if between_layers { self.retract_steps() } else { 0 });
+        // Between two layers the robot was paused, with filament pulled back. Before the first layer only the retained
+        // state tells a pause from heating and homing.
+        let was_paused = |work: ActiveWork| {
+            work.plan_id == known.plan_id && matches!(work.state, State::Paused | State::Parked)
+        };
+        let is_retracted = self.job.interrupted.is_none()
+            && match self.job.layers_laid {
+                0 => self.retained.under_way.is_some_and(was_paused),
+                laid => laid < self.job.layer_count,
+            };
+        self.motion.set_retracted_steps(if is_retracted { self.retract_steps() } else { 0 });
     }
 
     /// Records in the journal that a layer is begun, before it is handed to the engine. If a layer follows another
