@@ -358,7 +358,7 @@ pub struct SelectedPort {
 
 impl PortArg {
     /// Returns the given port, or the configured one, or else `sim`.
-    fn choose(&self) -> Result<SelectedPort, Failure> {
+    fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
@@ -379,7 +379,7 @@ impl RequiredPortArg {
     }
 
     /// Returns the given port, or the configured one. Returns an error if neither is set.
-    fn choose(&self) -> Result<SelectedPort, Failure> {
+    fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => match Setting::load(Key::Port)? {

@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::effect::{Effect, EnergizingRequest, PassiveRequest};
 pub use self::requests::*;
+pub use self::responses::RefusalResponse as Refused;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
 pub use super::fault::Fault;
@@ -206,7 +207,7 @@ messages! {
     /// Responds to a request that was carried out.
     0x43 Accepted(Accepted),
     /// Responds to a request that was refused.
-    0x44 Refused(Refused),
+    0x44 Refused(RefusalResponse),
     /// Responds to `Plan`.
     0x45 Planned(Planned),
     /// Responds to `ReadLayers`.

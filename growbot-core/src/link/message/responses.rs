@@ -281,7 +281,7 @@ pub struct Configured {
 
 /// Response to a request that was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Refused {
+pub struct RefusalResponse {
     /// Kind of the request.
     pub kind: u8,
     /// Reason for the refusal.

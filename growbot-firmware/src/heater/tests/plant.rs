@@ -3,7 +3,7 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US};
+use crate::heater::{Demand, HeaterController, HeaterOutput, PERIOD_US};
 use crate::oversampler::Oversampler;
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, raw_from_celsius};
@@ -118,7 +118,7 @@ impl Spread {
 /// A heater on its nozzle.
 pub struct Rig {
     pub robot: RobotDescription,
-    pub heater: Heater,
+    pub heater: HeaterController,
     pub spread: Spread,
     pub wrong: Wrong,
     pub random: Random,
@@ -145,7 +145,7 @@ impl Rig {
         robot.thermistor.pull_up_ohm = spread.pull_up_ohm;
         Self {
             robot,
-            heater: Heater::default(),
+            heater: HeaterController::default(),
             spread,
             wrong: Wrong::Nothing,
             random: Random::new(seed),
