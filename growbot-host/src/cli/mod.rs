@@ -318,7 +318,7 @@ pub struct PortArg {
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LinkArgs,
+    link: LinkArgs,
 }
 
 /// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
@@ -330,7 +330,7 @@ pub struct RequiredPortArg {
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LinkArgs,
+    link: LinkArgs,
 }
 
 /// Faults of the link, and conflicts with another host.
@@ -363,7 +363,7 @@ impl PortArg {
             Some(text) => text.clone(),
             None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
         };
-        self.line.at(text)
+        self.link.at(text)
     }
 }
 
@@ -375,7 +375,7 @@ impl RequiredPortArg {
 
     /// Returns the port, or the port of the robot, that `text` names, with the `--link-fault` of this command.
     fn at(&self, text: String) -> Result<SelectedPort, Failure> {
-        self.line.at(text)
+        self.link.at(text)
     }
 
     /// Returns the given port, or the configured one. Returns an error if neither is set.
@@ -392,7 +392,7 @@ impl RequiredPortArg {
                 setting => settings::log_setting(Key::Port, setting),
             },
         };
-        self.line.at(text)
+        self.link.at(text)
     }
 }
 
