@@ -263,7 +263,7 @@ const REGIMES: [Regime; 23] = [
     all("lines through start and goal cross", Draw::crossing),
 ];
 
-/// Result of a regime.
+/// Counts and greatest deviation over all paths of one kind.
 #[derive(Default)]
 struct Tally {
     laid: u32,

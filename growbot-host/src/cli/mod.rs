@@ -338,9 +338,9 @@ pub struct RequiredPortArg {
 struct LinkArgs {
     /// Inject link faults, for example drop=1%,flip=1e-4
     ///
-    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall=2s@0.1% (nothing passes for
-    /// this time), reset (cut for a second). The probability of flip is per byte. The same seed=N gives the same
-    /// faults.
+    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall, reset (cut for a second).
+    /// stall=2s@0.1% means that at 0.1 % of the frames nothing passes for 2 s. The probability of flip is per byte. The
+    /// same seed=N gives the same faults.
     #[arg(long, value_name = "SPEC")]
     link_fault: Option<FaultSpec>,
     /// Take the board over from another host that owns it

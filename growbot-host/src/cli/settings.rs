@@ -46,7 +46,7 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     let none = || "none".to_owned();
     let user = user_file();
     text += &format!("\nnearest {FILE_NAME}     {}\n", there(nearest().as_deref()).unwrap_or_else(none));
-    let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} is not there)", file.display()));
+    let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} does not exist)", file.display()));
     text += &format!("user's configuration     {}\n", there(user.as_deref()).unwrap_or_else(missing));
     Ok(print(&text)?)
 }

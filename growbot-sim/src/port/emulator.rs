@@ -200,7 +200,8 @@ impl Port for Emulator {
         }
     }
 
-    /// In real time the board counts the interrupts of its timer, and misses some of them on a busy machine.
+    /// Reports whether the board's clock can be compared with other clocks. In real time the board misses interrupts of
+    /// its timer on a busy machine, so its clock is late.
     fn has_comparable_clock(&self) -> bool {
         matches!(self.line, BoardLine::Virtual(_))
     }

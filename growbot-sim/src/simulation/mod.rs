@@ -27,10 +27,11 @@ use serde::{Deserialize, Serialize};
 
 use self::obstacles::{ContactDetector, GuardedGrowth, ObstacleReport};
 
-/// Code of the warning for a root that would fail: maximum stress, strength (MPa).
+/// Code of the warning for a root that would break under the body's weight. The value is the greatest stress, the limit
+/// the strength of the plastic, MPa.
 pub const ROOT_FAILS: &str = "root-fails";
-/// Code of the warning for a body that sags beyond the range of the model: deflection of the tip, a tenth of the length
-/// (mm).
+/// Code of the warning for a body that sags beyond the range of the model. The value is the deflection of the tip, the
+/// limit a tenth of the length, mm.
 pub const LARGE_SAG: &str = "sags-far";
 
 /// Maximum small sag, as a fraction of the length.

@@ -44,7 +44,7 @@ struct Ring {
     moments: Moments,
 }
 
-/// Returns the ring of a sweep, which is the last one or comes after it.
+/// Returns the ring of a sweep. Adds a ring if the sweep is a new one.
 fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
     // A sweep ends with the head on the axis, half of which belongs to it, so the ring may be the last but one.
     let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);

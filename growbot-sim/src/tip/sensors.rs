@@ -20,7 +20,7 @@ enum SensorChannel {
 pub(super) struct StuckReading {
     /// Converted reading of the ADC.
     pub number: u16,
-    /// Voltage, counts.
+    /// Voltage in counts of the ADC, before rounding.
     pub counts: f64,
 }
 

@@ -33,7 +33,7 @@ impl Random {
         min + (max - min) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Returns one of the choices.
+    /// Returns one of the choices, at random.
     pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[(self.next() >> 8) as usize % choices.len()]
     }
@@ -243,7 +243,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Steps until hot.
+    /// Simulates until the nozzle is hot. Returns the fault if one occurs before.
     pub fn heat(&mut self) -> Result<(), Fault> {
         let begin = self.now;
         while !self.heater.is_hot(self.now) {
