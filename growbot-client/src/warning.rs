@@ -38,8 +38,8 @@ pub const FILAMENT_SHORT: &str = "filament-short";
 /// somewhere (mm), or with too many steps (value and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
 
-/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate. The value is the
-/// clearance, the limit the expected deviation, mm.
+/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate. The value is
+/// the clearance, the limit the expected deviation, mm.
 pub const NEAR_OBSTACLE: &str = "near-obstacle";
 /// Code of the warning for a body that was grown far from its plan. The value is the greatest distance
 /// from the plan, the limit the greatest one without a warning, mm.

@@ -2,8 +2,8 @@
 //!
 //! In a plan leg by leg, each leg arrives at a position in the direction that is best for it alone. The next leg has to
 //! start in that direction. This module minimises the sum of all legs over the directions at all positions but the
-//! last. The direction at the last has a closed form ([`growbot_core::to_position`]). The sum is piecewise smooth in the
-//! directions. The pieces are the path types of the legs.
+//! last. The direction at the last has a closed form ([`growbot_core::to_position`]). The sum is piecewise smooth in
+//! the directions. The pieces are the path types of the legs.
 //!
 //! The method is that of Hooke and Jeeves 1961 ("Direct search" solution of numerical and statistical problems, J. ACM
 //! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes the one

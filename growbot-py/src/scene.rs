@@ -15,8 +15,8 @@ use crate::error::{Error, ErrorKind};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
 ///
-/// margin_mm replaces the margin of the file: the distance that bodies keep from all obstacles. A pickled scene names its
-/// file, which must have the same content when it is read again.
+/// margin_mm replaces the margin of the file: the distance that bodies keep from all obstacles. A pickled scene names
+/// its file, which must have the same content when it is read again.
 #[pyclass(name = "Scene", frozen, module = "growbot")]
 #[derive(Clone)]
 pub struct PyScene {

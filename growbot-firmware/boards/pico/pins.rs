@@ -1,7 +1,7 @@
 //! The wiring: the pin of each signal, from the robot's description.
 //!
-//! The description defines the levels of DIR, EN and the inputs. Until [`PicoPins::new`] configures a pin, it has a weak
-//! pull-down. Heater, fan and drivers therefore need resistors that keep them off.
+//! The description defines the levels of DIR, EN and the inputs. Until [`PicoPins::new`] configures a pin, it has a
+//! weak pull-down. Heater, fan and drivers therefore need resistors that keep them off.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};

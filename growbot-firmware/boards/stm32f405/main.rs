@@ -143,8 +143,8 @@ mod app {
             EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
-        // The journal is opened below. If the supply falls meanwhile, the board must restart, because the journal may have
-        // been read wrongly.
+        // The journal is opened below. If the supply falls meanwhile, the board must restart, because the journal may
+        // have been read wrongly.
         brown_out::arm(&device.PWR, &device.EXTI);
         let parts = BoardResources {
             heater_power: HeaterPwm::new(device.TIM1, pins.heater, &mut rcc),

@@ -426,8 +426,8 @@ impl SelectedPort {
         self.name.is_simulated()
     }
 
-    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a simulated
-    /// robot. `None` if it is not known.
+    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a
+    /// simulated robot. `None` if it is not known.
     fn pace(&self, requested: Option<f64>) -> Option<f64> {
         match self.name.resident() {
             Some(name) => StateDir::of(name).ok()?.pace(),

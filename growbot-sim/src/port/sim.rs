@@ -127,8 +127,8 @@ impl Sim {
         self.tip.borrow_mut().load_filament(mm);
     }
 
-    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn from
-    /// this seed, and not at once after a report.
+    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn
+    /// from this seed, and not at once after a report.
     pub fn poll_late(&mut self, seed: u64) {
         self.lateness = Some(Rng::new(&[seed]));
     }

@@ -117,8 +117,8 @@ impl<'a> Simulation<'a> {
         self.run_by_layer(seed, |_| ())
     }
 
-    /// Like [`Self::run`], and calls `each` with every layer as it was laid. The result contains the sag of the body, the
-    /// layers do not.
+    /// Like [`Self::run`], and calls `each` with every layer as it was laid. The result contains the sag of the body,
+    /// the layers do not.
     pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> SimulationResult {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();
@@ -189,8 +189,9 @@ impl<'a> Simulation<'a> {
     /// Returns the layers of the body as it lies after the growth: without twist, and bent by the sag if there is one.
     /// Each begins where the one before ends (Eq 4). `laid` are the layers that [`Self::run_by_layer`] returns.
     ///
-    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid. The
-    /// end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the sag.
+    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid.
+    /// The end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the
+    /// sag.
     #[must_use]
     pub fn layers_as_laid(&self, laid: &[DisturbedLayer]) -> Vec<Layer> {
         if !self.sag {

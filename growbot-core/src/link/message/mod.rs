@@ -2,8 +2,8 @@
 //!
 //! A message is its kind (in the frame's header) and its body in postcard form. Both sides first compare
 //! [`SCHEMA_HASH`], which covers every kind and every type below. So a board and a host with different messages refuse
-//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays the
-//! same, so that every host can request the identity of a board.
+//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays
+//! the same, so that every host can request the identity of a board.
 
 mod effect;
 mod requests;

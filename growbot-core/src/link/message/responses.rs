@@ -306,7 +306,8 @@ pub struct Planned {
 pub struct StoredLayers {
     /// Index of the first layer.
     pub first: u32,
-    /// The layers. There are fewer than [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) at the end of the stored layers.
+    /// The layers. There are fewer than [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) at the end of the
+    /// stored layers.
     pub layers: LayerBatch,
 }
 

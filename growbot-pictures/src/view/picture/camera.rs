@@ -30,7 +30,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Returns the camera of a viewpoint. [`Viewpoint::Corner`] shows the directions in `facing` best, the first above all.
+    /// Returns the camera of a viewpoint. [`Viewpoint::Corner`] shows the directions in `facing` best, the first above
+    /// all.
     pub fn new(look: Viewpoint, facing: &[Vector3<f64>]) -> Self {
         let towards = match look {
             Viewpoint::Corner => best_corner(facing),
