@@ -73,7 +73,7 @@ struct WaypointChain<'a> {
 }
 
 impl WaypointChain<'_> {
-    /// Returns the waypoints with the directions in which the reversed chain arrives leg by leg.
+    /// Returns the waypoints as planned from the goal backwards, leg by leg, each with the direction of its arrival.
     fn reversed(&self, robot: &Robot) -> Vec<Pose> {
         let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
         let before = on_the_way.last().map_or(self.start.position(), Goal::position);

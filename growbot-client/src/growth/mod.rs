@@ -351,7 +351,7 @@ impl LaidProgress {
 
 /// Times on the board's clock since one of its starts.
 struct BoardClock {
-    /// Boot number of that start.
+    /// Boot number of the board during these times.
     boot_id: u32,
     /// Start and end of the growth, ms.
     began_ms: Option<u64>,

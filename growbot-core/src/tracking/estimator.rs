@@ -125,7 +125,7 @@ pub struct Estimator {
 struct UnmeasuredGrowth {
     /// Sum of the expected growth, mm.
     growth: f64,
-    /// Variance of that sum, mm^2.
+    /// Variance of the expected growth, mm^2.
     variance: f64,
 }
 

@@ -215,9 +215,9 @@ pub const ROBOT_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.
 pub const JOURNAL_FLASH: usize = 0x2_0000;
-/// Bytes of a sector of that flash, which is erased as a unit. It is the same as on the robot's board.
+/// Bytes of a sector of the emulated flash. A sector is erased as a unit, and is as large as on the robot's board.
 pub const FLASH_SECTOR_BYTES: usize = 0x2_0000;
-/// Bytes of that flash.
+/// Bytes of the flash of the journal, and of that of the description.
 pub const FLASH_AREA_BYTES: usize = 2 * FLASH_SECTOR_BYTES;
 /// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
 pub const DESCRIPTION_FLASH: usize = 0x8_0000;

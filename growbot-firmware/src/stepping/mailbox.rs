@@ -34,8 +34,8 @@ use super::turn::{Sector, Turn};
 
 /// A move as the engine accepts it, without its sectors, which it gets one after the other.
 ///
-/// In the numbers here and in [`PendingReport`], 0 stands for `None`. An empty [`Mailbox`] is therefore all zeros, and costs
-/// a board no flash.
+/// In the numbers here and in [`PendingReport`], 0 stands for `None`. An empty [`Mailbox`] is therefore all zeros, and
+/// costs a board no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingMove {

@@ -159,7 +159,7 @@ fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     Ok(())
 }
 
-/// Number of edges at which a mesh encloses no volume.
+/// Edges at which a mesh is not closed, so that it encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Number of edges at which a face is missing.

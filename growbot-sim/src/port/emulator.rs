@@ -486,7 +486,7 @@ struct TipFollower {
     /// Clock of the tip at the board's latest start, ticks.
     boot_tick: u64,
     steps_read: u32,
-    /// Tick of the latest step, since that start.
+    /// Tick of the latest step, counted from the board's latest start.
     step_tick: u64,
     /// Clock of the board at the latest poll.
     ticks: u64,

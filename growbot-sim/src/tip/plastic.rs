@@ -55,7 +55,7 @@ fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
     &mut rings[at].moments
 }
 
-/// Iteration over the layers of consecutive rings.
+/// Assembles layers from consecutive rings of plastic.
 #[derive(Debug, Clone, Default)]
 struct LayerAssembler {
     /// Plastic on the axis that belongs to the layer that it opens.

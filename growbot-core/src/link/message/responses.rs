@@ -45,7 +45,7 @@ pub enum Refusal {
     LayerStoreFull,
     /// A layer exceeds a limit of the robot, or its index is beyond the end of the job.
     LayerOutOfLimits {
-        /// Index of that layer.
+        /// Index of the refused layer.
         index: u32,
     },
     /// The board does not accept the request in its present state.

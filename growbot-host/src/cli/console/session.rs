@@ -54,7 +54,7 @@ struct ScriptError {
     failure: Failure,
     /// The last line that was started, from 1. It is 0 if none was.
     line: usize,
-    /// True if that line failed.
+    /// True if the last line that was started has failed.
     failed: bool,
 }
 

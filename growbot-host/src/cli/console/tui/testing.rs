@@ -33,7 +33,7 @@ pub fn status(state: State, uptime_s: f64) -> Status {
     }
 }
 
-/// Returns the report of a layer of that job. The layer leans a little.
+/// Returns the report of a layer that leans a little.
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
     let as_built = LayerEncoder::default().encode(&layer);
