@@ -31,7 +31,7 @@ const LIMIT_S: u32 = 300;
 
 /// Grows until a state, injects a fault into the tip, and waits for the board's fault. It must come within this time of
 /// the board's clock, s. `None` expects the emergency stop.
-fn meet(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
+fn run_case(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();
     let emulator = Rc::new(RefCell::new(Emulator::start(&robot, Some(&firmware("an386"))).unwrap()));
@@ -102,7 +102,7 @@ fn the_image_detects_faults_and_switches_outputs_off() {
     for pair in cases.chunks(2) {
         std::thread::scope(|scope| {
             for &(broken, during, expected, within) in pair {
-                scope.spawn(move || meet(broken, during, expected, within));
+                scope.spawn(move || run_case(broken, during, expected, within));
             }
         });
     }

@@ -84,7 +84,7 @@ fn maintenance_is_refused_cold_and_executed_hot() {
     ));
     client.maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }, &Permit::standalone()).unwrap();
     let steps_per_mm = robot.description().feed.steps_per_mm;
-    let at = |what: fn(&mut growbot_sim::tip::Tip) -> i64| {
+    let at = |what: fn(&mut growbot_sim::tip::TipModel) -> i64| {
         let mut position = 0;
         board.borrow_mut().simulated_tip(|tip| position = what(tip));
         position

@@ -25,7 +25,7 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_sim::port::sim::Sim;
-use growbot_sim::tip::{Tip, TipFault};
+use growbot_sim::tip::{TipFault, TipModel};
 use growbot_tests::fault_campaign::cases::{Case, Expected, Onset};
 use growbot_tests::pico_firmware;
 
@@ -73,17 +73,17 @@ fn robot() -> Robot {
 
 /// A board under test.
 trait BoardUnderTest: Port + 'static {
-    fn tip(&mut self) -> RefMut<'_, Tip>;
+    fn tip(&mut self) -> RefMut<'_, TipModel>;
 }
 
 impl BoardUnderTest for Sim {
-    fn tip(&mut self) -> RefMut<'_, Tip> {
+    fn tip(&mut self) -> RefMut<'_, TipModel> {
         self.simulated_tip()
     }
 }
 
 impl BoardUnderTest for Rp2040Emulator {
-    fn tip(&mut self) -> RefMut<'_, Tip> {
+    fn tip(&mut self) -> RefMut<'_, TipModel> {
         self.simulated_tip()
     }
 }

@@ -160,9 +160,9 @@ fn each_layer_is_laid_once_after_any_interruption() {
 #[derive(Debug)]
 struct Point {
     crash: Interruption,
-    /// Number of states and layers that have been reported before it: three states, then layers.
+    /// Number of reports before the interruption: three of states, then those of layers.
     events_seen: u64,
-    /// Delay after that.
+    /// Delay from the last of these reports to the interruption.
     later: Duration,
 }
 

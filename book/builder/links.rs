@@ -8,12 +8,12 @@ use std::path::{Component, Path, PathBuf};
 use anyhow::{Context, Result, bail};
 
 /// Number of pages and links that were checked.
-pub struct Checked {
+pub struct LinkCheckSummary {
     pages: usize,
     links: usize,
 }
 
-impl fmt::Display for Checked {
+impl fmt::Display for LinkCheckSummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} pages, {} links", self.pages, self.links)
     }
@@ -36,7 +36,7 @@ struct Page {
 ///
 /// # Errors
 /// Fails with a list of all links without a target, and of all addresses that pages would load from elsewhere.
-pub fn check(directory: &Path) -> Result<Checked> {
+pub fn check(directory: &Path) -> Result<LinkCheckSummary> {
     let mut files = Vec::new();
     list(directory, &mut files)?;
     let mut pages = BTreeMap::new();
@@ -78,7 +78,7 @@ pub fn check(directory: &Path) -> Result<Checked> {
     if !wrong.is_empty() {
         bail!("the pages are wrong in {} places:\n  {}", wrong.len(), wrong.join("\n  "));
     }
-    Ok(Checked { pages: pages.len(), links })
+    Ok(LinkCheckSummary { pages: pages.len(), links })
 }
 
 fn list(directory: &Path, files: &mut Vec<PathBuf>) -> Result<()> {

@@ -146,7 +146,7 @@ pub struct ClearanceGuard<'a> {
 }
 
 impl<'a> ClearanceGuard<'a> {
-    /// Creates the keeper before the first layer. `seen` are the quantities that will be measured after each layer.
+    /// Creates the guard before the first layer. `seen` are the quantities that will be measured after each layer.
     #[must_use]
     pub fn new(around: &'a SceneContext<'a>, seen: MeasuredQuantities) -> Self {
         Self {
@@ -461,7 +461,7 @@ mod tests {
         let robot = robot();
         let plan = plan(&robot);
         let around = SceneContext::new(&robot, loaded, 100.0);
-        let mut keeper = ClearanceGuard::new(&around, SEEN);
+        let mut guard = ClearanceGuard::new(&around, SEEN);
         let task = GrowthTask { robot: &robot, start: plan.start, path: &plan.path, legs: &plan.legs };
         let (mut detours, mut paused, mut least) = (Vec::new(), None, f64::INFINITY);
         let tip = |_: &Layer, _: &growbot_core::simulation::DisturbedLayer, base_from_tip: &Frame| {
@@ -471,9 +471,9 @@ mod tests {
         };
         let grown = grow_closed_loop_while(&task, disturbance, &SENSORS, seed, tip, |tracker, laid| {
             if let Some(layer) = laid {
-                keeper.record_layer(layer, &tracker.estimate().systematic_errors);
+                guard.record_layer(layer, &tracker.estimate().systematic_errors);
             }
-            match keeper.ensure_clear(tracker, &[]) {
+            match guard.ensure_clear(tracker, &[]) {
                 Ok(detour) => detours.extend(detour),
                 Err(too_near) => paused = Some(too_near),
             }

@@ -58,7 +58,7 @@ pub struct Feedback<'a> {
     robot: &'a Robot,
     tracker: Tracker<'a>,
     /// Keeps the rest of the path clear of the obstacles. `None` without a scene.
-    keeper: Option<ClearanceGuard<'a>>,
+    guard: Option<ClearanceGuard<'a>>,
     /// Growth per pulse of the filament's encoder, mm. `None` without an encoder.
     mm_per_pulse: Option<f64>,
     /// Count of the encoder from which growth is measured.
@@ -137,7 +137,7 @@ impl<'a> Feedback<'a> {
         Self {
             robot,
             tracker: Tracker::new(robot, start, path, legs, noise),
-            keeper: None,
+            guard: None,
             mm_per_pulse,
             counted: None,
             expected: 0.0,
@@ -155,7 +155,7 @@ impl<'a> Feedback<'a> {
     pub fn with_scene(mut self, around: &'a SceneContext<'a>) -> Self {
         let growth = self.mm_per_pulse.is_some();
         let up = self.robot.description().sensors.orientation;
-        self.keeper = Some(ClearanceGuard::new(around, MeasuredQuantities { growth, direction: false, up }));
+        self.guard = Some(ClearanceGuard::new(around, MeasuredQuantities { growth, direction: false, up }));
         self
     }
 
@@ -166,8 +166,8 @@ impl<'a> Feedback<'a> {
     /// If it does not.
     pub fn check_start(&self) -> Result<(), ClearanceViolation> {
         let mut trial = self.clone();
-        let Self { keeper: Some(keeper), tracker, .. } = &mut trial else { return Ok(()) };
-        keeper.ensure_clear(tracker, &[]).map(drop)
+        let Self { guard: Some(guard), tracker, .. } = &mut trial else { return Ok(()) };
+        guard.ensure_clear(tracker, &[]).map(drop)
     }
 
     /// Reports whether the encoder's count belongs to this start of the board.
@@ -193,8 +193,8 @@ impl<'a> Feedback<'a> {
         let up = measured.gravity_milli_g.map(|[x, y, z]| Vector3::new(x, y, z).map(|part| f64::from(part) * MILLI_G));
         self.tracker.record_layer(&layer, &Measurement { growth, direction: None, up });
         self.path.push(self.tracker.estimate().base_from_tip.translation.vector);
-        if let Some(keeper) = &mut self.keeper {
-            keeper.record_layer(&layer, &self.tracker.estimate().systematic_errors);
+        if let Some(guard) = &mut self.guard {
+            guard.record_layer(&layer, &self.tracker.estimate().systematic_errors);
         }
     }
 
@@ -223,8 +223,8 @@ impl<'a> Feedback<'a> {
     pub fn replan_rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, ClearanceViolation> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);
-        let detour = match &mut self.keeper {
-            Some(keeper) => keeper.ensure_clear(&mut self.tracker, &under_way)?,
+        let detour = match &mut self.guard {
+            Some(guard) => guard.ensure_clear(&mut self.tracker, &under_way)?,
             None => None,
         };
         let mut encoder = LayerEncoder::default();

@@ -4,8 +4,8 @@
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
-//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`self_collision`]: whether a body would
-//!   collide with itself;
+//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`self_collision`]: whether a body
+//!   would collide with itself;
 //! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans past obstacles;
 //! - [`port`]: the line to a board; [`client`]: requests to it and their responses;
 //! - [`stop_signal`]: stops, and the permits that they void;

@@ -1,9 +1,9 @@
 //! Default margin between a body and obstacles, and the warning for a plan that passes nearer than that.
 //!
 //! Without a margin of its own, a plan through a scene keeps clear by the distance by which its robot is expected to
-//! deviate from it. A plan that is nearer may be grown, but growbot first lays it many times with noise, and reports how
-//! many of these bodies touch an obstacle. Seeds and number of growths are fixed, so the result is the same on every
-//! machine.
+//! deviate from it. A plan that is nearer may be grown, but growbot first lays it many times with noise, and reports
+//! how many of these bodies touch an obstacle. Seeds and number of growths are fixed, so the result is the same on
+//! every machine.
 
 use growbot_core::kinematics::advance;
 use growbot_core::robot::Robot;
@@ -16,8 +16,8 @@ use crate::clearance_guard::CLEARANCE_SIGMAS;
 use crate::plan::Plan;
 use crate::warning::{NEAR_OBSTACLE, Warning};
 
-/// Expected noise of a layer's height: half-width of its uniform distribution, as a fraction. It is the largest that Del
-/// Dottore et al. 2019 expect of a real robot.
+/// Expected noise of a layer's height: half-width of its uniform distribution, as a fraction. It is the largest that
+/// Del Dottore et al. 2019 expect of a real robot.
 const EXPECTED_NOISE: f64 = 0.1;
 /// Length of body for which the deviation is expected, mm. It grows with the root of the length.
 const EXPECTED_LENGTH_MM: f64 = 1000.0;

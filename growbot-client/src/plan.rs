@@ -170,8 +170,8 @@ impl Plan {
     ///
     /// Directions at positions are chosen for the shortest path, jointly if there are several ([`crate::waypoints`]).
     ///
-    /// With [`PlanOptions::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself nor
-    /// with the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
+    /// With [`PlanOptions::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself
+    /// nor with the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
     ///
     /// # Errors
     /// Like [`Plan::new`].

@@ -62,8 +62,8 @@ impl PlanDeviation {
     /// Compares the points of a body with its plan.
     ///
     /// The limit is 0.5 % of the planned length, and at least the width of the wall. Noise of 10 % moves the end of a
-    /// body of 600 mm in open loop by 0.2 % (one standard deviation), so a body beyond the limit has another cause, such
-    /// as a systematic error, a detour, or a correction that strays.
+    /// body of 600 mm in open loop by 0.2 % (one standard deviation), so a body beyond the limit has another cause,
+    /// such as a systematic error, a detour, or a correction that strays.
     #[must_use]
     pub fn of(plan: &Plan, robot: &Robot, body: &[Vector3<f64>]) -> Self {
         let sliced = layers(&plan.path, robot, Slicing::Exact).map(|sliced| sliced.layer);

@@ -28,21 +28,23 @@ pub struct Warning {
 
 /// Code of the warning for layers that are too thin on the inner side of the bend to print well (mm).
 pub const THIN_LAYER: &str = "thin-layer";
-/// Code of the warning for a body that would collide with itself: minimum distance of its centreline, outer diameter of
-/// the tube (mm).
+/// Code of the warning for a body that would collide with itself. The value is the minimum distance of its centreline
+/// from itself, the limit the outer diameter of the tube, mm.
 pub const SELF_COLLISION: &str = "self-collision";
-/// Code of the warning for a body that needs more filament than the spool holds (mm).
+/// Code of the warning for a body that needs more filament than the spool holds. Value and limit are
+/// lengths, mm.
 pub const FILAMENT_SHORT: &str = "filament-short";
 /// Code of the warning for layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
 /// somewhere (mm), or with too many steps (value and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
 
-/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate: clearance,
-/// expected deviation (mm).
+/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate. The value is
+/// the clearance, the limit the expected deviation, mm.
 pub const NEAR_OBSTACLE: &str = "near-obstacle";
-/// Code of the warning for a body that was grown far from its plan: greatest distance, limit (mm).
+/// Code of the warning for a body that was grown far from its plan. The value is the greatest distance
+/// from the plan, the limit the greatest one without a warning, mm.
 pub const FAR_FROM_PLAN: &str = "far-from-plan";
-/// Code of the warning for a body that was grown into an obstacle: clearance, 0 (mm).
+/// Code of the warning for a body that was grown into an obstacle. The value is the clearance, mm, the limit is 0.
 pub const TOUCHES_OBSTACLE: &str = "touches-obstacle";
 
 /// Codes of the warnings that prevent a growth, because it cannot succeed.

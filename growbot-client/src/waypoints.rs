@@ -2,8 +2,8 @@
 //!
 //! In a plan leg by leg, each leg arrives at a position in the direction that is best for it alone. The next leg has to
 //! start in that direction. This module minimises the sum of all legs over the directions at all positions but the
-//! last. The direction at the last has a closed form ([`growbot_core::to_position`]). The sum is piecewise smooth in the
-//! directions. The pieces are the path types of the legs.
+//! last. The direction at the last has a closed form ([`growbot_core::to_position`]). The sum is piecewise smooth in
+//! the directions. The pieces are the path types of the legs.
 //!
 //! The method is that of Hooke and Jeeves 1961 ("Direct search" solution of numerical and statistical problems, J. ACM
 //! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes the one
@@ -36,7 +36,7 @@ const FIRST_STEP: f64 = 0.3;
 /// Final step, radians. Near the shortest path, the length changes with the square of a step: by 1e-8 radii for this
 /// one.
 const MIN_STEP: f64 = 1e-4;
-/// Minimum gain, radii.
+/// Minimum reduction of the length by a sweep, radii. The optimization ends below it.
 const NO_GAIN: f64 = 1e-9;
 /// Maximum number of sweeps of a start. Of 200 chains of 3 to 8 positions, half took 30 or fewer, and none more than
 /// 139.
@@ -73,7 +73,7 @@ struct WaypointChain<'a> {
 }
 
 impl WaypointChain<'_> {
-    /// Returns the waypoints with the directions in which the reversed chain arrives leg by leg.
+    /// Returns the waypoints as planned from the goal backwards, leg by leg, each with the direction of its arrival.
     fn reversed(&self, robot: &Robot) -> Vec<Pose> {
         let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
         let before = on_the_way.last().map_or(self.start.position(), Goal::position);

@@ -1,9 +1,9 @@
 //! A layer in 12 bytes, the form in which the link carries it and the board stores it.
 //!
 //! Three little-endian `u32` in fixed point: alpha in 2^-32 turns, height in 2^-24 mm, tilt in 2^-32 rad. Height and
-//! tilt of a segment are rarely a whole number of these units. The [`LayerEncoder`] carries the rounding error of each layer
-//! to the next layer. So the error of a path of any length is half a unit (30 pm, 0.1 nrad), and not half a unit for
-//! each layer.
+//! tilt of a segment are rarely a whole number of these units. The [`LayerEncoder`] carries the rounding error of each
+//! layer to the next layer. So the error of a path of any length is half a unit (30 pm, 0.1 nrad), and not half a unit
+//! for each layer.
 
 use crate::angle::wrap_positive;
 use crate::layer::{Layer, LayerError};

@@ -6,7 +6,7 @@ use crate::compact_number::CompactNumber;
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
-use crate::shortest::{self, Candidate, Candidates, PathProblem};
+use crate::shortest::{self, Candidates, PathCandidate, PathProblem};
 use crate::two_plane::two_plane;
 
 /// Method of finding a path.
@@ -234,7 +234,12 @@ fn checked_two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, Pla
 }
 
 #[inline(never)]
-fn checked_candidate(candidate: Option<&Candidate>, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
+fn checked_candidate(
+    candidate: Option<&PathCandidate>,
+    start: &Pose,
+    goal: &Pose,
+    radius: f64,
+) -> Result<Path, PlanError> {
     trim_and_check(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
 }
 

@@ -24,7 +24,7 @@ use crate::plan::{
 };
 use crate::pose::{Pose, Position};
 use crate::robot::Robot;
-use crate::shortest::Candidate;
+use crate::shortest::PathCandidate;
 use crate::trigonometry;
 
 /// Max number of paths to a position: an arc and a line on two sides, and two arcs in two orders with two meetings.
@@ -154,7 +154,7 @@ pub fn plan_to_position(
     let left = libm::atan2(goal.y, goal.x);
     let paths = planar(goal.z, across);
     for planar in &paths {
-        let path = Candidate::Planar { path: *planar, left }.path(radius)?;
+        let path = PathCandidate::Planar { path: *planar, left }.path(radius)?;
         // Segments that are only rounding errors would turn the direction of arrival by as much.
         let short = path.filtered(|segment| segment.length() >= MIN_SEGMENT * radius);
         for path in [short, path] {

@@ -56,13 +56,13 @@ const ARC_TANGENT: [[f64; 6]; 2] = [
 ];
 
 /// An angle as a number of quarter turns and a remainder of at most an eighth of a turn, `left + rest`.
-struct Reduced {
+struct ReducedAngle {
     quarters: i32,
     left: f64,
     rest: f64,
 }
 
-impl Reduced {
+impl ReducedAngle {
     fn new(angle: f64) -> Self {
         let angle = if angle.abs() > MAX_ANGLE { wrap_positive(angle) } else { angle };
         let quarters = libm::rint(angle * FRAC_2_PI);
@@ -96,19 +96,19 @@ fn series(coefficients: &[f64; 6], x: f64) -> f64 {
 /// Returns the sine of an angle, radians.
 #[must_use]
 pub fn sin(angle: f64) -> f64 {
-    Reduced::new(angle).sine(0)
+    ReducedAngle::new(angle).sine(0)
 }
 
 /// Returns the cosine of an angle, radians.
 #[must_use]
 pub fn cos(angle: f64) -> f64 {
-    Reduced::new(angle).sine(1)
+    ReducedAngle::new(angle).sine(1)
 }
 
 /// Returns sine and cosine of an angle, radians.
 #[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
-    let reduced = Reduced::new(angle);
+    let reduced = ReducedAngle::new(angle);
     (reduced.sine(0), reduced.sine(1))
 }
 
@@ -116,7 +116,7 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
 #[cfg(feature = "planning")]
 #[must_use]
 pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
-    let reduced = Reduced { quarters: 0, left: angle, rest: 0.0 };
+    let reduced = ReducedAngle { quarters: 0, left: angle, rest: 0.0 };
     (reduced.sine(0), reduced.sine(1))
 }
 

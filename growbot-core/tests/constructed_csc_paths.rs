@@ -22,7 +22,7 @@ use nalgebra::{Matrix5, Vector3, Vector5};
 const LONGER: (f64, f64) = (1e-6, 1e-9);
 /// Max distance of a path's end from the goal, in radii and radians, within 100 radii. At larger distances it grows in
 /// proportion.
-const ARRIVED: f64 = 1e-9;
+const GOAL_TOLERANCE: f64 = 1e-9;
 
 /// A constructed path. Angles are in radians, lengths in radii.
 #[derive(Debug, Clone, Copy)]
@@ -263,7 +263,7 @@ const REGIMES: [Regime; 23] = [
     all("lines through start and goal cross", Draw::crossing),
 ];
 
-/// Result of a regime.
+/// Counts and greatest deviation over all paths of one kind.
 #[derive(Default)]
 struct Tally {
     laid: u32,
@@ -283,7 +283,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
         for path in &found {
             let (at, pointing) = end_of(path);
             let miss = (at - goal).norm().max((pointing - direction).norm());
-            assert!(miss <= ARRIVED * (0.01 * goal.norm()).max(1.0), "{path:?} misses by {miss:e}: {laid:?}");
+            assert!(miss <= GOAL_TOLERANCE * (0.01 * goal.norm()).max(1.0), "{path:?} misses by {miss:e}: {laid:?}");
         }
         let best = found.first().map_or(f64::INFINITY, Csc::length);
         if best > laid.length() * (1.0 + LONGER.0) + LONGER.1 {

@@ -15,13 +15,13 @@ use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::{Frame, tip_direction};
 use growbot_core::random::Rng;
-use growbot_core::shortest::{Candidate, Candidates, PathProblem, candidates};
+use growbot_core::shortest::{Candidates, PathCandidate, PathProblem, candidates};
 use nalgebra::{Rotation3, Vector3};
 
 /// Max length by which a path may be longer than the constructed one, radii.
 const LONGER: f64 = 1e-6;
 /// Max distance of a path's end from the goal, in radii and radians.
-const ARRIVED: f64 = 1e-9;
+const GOAL_TOLERANCE: f64 = 1e-9;
 /// Max length of a shortest path, radii. No helicoidal arc that is a shortest path is known to be longer than 7.3.
 const MAX_LENGTH: f64 = 7.3;
 
@@ -66,13 +66,13 @@ struct Goal {
 
 impl Goal {
     /// Returns the shortest path that the search finds, and asserts that it reaches the goal.
-    fn shortest(&self) -> Candidate {
+    fn shortest(&self) -> PathCandidate {
         let mut found = Candidates::new();
         candidates(&PathProblem::new(&self.position, &self.direction), f64::INFINITY, &mut found, &mut || ());
         let best = *found.first().expect("no path");
         let tip: Frame = end(&best.path(1.0).unwrap(), &Frame::identity());
         let miss = (tip.translation.vector - self.position).norm().max((tip_direction(&tip) - self.direction).norm());
-        assert!(miss <= ARRIVED, "{best:?} misses by {miss:e}: {self:?}");
+        assert!(miss <= GOAL_TOLERANCE, "{best:?} misses by {miss:e}: {self:?}");
         best
     }
 }

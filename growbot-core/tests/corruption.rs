@@ -4,7 +4,8 @@
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, MAX_BODY_LEN, MAX_FRAME_LEN};
 use growbot_core::random::Rng;
 
-/// Number of pieces, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a release build.
+/// Number of pieces of data that are decoded, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a
+/// release build.
 const PIECES: u64 = 300_000;
 
 /// Returns a random integer below `end`.

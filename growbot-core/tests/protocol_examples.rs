@@ -27,8 +27,8 @@ use growbot_core::link::frame::{
 use growbot_core::link::message::{
     Accepted, Amend, AppendLayers, BeginJob, BoardInfo, BootReport, Cancel, Configure, Configured, Empty, Hello,
     HostName, HostSilencePolicy, InterruptedLayer, LatestFault, LayerLaid, LayerReadings, MAX_LAYERS_PER_MESSAGE,
-    Maintain, Message, PauseCause, PlanRequest, Planned, ReadLayers, Refusal, Refused, ResetCause, Resume, SCHEMA_HASH,
-    SensorReadings, Start, State, StateChanged, Status, StoredLayers, Tune, Tuned,
+    Maintain, Message, PauseCause, PlanRequest, Planned, ReadLayers, Refusal, RefusalResponse, ResetCause, Resume,
+    SCHEMA_HASH, SensorReadings, Start, State, StateChanged, Status, StoredLayers, Tune, Tuned,
 };
 use growbot_core::path::Segment;
 use growbot_core::plan::{Planner, plan};
@@ -246,7 +246,7 @@ fn conversation() -> Vec<ExampleFrame> {
         layers: planned.layers,
         length: growbot_core::path::length(&path),
     };
-    let refused = |kind, refusal| Message::Refused(Refused { kind, refusal });
+    let refused = |kind, refusal| Message::Refused(RefusalResponse { kind, refusal });
     let other = |name, seq, ack, message| ExampleFrame { name, session: OTHER_SESSION, seq, ack, message };
     vec![
         request("Hello", 1, 0, hello(b"grow 4711 on bench")),
@@ -503,7 +503,7 @@ fn documented_types_match_the_code() {
         BoardInfo::SCHEMA,
         Status::SCHEMA,
         Accepted::SCHEMA,
-        Refused::SCHEMA,
+        RefusalResponse::SCHEMA,
         Planned::SCHEMA,
         StoredLayers::SCHEMA,
         LatestFault::SCHEMA,

@@ -6,7 +6,7 @@ use std::{env, fs, process};
 use growbot_core::robot::{BoardKind, Robot};
 
 /// A board that firmware can be built for. Its feature and its memory map have its name.
-struct Board {
+struct BoardTarget {
     name: &'static str,
     target: &'static str,
     command: &'static str,
@@ -14,18 +14,18 @@ struct Board {
     kinds: &'static [BoardKind],
 }
 
-const BOARDS: [Board; 3] = [
-    Board { name: "an386", target: "thumbv7em-none-eabihf", command: "build-an386", kinds: &[] },
-    Board {
+const BOARDS: [BoardTarget; 3] = [
+    BoardTarget { name: "an386", target: "thumbv7em-none-eabihf", command: "build-an386", kinds: &[] },
+    BoardTarget {
         name: "pico",
         target: "thumbv6m-none-eabi",
         command: "build-pico",
         kinds: &[BoardKind::Pico, BoardKind::SkrPico],
     },
-    Board {
+    BoardTarget {
         name: "stm32f405",
         target: "thumbv7em-none-eabihf",
-        command: "build-robot",
+        command: "build-stm32f405",
         kinds: &[BoardKind::Stm32f405],
     },
 ];
@@ -39,7 +39,7 @@ pub fn prepare() {
     println!("cargo:rerun-if-env-changed=GROWBOT_ROBOT");
 
     let mut chosen = BOARDS.iter().filter(|board| feature(&board.name.to_uppercase()));
-    let Some(&Board { name: board, target: wanted, command, kinds }) = chosen.next() else { return };
+    let Some(&BoardTarget { name: board, target: wanted, command, kinds }) = chosen.next() else { return };
     if let Some(other) = chosen.next() {
         stop(&format!(
             "the features `{board}` and `{}` exclude each other: build one board a call, with `cargo {command}` or \

@@ -19,7 +19,7 @@ use crate::description_store::{DescriptionStore, StoredDescription};
 pub struct BoardRobot {
     /// The robot. On a board that is not configured it is any robot, for outputs that are off.
     pub robot: Robot,
-    /// The board has a robot.
+    /// True if the board has a robot description.
     pub configured: bool,
 }
 

@@ -32,7 +32,7 @@ use growbot_core::link::message::{
 use growbot_core::robot::Robot;
 
 use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
-use crate::heater::{self, Heater};
+use crate::heater::{self, HeaterController};
 use crate::layer_store::LayerStore;
 use crate::link::{self, Link};
 use crate::oversampler::Oversampler;
@@ -88,7 +88,7 @@ pub struct Controller<B: Board> {
     configuring: configuration::ConfigUpload,
     job: job::ActiveJob,
     motion: growth::MoveTracker,
-    heater: Heater,
+    heater: HeaterController,
     /// Duty of the fan, 0 to 1.
     fan: f64,
     thermistor: Oversampler,
@@ -129,7 +129,7 @@ impl<B: Board> Controller<B> {
             configuring: configuration::ConfigUpload::default(),
             job: job::ActiveJob::default(),
             motion: growth::MoveTracker::default(),
-            heater: Heater::default(),
+            heater: HeaterController::default(),
             fan: 0.0,
             thermistor: Oversampler::default(),
             supply: Oversampler::default(),

@@ -120,11 +120,11 @@ pub trait Board {
     /// Second switch in series with the power stage. High lets the heater heat.
     type HeaterEnable: OutputPin;
     /// Fan that cools the print.
-    type Fan: SetDutyCycle;
+    type FanPwm: SetDutyCycle;
     /// Divider of the thermistor.
-    type Thermistor: Adc;
+    type ThermistorAdc: Adc;
     /// Divider of the supply.
-    type Supply: Adc;
+    type SupplyAdc: Adc;
     /// Input that is high while filament is present.
     type FilamentPresence: InputPin;
     /// Input that is high while a stepper driver reports a fault.
@@ -153,11 +153,11 @@ pub struct BoardResources<B: Board> {
     /// Second switch in series with the power stage.
     pub heater_enable: B::HeaterEnable,
     /// Fan.
-    pub fan: B::Fan,
+    pub fan: B::FanPwm,
     /// Temperature of the nozzle.
-    pub thermistor: B::Thermistor,
+    pub thermistor: B::ThermistorAdc,
     /// Voltage of the supply.
-    pub supply: B::Supply,
+    pub supply: B::SupplyAdc,
     /// Presence of filament.
     pub filament_presence: B::FilamentPresence,
     /// Fault signal of the drivers.

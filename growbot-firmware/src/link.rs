@@ -73,7 +73,7 @@ struct Session {
     received: u64,
     /// Number of the latest request.
     request: u16,
-    /// Response to that request.
+    /// Response to the latest request.
     answer: Option<Message>,
     /// Number of the first pending event.
     first_event: u16,

@@ -28,7 +28,7 @@ pub struct Section {
     /// Name of the section.
     pub name: String,
     /// Description of the section.
-    pub means: String,
+    pub description: String,
     /// Fields of the section.
     pub fields: Vec<AnnotatedField>,
 }
@@ -41,7 +41,7 @@ pub struct AnnotatedField {
     /// Value as TOML.
     pub value: String,
     /// Meaning of the field, with its unit.
-    pub means: String,
+    pub description: String,
     /// True if the file sets the field. False if the value is the default.
     pub in_file: bool,
     /// Comment in the file. Empty if there is none.
@@ -75,11 +75,11 @@ impl AnnotatedRobot {
         let whole: DocumentMut = written.parse().unwrap_or_default();
         let file: DocumentMut = text.parse().unwrap_or_default();
         let schema = schema::robot_file_schema_without_bounds();
-        let mut sections = vec![Section { name: String::new(), means: String::new(), fields: Vec::new() }];
+        let mut sections = vec![Section { name: String::new(), description: String::new(), fields: Vec::new() }];
         for (key, item) in whole.iter() {
             if item.is_table() {
-                let means = schema::meaning(&schema, key).to_owned();
-                sections.push(Section { name: key.to_owned(), means, fields: Vec::new() });
+                let description = schema::meaning(&schema, key).to_owned();
+                sections.push(Section { name: key.to_owned(), description, fields: Vec::new() });
             }
             let section = if item.is_table() { sections.last_mut() } else { sections.first_mut() };
             if let Some(section) = section {
@@ -118,15 +118,15 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
     }
     let (in_file, remark) = trailing_comment(file, path);
     let value = item.to_string().trim().to_owned();
-    let mut means = schema::meaning(schema, path).to_owned();
+    let mut description = schema::meaning(schema, path).to_owned();
     if let Some((parent, _)) = path.rsplit_once('.').filter(|(parent, _)| parent.contains('.')) {
-        means = format!("{} {means}", schema::meaning(schema, parent));
+        description = format!("{} {description}", schema::meaning(schema, parent));
     }
     let choices = schema::choices(schema, path);
     if let Some((word, meaning)) = choices.iter().find(|(word, _)| value.trim_matches('"') == *word) {
-        means += &format!(" {word}: {meaning}");
+        description += &format!(" {word}: {meaning}");
     }
-    fields.push(AnnotatedField { path: path.to_owned(), value, means, in_file, comment: remark });
+    fields.push(AnnotatedField { path: path.to_owned(), value, description, in_file, comment: remark });
 }
 
 /// Returns whether a file has this field, and the comment after it or after its inline table.
@@ -181,7 +181,7 @@ mod tests {
             let explained = AnnotatedRobot::load(name.as_ref()).unwrap();
             assert!(explained.fields().count() > 50, "{name}");
             for field in explained.fields() {
-                assert!(!field.means.is_empty(), "{name}: {}", field.path);
+                assert!(!field.description.is_empty(), "{name}: {}", field.path);
             }
             assert!(explained.what_and_source().contains(" et al. "), "{name}");
         }

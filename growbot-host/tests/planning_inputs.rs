@@ -129,14 +129,15 @@ fn units_are_converted_to_mm_and_degrees() {
 
 #[test]
 fn values_that_look_like_metres_or_radians_give_a_warning() {
-    let said = |args: &[&str]| growbot(&[&["plan"], args].concat()).err;
+    let stderr_of = |args: &[&str]| growbot(&[&["plan"], args].concat()).err;
     assert!(
-        said(&["--to", "0.2,0.1,0.6"]).contains("warning: the goal is 0.64 mm from the start, but the tube is 45.6")
+        stderr_of(&["--to", "0.2,0.1,0.6"])
+            .contains("warning: the goal is 0.64 mm from the start, but the tube is 45.6")
     );
-    assert!(said(&["--to", "0.2,0.1,0.6"]).contains("did you mean metres?"));
-    assert!(said(&["--to", "200,100,600,0,0.785"]).contains("did you mean radians?"));
+    assert!(stderr_of(&["--to", "0.2,0.1,0.6"]).contains("did you mean metres?"));
+    assert!(stderr_of(&["--to", "200,100,600,0,0.785"]).contains("did you mean radians?"));
     for quiet in ["200,100,600,0,45", "0.2m,0.1m,0.6m", "20mm,10mm,10mm", "200,100,600,0,1", "200,100,600,0,0.785deg"] {
-        assert_eq!(said(&["--to", quiet]), "", "{quiet}");
+        assert_eq!(stderr_of(&["--to", quiet]), "", "{quiet}");
     }
 }
 

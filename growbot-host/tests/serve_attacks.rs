@@ -255,8 +255,8 @@ fn invalid_requests_are_refused_without_effect() {
     for number in 0..count {
         let Attack { request, statuses } = attacker.draw();
         let status = status(&lab, &request);
-        let said = String::from_utf8_lossy(&request[..request.len().min(400)]);
-        assert!(statuses.contains(&status), "{number}: {status}, and not {statuses:?}, to {said:?}");
+        let request_text = String::from_utf8_lossy(&request[..request.len().min(400)]);
+        assert!(statuses.contains(&status), "{number}: {status}, and not {statuses:?}, to {request_text:?}");
         *answered.entry(status).or_insert(0) += 1;
         if number == count / 5 {
             memory_kb = lab.memory_kb();

@@ -47,8 +47,8 @@ fn half_open_connections_do_not_block_others() {
     assert!((CONNECTIONS - 10..CONNECTIONS + 100).contains(&files), "{files} files are open");
     // Commands have their own connections, and the same number of half-open ones does not block them either.
     let open_there: Vec<_> = (0..MANY).map(|_| UnixStream::connect(lab.socket()).unwrap()).collect();
-    let (code, said) = lab.run(&["estop"]);
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
+    let (code, output) = lab.run(&["estop"]);
+    assert!(code == Some(0) && output.starts_with("emergency stop"), "{output}");
     assert_eq!(lab.ask("GET", "/robots/lab", "").1["board_state"], "emergency-stop");
     let files = lab.files();
     assert!(files < 2 * CONNECTIONS + 100, "{files} files are open");
@@ -222,13 +222,13 @@ fn too_many_layers_and_reused_keys_are_refused() {
         let stream = UnixStream::connect(lab.socket()).unwrap();
         http(stream, "POST", "/api/v1/robots/lab/jobs", &[&format!("idempotency-key: {key}")], &body.to_string())
     };
-    let (status, said) = begin("far", json!({ "to": "0,0,8000,0,90", "force": true }));
-    assert!(status == 409 && said.contains("layers, but a board can store 6143"), "{status}: {said}");
+    let (status, answer) = begin("far", json!({ "to": "0,0,8000,0,90", "force": true }));
+    assert!(status == 409 && answer.contains("layers, but a board can store 6143"), "{status}: {answer}");
     let (status, first) = begin("one", json!({ "to": GOAL }));
     assert_eq!(status, 201, "{first}");
     assert_eq!(begin("one", json!({ "to": GOAL })).0, 200);
-    let (status, said) = begin("one", json!({ "to": "0,0,100,0,90" }));
-    assert!(status == 409 && said.contains("whose request was another"), "{status}: {said}");
+    let (status, answer) = begin("one", json!({ "to": "0,0,100,0,90" }));
+    assert!(status == 409 && answer.contains("whose request was another"), "{status}: {answer}");
     assert_eq!(lab.ask("POST", "/robots/lab/commands", r#"{"command":"stop"}"#).0, 200);
     let id = serde_json::from_str::<Value>(&first).unwrap()["id"].as_str().unwrap().to_owned();
     assert_eq!(lab.wait_for_end(&id)["state"], "interrupted");

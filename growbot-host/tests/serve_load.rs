@@ -269,8 +269,8 @@ fn pages_get_every_event_once_while_requests_are_served() {
         });
         let numbers: Vec<u64> = lines.iter().map(|(number, _)| *number).collect();
         assert_eq!(numbers, (1..=log.len() as u64).collect::<Vec<_>>(), "{job}");
-        let said: Vec<Value> = lines.iter().map(|(_, line)| serde_json::from_str(line).unwrap()).collect();
-        assert!(said == *log, "{job}: other lines than those of its log");
+        let received: Vec<Value> = lines.iter().map(|(_, line)| serde_json::from_str(line).unwrap()).collect();
+        assert!(received == *log, "{job}: other lines than those of its log");
         events += lines.len();
     }
     let mut took = took.concat();

@@ -111,8 +111,8 @@ fn begin(lab: &Lab, goal: &str) -> String {
 }
 
 fn order(lab: &Lab, order: &str) {
-    let (status, said) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": order }).to_string());
-    assert_eq!(status, 200, "{said}");
+    let (status, answer) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": order }).to_string());
+    assert_eq!(status, 200, "{answer}");
 }
 
 fn wait_for_board(lab: &Lab, state: &str) {
@@ -132,8 +132,8 @@ fn wait_until_all_is_told(lab: &Lab) {
 /// Checks that the secrets of the address and the key appear in no output.
 fn nothing_is_given_away(lab: &Lab) {
     let secret = fs::read_to_string(lab.directory.path().join("state/growbot/serve/webhook-secret")).unwrap();
-    let said = [lab.heard(), lab.ask("GET", "/robots", "").1.to_string(), lab.ask("GET", "/jobs", "").1.to_string()];
-    assert!(said.iter().all(|said| !said.contains("s3cret") && !said.contains(secret.trim())), "{said:?}");
+    let outputs = [lab.heard(), lab.ask("GET", "/robots", "").1.to_string(), lab.ask("GET", "/jobs", "").1.to_string()];
+    assert!(outputs.iter().all(|output| !output.contains("s3cret") && !output.contains(secret.trim())), "{outputs:?}");
 }
 
 #[test]
@@ -259,8 +259,8 @@ fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
     assert_eq!(lab.wait_for_end(&job)["state"], "done");
     let notice: Value = serde_json::from_str(&notices(1)[0]).unwrap();
     assert_eq!((&notice["event"], &notice["job"]), (&json!("finish"), &json!(job)));
-    let said = fs::read_to_string(&env).unwrap();
-    assert_eq!(said, format!("finish lab simulated robot lab has laid all {LAYERS} layers\n"));
+    let text = fs::read_to_string(&env).unwrap();
+    assert_eq!(text, format!("finish lab simulated robot lab has laid all {LAYERS} layers\n"));
     assert!(lab.heard().contains("exit status: 3"), "{}", lab.heard());
     let job = begin(&lab, LONG_GOAL);
     wait_for_board(&lab, "growing");
@@ -296,8 +296,8 @@ fn invalid_notification_settings_are_refused_at_startup() {
         serve.current_dir(directory.path()).env("XDG_STATE_HOME", directory.path());
         serve.env("XDG_RUNTIME_DIR", directory.path()).args(["serve", "--page-port", "0"]);
         let output = serve.output().unwrap();
-        let said = running::in_lines(&String::from_utf8(output.stderr).unwrap());
-        assert!(output.status.code() == Some(2) && said.contains(wanted), "{settings}: {said}");
-        assert!(!said.contains("s3cret"), "{said}");
+        let message = running::in_lines(&String::from_utf8(output.stderr).unwrap());
+        assert!(output.status.code() == Some(2) && message.contains(wanted), "{settings}: {message}");
+        assert!(!message.contains("s3cret"), "{message}");
     }
 }

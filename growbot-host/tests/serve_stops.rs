@@ -91,8 +91,8 @@ fn a_stop_voids_the_orders_that_arrived_before_it() {
     for stop in ["stop", "emergency-stop", "cancel"] {
         for (path, body) in &orders {
             let mut order = send_head(&lab, path, body.len());
-            let (status, said) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": stop }).to_string());
-            assert_eq!(status, 200, "{said}");
+            let (status, answer) = lab.ask("POST", "/robots/lab/commands", &json!({ "command": stop }).to_string());
+            assert_eq!(status, 200, "{answer}");
             order.write_all(body.as_bytes()).unwrap();
             let mut answer = String::new();
             order.read_to_string(&mut answer).unwrap();
@@ -114,24 +114,24 @@ fn an_emergency_stop_without_a_port_stops_every_robot() {
     for name in ["lab", "bench"] {
         lab.wait_until_robot_is_ready(name);
     }
-    let (code, said) = lab.run(&["estop"]);
+    let (code, output) = lab.run(&["estop"]);
     assert!(
-        code == Some(0) && said.contains("robot at sim:lab are off") && said.contains("robot at sim are off"),
-        "{said}"
+        code == Some(0) && output.contains("robot at sim:lab are off") && output.contains("robot at sim are off"),
+        "{output}"
     );
     for name in ["lab", "bench"] {
         assert_eq!(lab.ask("GET", &format!("/robots/{name}"), "").1["board_state"], "emergency-stop");
     }
     // Names work wherever a port does.
-    let (code, said) = lab.run(&["status", "--port", "bench"]);
-    assert!(code == Some(0) && said.contains("bench, owned by the service, simulated"), "{said}");
-    let (code, said) = lab.run(&["stop", "--port", "lab"]);
-    assert!(code == Some(0) && said.contains("are off"), "{said}");
+    let (code, output) = lab.run(&["status", "--port", "bench"]);
+    assert!(code == Some(0) && output.contains("bench, owned by the service, simulated"), "{output}");
+    let (code, output) = lab.run(&["stop", "--port", "lab"]);
+    assert!(code == Some(0) && output.contains("are off"), "{output}");
     lab.kill();
-    let (code, said) = lab.run(&["estop", "--port", "lab"]);
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
-    let (code, said) = lab.run(&["estop"]);
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "without the service: {said}");
-    let (code, said) = lab.run(&["stop", "--port", "none"]);
-    assert!(code == Some(2) && said.contains("unknown port `none`"), "{said}");
+    let (code, output) = lab.run(&["estop", "--port", "lab"]);
+    assert!(code == Some(0) && output.starts_with("emergency stop"), "{output}");
+    let (code, output) = lab.run(&["estop"]);
+    assert!(code == Some(0) && output.starts_with("emergency stop"), "without the service: {output}");
+    let (code, output) = lab.run(&["stop", "--port", "none"]);
+    assert!(code == Some(2) && output.contains("unknown port `none`"), "{output}");
 }

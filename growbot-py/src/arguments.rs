@@ -189,7 +189,7 @@ impl Rows {
 
 /// Reads an array of exactly this shape.
 pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Error> {
-    let wanted = format!("numbers of shape {}", in_words(shape));
+    let wanted = format!("numbers of shape {}", describe(shape));
     let array = array_of(name, value, &wanted)?;
     if array.shape() != shape {
         return Err(wrong_shape(name, array.shape(), &wanted));
@@ -243,11 +243,11 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
 
 /// Returns the error for an array of the wrong shape.
 pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Error {
-    let shape = in_words(shape);
+    let shape = describe(shape);
     Error::with(ErrorKind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)
 }
 
-fn in_words(shape: &[usize]) -> String {
+fn describe(shape: &[usize]) -> String {
     match shape {
         [one] => format!("({one},)"),
         shape => format!("({})", shape.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),

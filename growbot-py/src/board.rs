@@ -26,11 +26,11 @@ use pyo3::prelude::*;
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::Plan;
+use crate::plan::PyPlan;
 use crate::preconditions::{check_growable, scene_for_growth};
 use crate::robot::robot_of;
 use crate::run::json_of;
-use crate::scene::Scene;
+use crate::scene::PyScene;
 use crate::simulate::seed_of;
 
 /// Interval at which Ctrl-C is polled.
@@ -49,10 +49,10 @@ enum WorkerRequest {
 
 /// A requested growth.
 struct GrowTask {
-    plan: Plan,
+    plan: PyPlan,
     conditions: Conditions,
     /// Scene from which corrections stay clear.
-    scene: Option<Scene>,
+    scene: Option<PyScene>,
     /// True if the plan or the caller gives a scene and the growth ignores it.
     ignores_scene: bool,
     seed: u64,
@@ -167,7 +167,7 @@ impl BoardWorker {
 
     /// Grows a body. Returns the result, and the error unless the growth ended as requested.
     fn grow_body(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
-        let GrowTask { plan: Plan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
+        let GrowTask { plan: PyPlan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
         let simulated = self.port.is_simulated();
         let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
         let known_scene = scene.as_ref().map(|scene| &scene.loaded.scene);
@@ -271,8 +271,8 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
 }
 
 /// A robot at a port.
-#[pyclass(frozen, module = "growbot._growbot")]
-pub struct Board {
+#[pyclass(name = "Board", frozen, module = "growbot._growbot")]
+pub struct PyBoard {
     requests: Mutex<Option<Sender<WorkerRequest>>>,
     thread: Mutex<Option<JoinHandle<()>>>,
     /// Commands for the current or the latest growth.
@@ -284,7 +284,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-impl Board {
+impl PyBoard {
     fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
         let closed = || board_error("the board is disconnected: connect again");
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
@@ -310,7 +310,7 @@ impl Board {
 }
 
 #[pymethods]
-impl Board {
+impl PyBoard {
     #[new]
     #[pyo3(signature = (port, robot = None, take_over = None))]
     fn new(
@@ -376,7 +376,7 @@ impl Board {
         ignore_scene: Option<&Bound<PyAny>>,
         scene: Option<&Bound<PyAny>>,
     ) -> Result<Growth, Error> {
-        let plan = plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
+        let plan = plan.cast::<PyPlan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
         let conditions = Conditions::read(conditions)?;
         let seed = seed_of(seed)?;
         let log = log.map(|file| path("log", file)).transpose()?;

@@ -14,7 +14,7 @@ use pyo3::types::PyType;
 
 use crate::arguments::{flag, within, word, wrong_type};
 use crate::error::{Error, ErrorKind};
-use crate::plan::Plan;
+use crate::plan::PyPlan;
 
 /// Limits of shares, percent, and of angles, degrees, equal to the command's.
 const SIGNED: [f64; 2] = [-90.0, 90.0];
@@ -134,7 +134,7 @@ impl Conditions {
     }
 
     /// Returns the simulation of a plan under these conditions.
-    pub fn simulation<'a>(&self, plan: &'a Plan) -> Result<Simulation<'a>, Error> {
+    pub fn simulation<'a>(&self, plan: &'a PyPlan) -> Result<Simulation<'a>, Error> {
         let robot: &Robot = &plan.robot;
         let layers = plan.inner.requirements.layers;
         if layers > MAX_LAYERS {

@@ -32,19 +32,19 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _growbot {
     #[pymodule_export]
-    use crate::board::{Board, Growth};
+    use crate::board::{Growth, PyBoard};
     #[pymodule_export]
-    use crate::plan::{Plan, PlanWarning, Segment, plan, plan_many};
+    use crate::plan::{PlanWarning, PyPlan, PySegment, plan, plan_many};
     #[pymodule_export]
-    use crate::pose::Pose;
+    use crate::pose::PyPose;
     #[pymodule_export]
-    use crate::robot::Robot;
+    use crate::robot::PyRobot;
     #[pymodule_export]
-    use crate::run::RunLog;
+    use crate::run::PyRunLog;
     #[pymodule_export]
-    use crate::scene::Scene;
+    use crate::scene::PyScene;
     #[pymodule_export]
-    use crate::simulate::{SimulationResult, simulate_many};
+    use crate::simulate::{PySimulationResult, simulate_many};
     #[pymodule_export]
     use crate::summary::{_simulate_repeated_rows, SimulationSummary, simulate_repeated};
 }

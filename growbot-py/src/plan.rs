@@ -25,11 +25,11 @@ use crate::arguments::{self, Rows, check_rows, flag, integer, number, text, thre
 use crate::error::{Error, ErrorKind};
 use crate::path_frames::frames;
 use crate::pickle::{self, PlanState};
-use crate::pose::{Pose, as_goal, as_pose, goal_of, pose_of, rows_of};
+use crate::pose::{PyPose, as_goal, as_pose, goal_of, pose_of, rows_of};
 use crate::preconditions::page_of;
-use crate::robot::{Robot, robot_of};
-use crate::scene::Scene;
-use crate::simulate::{SimulationResult, interruptible};
+use crate::robot::{PyRobot, robot_of};
+use crate::scene::PyScene;
+use crate::simulate::{PySimulationResult, interruptible};
 
 /// Greatest number of rows of a table of layers.
 const MAX_LAYERS: usize = 20_000_000;
@@ -38,17 +38,17 @@ const MAX_LAYERS: usize = 20_000_000;
 ///
 /// growbot.plan returns plans. Plan.load reads them from files that `growbot plan -o` or save wrote. Plans can be
 /// pickled.
-#[pyclass(frozen, module = "growbot")]
+#[pyclass(name = "Plan", frozen, module = "growbot")]
 #[derive(Clone)]
-pub struct Plan {
+pub struct PyPlan {
     pub inner: Arc<client::Plan>,
     pub robot: Arc<Described>,
 }
 
 /// A piece of a path.
-#[pyclass(frozen, module = "growbot", get_all, eq)]
+#[pyclass(name = "Segment", frozen, module = "growbot", get_all, eq)]
 #[derive(Clone, PartialEq)]
-pub struct Segment {
+pub struct PySegment {
     /// "arc", "straight" or "helicoid".
     kind: String,
     /// Length along the segment, mm.
@@ -63,7 +63,7 @@ pub struct Segment {
     p: Option<[f64; 3]>,
 }
 
-impl From<&SegmentJson> for Segment {
+impl From<&SegmentJson> for PySegment {
     fn from(written: &SegmentJson) -> Self {
         let none =
             Self { kind: "straight".to_owned(), length_mm: 0.0, alpha_deg: None, beta_deg: None, m0: None, p: None };
@@ -83,7 +83,7 @@ impl From<&SegmentJson> for Segment {
 type SegmentState = (String, f64, Option<f64>, Option<f64>, Option<[f64; 3]>, Option<[f64; 3]>);
 
 #[pymethods]
-impl Segment {
+impl PySegment {
     #[staticmethod]
     fn _from_state(state: SegmentState) -> Self {
         let (kind, length_mm, alpha_deg, beta_deg, m0, p) = state;
@@ -174,7 +174,7 @@ fn search_of(
 
 /// A scene, with the effort of the search through it.
 struct SceneSearchOptions {
-    scene: Scene,
+    scene: PyScene,
     effort: u64,
     deadline: Option<Instant>,
 }
@@ -196,7 +196,7 @@ fn scene_search_options(
             Ok(None)
         };
     };
-    let scene = Scene::given(scene)?;
+    let scene = PyScene::given(scene)?;
     let effort = given.unwrap_or(if limit.is_some() { u64::MAX } else { EFFORT });
     let deadline = limit.and_then(|limit| Instant::now().checked_add(Duration::from_secs_f64(limit)));
     Ok(Some(SceneSearchOptions { scene, effort, deadline }))
@@ -226,7 +226,7 @@ pub fn plan(
     scene: Option<&Bound<PyAny>>,
     effort: Option<&Bound<PyAny>>,
     time_limit_s: Option<&Bound<PyAny>>,
-) -> Result<Plan, Error> {
+) -> Result<PyPlan, Error> {
     let robot = robot_of(robot)?;
     let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
     let mut search = search_of(&robot, radius_mm, planner, avoid_self_collision)?;
@@ -251,7 +251,7 @@ pub fn plan(
             Ok(scene_planning::plan(&robot, &start, &goals, &search, &through)?)
         }
     })?;
-    Ok(Plan { inner: Arc::new(plan), robot })
+    Ok(PyPlan { inner: Arc::new(plan), robot })
 }
 
 fn goals_on_the_way(via: &Bound<PyAny>) -> Result<Vec<Goal>, Error> {
@@ -299,7 +299,7 @@ pub fn plan_many<'py>(
         .into_iter()
         .enumerate()
         .map(|(row, plan)| match plan {
-            Ok(plan) => Ok(Plan { inner: Arc::new(plan), robot: Arc::clone(&robot) }),
+            Ok(plan) => Ok(PyPlan { inner: Arc::new(plan), robot: Arc::clone(&robot) }),
             Err(error) => Err(Error::from(error).of_row(row)),
         })
         .collect::<Result<Vec<_>, _>>()?;
@@ -308,7 +308,7 @@ pub fn plan_many<'py>(
 
 /// Returns one start for all goals, or one for each.
 fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error> {
-    if starts.is_instance_of::<Pose>() {
+    if starts.is_instance_of::<PyPose>() {
         return Ok(vec![as_pose("starts", starts)?]);
     }
     if let Ok(rows) = Rows::flat("starts", starts)
@@ -382,7 +382,7 @@ pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Error> {
 }
 
 #[pymethods]
-impl Plan {
+impl PyPlan {
     /// Reads a plan's file, and checks it in full.
     #[classmethod]
     #[pyo3(signature = (file))]
@@ -405,14 +405,14 @@ impl Plan {
     }
 
     #[classmethod]
-    fn _from_state(_cls: &Bound<PyType>, robot: &Bound<Robot>, state: PlanState) -> Result<Self, Error> {
+    fn _from_state(_cls: &Bound<PyType>, robot: &Bound<PyRobot>, state: PlanState) -> Result<Self, Error> {
         let robot = Arc::clone(&robot.get().inner);
         Ok(Self { inner: Arc::new(pickle::plan(&robot, state)?), robot })
     }
 
-    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (Robot, PlanState))> {
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (PyRobot, PlanState))> {
         let Self { inner, robot } = slf.get();
-        let robot = Robot { inner: Arc::clone(robot) };
+        let robot = PyRobot { inner: Arc::clone(robot) };
         Ok((slf.get_type().getattr("_from_state")?.unbind(), (robot, pickle::of(inner))))
     }
 
@@ -438,26 +438,26 @@ impl Plan {
 
     /// The robot.
     #[getter]
-    fn robot(&self) -> Robot {
-        Robot { inner: Arc::clone(&self.robot) }
+    fn robot(&self) -> PyRobot {
+        PyRobot { inner: Arc::clone(&self.robot) }
     }
 
     /// Start of the tip.
     #[getter]
-    fn start(&self) -> Pose {
+    fn start(&self) -> PyPose {
         self.inner.start.into()
     }
 
     /// Goal of the tip. If its direction was free, it is the one that the planner selected.
     #[getter]
-    fn goal(&self) -> Pose {
+    fn goal(&self) -> PyPose {
         self.inner.goal.into()
     }
 
     /// Poses on the way.
     #[getter]
-    fn via(&self) -> Vec<Pose> {
-        self.inner.via().into_iter().map(Pose::from).collect()
+    fn via(&self) -> Vec<PyPose> {
+        self.inner.via().into_iter().map(PyPose::from).collect()
     }
 
     /// Planner that found the path: "shortest" or "two-plane".
@@ -504,8 +504,8 @@ impl Plan {
 
     /// Segments of the path, in order.
     #[getter]
-    fn segments(&self) -> Vec<Segment> {
-        PlanFile::from(&*self.inner).segments.iter().map(Segment::from).collect()
+    fn segments(&self) -> Vec<PySegment> {
+        PlanFile::from(&*self.inner).segments.iter().map(PySegment::from).collect()
     }
 
     /// Reasons against growing the plan.
@@ -608,7 +608,7 @@ impl Plan {
         py: Python<'_>,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
-    ) -> Result<SimulationResult, Error> {
-        SimulationResult::grow(py, self, seed, conditions)
+    ) -> Result<PySimulationResult, Error> {
+        PySimulationResult::grow(py, self, seed, conditions)
     }
 }

@@ -19,13 +19,13 @@ const ROTATION: f64 = 1e-6;
 ///
 /// Pose(x_mm, y_mm, z_mm, heading_deg, pitch_deg). Heading is the direction's angle in the x-y plane, and pitch its
 /// angle above that plane: 90 is straight up. Five such numbers can replace a pose in every argument.
-#[pyclass(frozen, module = "growbot", eq)]
+#[pyclass(name = "Pose", frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
-pub struct Pose {
+pub struct PyPose {
     pub inner: Inner,
 }
 
-impl From<Inner> for Pose {
+impl From<Inner> for PyPose {
     fn from(inner: Inner) -> Self {
         Self { inner }
     }
@@ -74,7 +74,7 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, E
 
 /// Converts a pose or five numbers to a pose.
 pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Error> {
-    if let Ok(pose) = value.cast::<Pose>() {
+    if let Ok(pose) = value.cast::<PyPose>() {
         return Ok(pose.get().inner);
     }
     match few(name, value, &[5])?[..] {
@@ -85,7 +85,7 @@ pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Error> {
 
 /// Converts a pose, five numbers, or three for a position, to a goal.
 pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Error> {
-    match value.cast::<Pose>() {
+    match value.cast::<PyPose>() {
         Ok(pose) => Ok(Goal::Pose(pose.get().inner)),
         Err(_) => goal_of(&few(name, value, &[3, 5])?),
     }
@@ -98,7 +98,7 @@ pub fn rows_of(frame: &Frame) -> [f64; 16] {
 }
 
 #[pymethods]
-impl Pose {
+impl PyPose {
     #[new]
     #[pyo3(signature = (x_mm, y_mm, z_mm, heading_deg, pitch_deg))]
     fn new(
@@ -223,7 +223,7 @@ impl Pose {
 }
 
 /// Returns a pose at a position with a direction.
-fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<Pose, Error> {
+fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<PyPose, Error> {
     let direction = Vector3::from(direction);
     let norm = direction.norm();
     if !(ROTATION * ROTATION..=1e150).contains(&norm) {

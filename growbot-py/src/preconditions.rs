@@ -17,14 +17,14 @@ use pyo3::prelude::*;
 
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::Plan;
-use crate::scene::Scene;
+use crate::plan::PyPlan;
+use crate::scene::PyScene;
 
 /// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
 /// scene through which the plan was made.
-pub fn scene_for_growth(plan: &Plan, scene: Option<&Bound<PyAny>>) -> Result<Option<Scene>, Error> {
+pub fn scene_for_growth(plan: &PyPlan, scene: Option<&Bound<PyAny>>) -> Result<Option<PyScene>, Error> {
     if let Some(given) = scene {
-        let scene = Scene::given(given)?;
+        let scene = PyScene::given(given)?;
         let file = scene.file.display().to_string();
         let found = check_clearance(&plan.inner, &plan.robot, &file, &scene.loaded)
             .map_err(|unclear| Error::new(ErrorKind::Input, format!("{unclear}; or set ignore_scene=True")))?;
@@ -43,9 +43,9 @@ fn warn(py: Python<'_>, message: &str) -> Result<(), Error> {
 }
 
 /// Returns the scene through which a plan was made.
-fn through(plan: &client::Plan) -> Result<Option<Scene>, Error> {
+fn through(plan: &client::Plan) -> Result<Option<PyScene>, Error> {
     let Some(through) = &plan.scene else { return Ok(None) };
-    let found = Scene::read(PathBuf::from(&through.file), Some(through.margin))
+    let found = PyScene::read(PathBuf::from(&through.file), Some(through.margin))
         .map_err(|error| Error::new(ErrorKind::File, format!("{error}; or give the plan's scene as scene=")))?;
     if found.loaded.hash == through.hash {
         return Ok(Some(found));
@@ -71,7 +71,7 @@ pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
 }
 
 /// Returns an error if the plan cannot be grown under these conditions.
-pub fn check_growable(plan: &Plan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Error> {
+pub fn check_growable(plan: &PyPlan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Error> {
     let warnings = plan.inner.warnings.iter();
     let preventing: Vec<&str> =
         warnings.map(|warning| warning.code.as_str()).filter(|code| BLOCKING.contains(code)).collect();

@@ -19,9 +19,9 @@ const MAX_REASON: usize = 300;
 ///
 /// Robot() is the paper's robot A. Robot("growbot-b") is another built-in robot (Robot.builtin_names()).
 /// Robot("my.toml") is read from a file.
-#[pyclass(frozen, module = "growbot", eq)]
+#[pyclass(name = "Robot", frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
-pub struct Robot {
+pub struct PyRobot {
     pub inner: Arc<Described>,
 }
 
@@ -49,7 +49,7 @@ fn load(name_or_file: &Path) -> Result<Described, Error> {
 /// Returns a robot from a Robot, a name or a file. `None` stands for the default.
 pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Error> {
     let Some(value) = value else { return default_robot() };
-    if let Ok(robot) = value.cast::<Robot>() {
+    if let Ok(robot) = value.cast::<PyRobot>() {
         return Ok(Arc::clone(&robot.get().inner));
     }
     let name = path("robot", value).map_err(|_| wrong_type("robot", value, "a growbot.Robot, a name or a file"))?;
@@ -57,7 +57,7 @@ pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Error> {
 }
 
 #[pymethods]
-impl Robot {
+impl PyRobot {
     #[new]
     #[pyo3(signature = (name_or_file = None))]
     fn new(name_or_file: Option<&Bound<PyAny>>) -> Result<Self, Error> {

@@ -13,12 +13,12 @@ use pyo3::types::PyType;
 
 use crate::arguments::{bytes_of_file, path};
 use crate::error::{Error, ErrorKind};
-use crate::plan::{Plan, framed, layer_array};
+use crate::plan::{PyPlan, framed, layer_array};
 use crate::preconditions::page_of;
 
 /// The log of a growth, as written by `growbot grow --log` and Board.grow, as far as it can be read.
-#[pyclass(frozen, module = "growbot._growbot", subclass)]
-pub struct RunLog {
+#[pyclass(name = "RunLog", frozen, module = "growbot._growbot", subclass)]
+pub struct PyRunLog {
     name: String,
     bytes: Vec<u8>,
     record: RecordedRun,
@@ -32,7 +32,7 @@ pub fn json_of(event: RunEvent) -> String {
 }
 
 #[pymethods]
-impl RunLog {
+impl PyRunLog {
     #[new]
     #[pyo3(signature = (file))]
     fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
@@ -59,8 +59,8 @@ impl RunLog {
 
     /// Plan of the growth.
     #[getter]
-    fn plan(&self) -> Plan {
-        Plan { inner: Arc::clone(&self.plan), robot: Arc::clone(&self.robot) }
+    fn plan(&self) -> PyPlan {
+        PyPlan { inner: Arc::clone(&self.plan), robot: Arc::clone(&self.robot) }
     }
 
     /// Outcome of the growth: "done", "stopped", "fault", ... It is "unfinished" if the log has no end.

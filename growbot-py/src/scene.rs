@@ -15,16 +15,16 @@ use crate::error::{Error, ErrorKind};
 
 /// Obstacles, from a scene file (TOML), a mesh (.stl, .obj, .ply, .glb) or a cloud of points (.ply, .pcd).
 ///
-/// margin_mm replaces the margin of the file: the distance that bodies keep from all obstacles. A pickled scene names its
-/// file, which must have the same content when it is read again.
-#[pyclass(frozen, module = "growbot")]
+/// margin_mm replaces the margin of the file: the distance that bodies keep from all obstacles. A pickled scene names
+/// its file, which must have the same content when it is read again.
+#[pyclass(name = "Scene", frozen, module = "growbot")]
 #[derive(Clone)]
-pub struct Scene {
+pub struct PyScene {
     pub loaded: Arc<LoadedScene>,
     pub file: PathBuf,
 }
 
-impl Scene {
+impl PyScene {
     /// Returns the scene in an argument.
     pub fn given(scene: &Bound<PyAny>) -> Result<Self, Error> {
         Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
@@ -39,7 +39,7 @@ impl Scene {
 }
 
 #[pymethods]
-impl Scene {
+impl PyScene {
     #[new]
     #[pyo3(signature = (file, *, margin_mm = None))]
     fn new(py: Python<'_>, file: &Bound<PyAny>, margin_mm: Option<&Bound<PyAny>>) -> Result<Self, Error> {

@@ -18,8 +18,8 @@ use pyo3::types::PyAnyMethods;
 use crate::arguments::{check_rows, integer, threads, wrong_type};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::{Plan, framed, layer_array, structured};
-use crate::pose::Pose;
+use crate::plan::{PyPlan, framed, layer_array, structured};
+use crate::pose::PyPose;
 use crate::preconditions::page_of;
 
 /// Interval at which Ctrl-C is polled.
@@ -71,8 +71,8 @@ fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> V
 }
 
 /// A growth that was simulated without a board.
-#[pyclass(frozen, module = "growbot")]
-pub struct SimulationResult {
+#[pyclass(name = "SimulationResult", frozen, module = "growbot")]
+pub struct PySimulationResult {
     plan: Arc<client::Plan>,
     robot: Arc<Described>,
     seed: u64,
@@ -81,11 +81,11 @@ pub struct SimulationResult {
     laid: Vec<Layer>,
 }
 
-impl SimulationResult {
+impl PySimulationResult {
     /// Grows a plan once.
     pub fn grow(
         py: Python<'_>,
-        plan: &Plan,
+        plan: &PyPlan,
         seed: Option<&Bound<PyAny>>,
         conditions: Option<&Bound<PyAny>>,
     ) -> Result<Self, Error> {
@@ -107,21 +107,21 @@ pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Error> {
 }
 
 #[pymethods]
-impl SimulationResult {
+impl PySimulationResult {
     /// Grows the body again. pickle stores only plan, seed and conditions.
     #[staticmethod]
     fn _again(
         py: Python<'_>,
-        plan: &Bound<'_, Plan>,
+        plan: &Bound<'_, PyPlan>,
         seed: &Bound<'_, PyAny>,
         conditions: Option<&Bound<'_, PyAny>>,
     ) -> Result<Self, Error> {
         Self::grow(py, plan.get(), Some(seed), conditions)
     }
 
-    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (Plan, u64, Option<Py<PyAny>>))> {
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, (PyPlan, u64, Option<Py<PyAny>>))> {
         let Self { plan, robot, seed, conditions, .. } = slf.get();
-        let plan = Plan { inner: Arc::clone(plan), robot: Arc::clone(robot) };
+        let plan = PyPlan { inner: Arc::clone(plan), robot: Arc::clone(robot) };
         let conditions = conditions.as_ref().map(|conditions| conditions.clone_ref(slf.py()));
         Ok((slf.get_type().getattr("_again")?.unbind(), (plan, *seed, conditions)))
     }
@@ -146,7 +146,7 @@ impl SimulationResult {
 
     /// Pose of the tip at the end.
     #[getter]
-    fn final_pose(&self) -> Pose {
+    fn final_pose(&self) -> PyPose {
         self.outcome.arrival.final_pose.into()
     }
 
@@ -162,7 +162,7 @@ impl SimulationResult {
         self.outcome.arrival.normalized_position_error
     }
 
-    /// Difference of the headings, degrees. None if tip or goal is vertical.
+    /// Difference of the headings, degrees, or None: a vertical tip or goal has no heading.
     #[getter]
     fn heading_error_deg(&self) -> Option<f64> {
         self.outcome.arrival.heading_error_deg
@@ -182,7 +182,7 @@ impl SimulationResult {
 
     /// Pose of the tip as feedback estimates it. None without feedback.
     #[getter]
-    fn estimated_pose(&self) -> Option<Pose> {
+    fn estimated_pose(&self) -> Option<PyPose> {
         let estimate = self.outcome.grown.estimate.as_ref()?;
         Some(growbot_core::pose::Pose::from_frame(&estimate.base_from_tip).into())
     }
@@ -315,8 +315,8 @@ pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[CoreResult]) 
     set("x_mm", &|outcome| outcome.arrival.final_pose.position().x)?;
     set("y_mm", &|outcome| outcome.arrival.final_pose.position().y)?;
     set("z_mm", &|outcome| outcome.arrival.final_pose.position().z)?;
-    set("heading_deg", &|outcome| Pose::from(outcome.arrival.final_pose).heading_deg())?;
-    set("pitch_deg", &|outcome| Pose::from(outcome.arrival.final_pose).pitch_deg())?;
+    set("heading_deg", &|outcome| PyPose::from(outcome.arrival.final_pose).heading_deg())?;
+    set("pitch_deg", &|outcome| PyPose::from(outcome.arrival.final_pose).pitch_deg())?;
     set("position_error_mm", &|outcome| outcome.arrival.position_error_mm)?;
     set("normalized_position_error", &|outcome| outcome.arrival.normalized_position_error)?;
     set("heading_error_deg", &|outcome| outcome.arrival.heading_error_deg.unwrap_or(f64::NAN))?;
@@ -350,16 +350,16 @@ fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Error> {
 }
 
 /// Returns one plan for all seeds, or one for each.
-fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<Plan>, Error> {
+fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<PyPlan>, Error> {
     let wanted = "a growbot.Plan or a list of them";
-    if let Ok(plan) = plans.cast::<Plan>() {
+    if let Ok(plan) = plans.cast::<PyPlan>() {
         return Ok(vec![plan.get().clone()]);
     }
     let mut all = Vec::new();
     for item in plans.try_iter().map_err(|_| wrong_type("plans", plans, wanted))? {
         let item = item?;
         check_rows("plans", all.len() + 1)?;
-        all.push(item.cast::<Plan>().map_err(|_| wrong_type("plans", &item, wanted))?.get().clone());
+        all.push(item.cast::<PyPlan>().map_err(|_| wrong_type("plans", &item, wanted))?.get().clone());
     }
     if all.len() == seeds {
         return Ok(all);

@@ -12,7 +12,7 @@ use pyo3::types::{PyDict, PyType};
 use crate::arguments::{check_rows, integer, text, threads, wrong_type};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::Plan;
+use crate::plan::PyPlan;
 use crate::simulate::{interruptible, rows, seed_of};
 
 /// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
@@ -68,7 +68,7 @@ pub fn _simulate_repeated_rows<'py>(
 
 /// Requested growths of one plan.
 struct RepeatRequest {
-    plan: Plan,
+    plan: PyPlan,
     count: u64,
     seed: u64,
     conditions: Conditions,
@@ -84,7 +84,7 @@ impl RepeatRequest {
         threads: Option<&Bound<PyAny>>,
     ) -> Result<Self, Error> {
         Ok(Self {
-            plan: plan.cast::<Plan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone(),
+            plan: plan.cast::<PyPlan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone(),
             count: integer("count", count, 0, 1 << 53)?,
             seed: seed_of(seed)?,
             conditions: Conditions::read(conditions)?,
@@ -200,7 +200,7 @@ impl SimulationSummary {
         statistics(py, &self.inner.normalized_position_error)
     }
 
-    /// Statistics of the difference of the headings, degrees. None if no growth has one.
+    /// Statistics of the difference of the headings, degrees, over the growths that have one, or None.
     #[getter]
     fn heading_error_deg<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyDict>>> {
         let of = &self.inner.heading_error_deg;

@@ -33,8 +33,8 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
         assert (plan.duration_s, plan.filament_mm) == (answer["duration_s"], answer["filament_mm"])
         assert plan.path_type == answer["path_type"]
         assert [warning.code for warning in plan.warnings] == [warning["code"] for warning in answer["warnings"]]
-        for segment, said in zip(plan.segments, answer["segments"], strict=True):
-            assert all(getattr(segment, name) == value for name, value in said.items())
+        for segment, fields in zip(plan.segments, answer["segments"], strict=True):
+            assert all(getattr(segment, name) == value for name, value in fields.items())
 
     def compare(index: int) -> None:
         plan, file = plans[index], str(tmp_path / f"{index}.json")
@@ -52,21 +52,21 @@ def test_a_thousand_goals(command: Path, tmp_path: Path) -> None:
         )
         # The same comparison without a file.
         to = "--to=" + ",".join(repr(float(number)) for number in wanted[index])
-        said = json.loads(run(command, "simulate", to, "--planner", "shortest", *options))
-        assert_same_growth(plan.simulate(seed=index, conditions=NOISY), said)
+        output = json.loads(run(command, "simulate", to, "--planner", "shortest", *options))
+        assert_same_growth(plan.simulate(seed=index, conditions=NOISY), output)
 
     with ThreadPoolExecutor() as pool:
         assert len(list(pool.map(compare, range(LAYERS)))) == LAYERS
 
 
-def assert_same_growth(grown: growbot.SimulationResult, said: dict[str, object]) -> None:
+def assert_same_growth(grown: growbot.SimulationResult, output: dict[str, object]) -> None:
     names = (
         "position_error_mm", "normalized_position_error", "heading_error_deg", "pitch_error_deg",
         "direction_error_deg", "length_mm", "seed",
     )
-    assert {name: getattr(grown, name) for name in names} == {name: said[name] for name in names}
-    assert grown.layer_count == said["layers"]
-    final = said["final"]
+    assert {name: getattr(grown, name) for name in names} == {name: output[name] for name in names}
+    assert grown.layer_count == output["layers"]
+    final = output["final"]
     assert isinstance(final, dict)
     pose = grown.final_pose
     assert [final[name] for name in ("x_mm", "y_mm", "z_mm")] == [pose.x_mm, pose.y_mm, pose.z_mm]
@@ -108,17 +108,17 @@ def test_all_conditions(command: Path, tmp_path: Path) -> None:
         (growbot.Conditions(sag=True), ("--sag",)),
         (growbot.Conditions(slicing="whole", step_mm=3.096), ("--slice", "whole", "--step", "3.096")),
     ]:
-        said = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--seed", "7", *options))
+        output = json.loads(run(command, "simulate", str(tmp_path / "plan.json"), "--json", "--seed", "7", *options))
         grown = plan.simulate(seed=7, conditions=conditions)
-        assert_same_growth(grown, said)
-        assert grown.estimated_pose is None or grown.estimated_pose.x_mm == said["feedback"]["estimate"]["x_mm"]
+        assert_same_growth(grown, output)
+        assert grown.estimated_pose is None or grown.estimated_pose.x_mm == output["feedback"]["estimate"]["x_mm"]
 
 
 def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
     growbot.plan(START, (100, 0, 300, 20, 30)).save(tmp_path / "plan.json")
     plan = growbot.Plan.load(tmp_path / "plan.json")
     # More growths than are stored at a time.
-    said = json.loads(
+    output = json.loads(
         run(
             command,
             "simulate",
@@ -132,7 +132,7 @@ def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
         )
     )
     summary = growbot.simulate_repeated(plan, 20_000, seed=5, conditions=NOISY)
-    assert summary.growth_count == 20_000 and summary.layer_count == said["layers"]
+    assert summary.growth_count == 20_000 and summary.layer_count == output["layers"]
     errors = (
         "position_error_mm",
         "normalized_position_error",
@@ -141,8 +141,8 @@ def test_simulate_repeated(command: Path, tmp_path: Path) -> None:
         "direction_error_deg",
     )
     for name in errors:
-        assert getattr(summary, name) == said[name]
-    assert summary.worst_seed == said["worst_seed"]
+        assert getattr(summary, name) == output[name]
+    assert summary.worst_seed == output["worst_seed"]
     rows = growbot.simulate_many(plan, np.arange(5, 205), conditions=NOISY)
     assert [plan.simulate(seed=int(row["seed"]), conditions=NOISY).position_error_mm for row in rows] == list(
         rows["position_error_mm"]

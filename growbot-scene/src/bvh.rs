@@ -48,7 +48,7 @@ impl Bounds {
 }
 
 /// An item that has a distance from a point.
-pub trait Item: Copy {
+pub trait BvhItem: Copy {
     /// Returns a box that contains the item.
     fn bounds(&self) -> Bounds;
     /// Returns the minimum of `best` and the signed squares of the distances from a point to these items.
@@ -115,7 +115,7 @@ impl Node {
     }
 }
 
-impl<T: Item> Bvh<T> {
+impl<T: BvhItem> Bvh<T> {
     /// Builds the tree over these items, fewer than 2^31.
     #[must_use]
     pub fn new(mut items: Vec<T>) -> Self {
@@ -188,12 +188,12 @@ impl<T: Item> Bvh<T> {
 }
 
 /// Returns the bounding box of some items.
-pub fn bounds_of<T: Item>(items: &[T]) -> Bounds {
+pub fn bounds_of<T: BvhItem>(items: &[T]) -> Bounds {
     items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.with(&item.bounds()))
 }
 
 /// Makes the nodes below this one, which contains these items. `first` is the index of the first of them in all items.
-fn divide<T: Item>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<Node>) {
+fn divide<T: BvhItem>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<Node>) {
     if items.len() <= LEAF {
         nodes[node].first = first as u32;
         nodes[node].items = items.len() as u32;
@@ -217,7 +217,7 @@ fn divide<T: Item>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<N
     divide(right, first + middle, children + 1, nodes);
 }
 
-fn centre<T: Item>(item: &T) -> Vector3<f64> {
+fn centre<T: BvhItem>(item: &T) -> Vector3<f64> {
     let bounds = item.bounds();
     (bounds.min + bounds.max) * 0.5
 }

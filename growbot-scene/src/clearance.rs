@@ -1,8 +1,8 @@
 //! Proof that a body is clear of a scene along its whole length, without sampling.
 //!
 //! The distance from a point to the obstacles changes by no more than the point moves. So the part of a curve within
-//! the length `d - need` of a point at distance `d` stays clear by `required`. The rest of a stretch is halved repeatedly,
-//! until all is proven, or a point is too near.
+//! the length `d - need` of a point at distance `d` stays clear by `required`. The rest of a stretch is halved
+//! repeatedly, until all is proven, or a point is too near.
 
 use std::time::Instant;
 
@@ -89,8 +89,8 @@ pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) ->
 /// Number of distance queries of [`min_clearance_until`] between two checks of the clock.
 const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
-/// Like [`min_clearance`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a distance
-/// query for every two tolerances.
+/// Like [`min_clearance`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a
+/// distance query for every two tolerances.
 #[must_use]
 pub fn min_clearance_until(
     scene: &Scene,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use crate::bvh::{Bounds, Bvh, Item};
+use crate::bvh::{Bounds, Bvh, BvhItem};
 use crate::scene::{Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
 
@@ -45,13 +45,13 @@ impl ObstacleSelection {
         let points = scene.clouds().iter().flat_map(|cloud| cloud.points().iter().map(|at| (*at, cloud.radius())));
         let triangles = scene.meshes().iter().flat_map(Mesh::triangles).copied();
         Self {
-            shapes: around.nearest(scene.shapes().iter().copied(), limits.shapes, Item::bounds),
+            shapes: around.nearest(scene.shapes().iter().copied(), limits.shapes, BvhItem::bounds),
             squares: scene
                 .half_spaces()
                 .iter()
                 .filter_map(|plane| around.square(&plane.point, &plane.normal))
                 .collect(),
-            triangles: around.nearest(triangles, limits.triangles, Item::bounds),
+            triangles: around.nearest(triangles, limits.triangles, BvhItem::bounds),
             points: around.nearest(points, limits.points, |(at, _)| at.bounds()),
             total: scene.len(),
         }

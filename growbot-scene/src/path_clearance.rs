@@ -117,7 +117,8 @@ pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, n
 }
 
 /// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
-/// most [`CLEARANCE_TOLERANCE_MM`]. For a body that begins inside a solid mesh, it is the negative distance of its start.
+/// most [`CLEARANCE_TOLERANCE_MM`]. For a body that begins inside a solid mesh, it is the negative distance of its
+/// start.
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.

@@ -5,7 +5,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::bvh::{Bounds, Item, signed_square};
+use crate::bvh::{Bounds, BvhItem, signed_square};
 
 /// A simple shape. Lengths in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +53,7 @@ impl Shape {
     }
 }
 
-impl Item for Shape {
+impl BvhItem for Shape {
     fn bounds(&self) -> Bounds {
         match self {
             Self::Box { centre, half_extents: half, rotation } => {
@@ -103,7 +103,7 @@ impl HalfSpace {
 }
 
 /// A point of a cloud.
-impl Item for Vector3<f64> {
+impl BvhItem for Vector3<f64> {
     fn bounds(&self) -> Bounds {
         Bounds { min: *self, max: *self }
     }
@@ -180,7 +180,7 @@ fn turned(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> i32 {
     }
 }
 
-impl Item for Triangle {
+impl BvhItem for Triangle {
     fn bounds(&self) -> Bounds {
         Bounds::of(&self.0)
     }

@@ -42,7 +42,7 @@ pub enum SealError {
 
 /// A sealed image.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Sealed {
+pub struct SealedImage {
     /// Bytes of the ELF file.
     pub bytes: Vec<u8>,
     /// CRC-32C of the image.
@@ -70,7 +70,7 @@ fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
 ///
 /// # Errors
 /// A message with the reason why the image cannot be sealed.
-pub fn seal(image: &[u8]) -> Result<Sealed, String> {
+pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
     let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is not a 32-bit ELF file ({error})"))?;
     let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
     let place = symbol.ok_or_else(|| format!("it has no {SYMBOL}"))?.address() as u32;
@@ -121,7 +121,7 @@ pub fn seal(image: &[u8]) -> Result<Sealed, String> {
     for (into, word) in into.as_chunks_mut::<4>().0.iter_mut().zip(words) {
         *into = word.to_le_bytes();
     }
-    Ok(Sealed { bytes, crc })
+    Ok(SealedImage { bytes, crc })
 }
 
 /// Reports whether an image has a seal, valid or not.
@@ -143,7 +143,8 @@ pub fn is_sealed(image: &[u8]) -> bool {
 pub fn seal_in_place(path: &Path) -> Result<u32, SealError> {
     let file = path.display().to_string();
     let image = fs::read(path).map_err(|error| SealError::File { file: file.clone(), error })?;
-    let Sealed { bytes, crc } = seal(&image).map_err(|reason| SealError::NoImage { file: file.clone(), reason })?;
+    let SealedImage { bytes, crc } =
+        seal(&image).map_err(|reason| SealError::NoImage { file: file.clone(), reason })?;
     if is_sealed(&image) {
         return if bytes == image { Ok(crc) } else { Err(SealError::Damaged { file }) };
     }

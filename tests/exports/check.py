@@ -388,11 +388,11 @@ def check_refusals(directory):
         [plan, "-o", kept, "--robot", "growbot-b"],
         [plan, "-o", kept, "--segments", "1"],
     ):
-        said = growbot("export", *args, code=2).stderr
-        first, *rest = said.splitlines()
-        demand(first.startswith("error: "), f"no error for {args}: {said}")
+        output = growbot("export", *args, code=2).stderr
+        first, *rest = output.splitlines()
+        demand(first.startswith("error: "), f"no error for {args}: {output}")
         one = all(not line.strip() or line.startswith("    ") for line in rest)
-        demand(one or "--segments" in args, f"more than one message for {args}: {said}")
+        demand(one or "--segments" in args, f"more than one message for {args}: {output}")
     demand(
         sorted(directory.iterdir()) == before and kept.read_text() == "kept", "something was left of what was refused"
     )
@@ -428,11 +428,11 @@ def check_scene(directory):
     ends = numpy.array([[-60, -100, 150], [165, 100, 450]])
     far = numpy.abs(obstacles.bounds * 1000 - ends).max()
     demand(far < 0.6, f"scene: the obstacles are {far} mm from where they should be")
-    said = json.loads(plan.read_text())["scene"]["clearance_mm"]
+    clearance_mm = json.loads(plan.read_text())["scene"]["clearance_mm"]
     tip = scene.geometry["narrowest place"].vertices * 1000
     near = numpy.abs(numpy.linalg.norm(tip - ball[0], axis=1) - ball[1]).min()
     demand(near < 1.5, f"scene: the mark ends {near} mm from the ball")
-    print(f"scene: {len(obstacles.faces)} triangles of obstacles, {said:.2f} mm clear, volume {100 * off:+.2f} %")
+    print(f"scene: {len(obstacles.faces)} triangles of obstacles, {clearance_mm:.2f} mm clear, volume {100 * off:+.2f} %")
 
 
 def main():

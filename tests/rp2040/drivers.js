@@ -128,18 +128,18 @@ async function breaks(what, board, change, trouble) {
         const growth = spawn(growbot, ['grow', '--to', '0,0,40,0,90', '--robot', file, '--port', port], {
             stdio: ['ignore', 'ignore', 'pipe'],
         });
-        let said = '';
-        growth.stderr.on('data', (text) => (said += text));
+        let output = '';
+        growth.stderr.on('data', (text) => (output += text));
         const ended = once(growth, 'close');
         const until = Date.now() + 600e3;
         while (growth.exitCode === null && !OFF.low.some((pin) => board.isHigh(pin))) {
-            assert(Date.now() < until, `${what}: the board does not heat: ${said}`);
+            assert(Date.now() < until, `${what}: the board does not heat: ${output}`);
             await new Promise((later) => setTimeout(later, 5));
         }
         const begun = board.ns;
         change(board.driverLine.drivers);
         await ended;
-        assert.match(said, /driver-fault/, what);
+        assert.match(output, /driver-fault/, what);
         assertOff(board, what);
         const status = JSON.parse((await run(growbot, ['status', '--json', '--port', port])).stdout);
         assert.equal(status.fault, 'driver-fault', what);

@@ -37,7 +37,7 @@ function cut(from, bytes) {
 }
 
 /** Returns the status of the board. */
-async function said(board) {
+async function readStatus(board) {
     const { port, stop } = await serve(board);
     try {
         return JSON.parse((await run(growbot, ['status', '--json', '--port', port])).stdout);
@@ -55,7 +55,7 @@ for (const [what, numbers] of [
     const { from } = work.find((one) => one.what === what);
     for (const bytes of some(numbers)) {
         const board = cut(from, bytes);
-        const { state, fault } = await said(board);
+        const { state, fault } = await readStatus(board);
         assert.deepEqual({ state, fault }, { state: 'idle', fault: null }, `${what}, ${bytes} bytes`);
         assert.equal(board.resets, 0);
         losses += 1;

@@ -69,7 +69,7 @@ mod tests {
     use std::collections::VecDeque;
 
     use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
-    use growbot_core::link::message::{PauseCause, Refused, ResetCause, SCHEMA_HASH, State, Status};
+    use growbot_core::link::message::{PauseCause, RefusalResponse, ResetCause, SCHEMA_HASH, State, Status};
 
     use super::*;
     use crate::port::{Port, PortError};
@@ -92,7 +92,7 @@ mod tests {
                     let received = part.offset + part.bytes.len() as u16;
                     Message::Configured(Configured { robot: part.robot, received, stored: false })
                 }
-                other => Message::Refused(Refused { kind: other.kind(), refusal: Refusal::NoSession }),
+                other => Message::Refused(RefusalResponse { kind: other.kind(), refusal: Refusal::NoSession }),
             }
         }
     }

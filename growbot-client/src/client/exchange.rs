@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use growbot_core::link::frame::{self, FrameError, FrameHeader, LinkFrame, MAX_BODY_LEN, next_seq};
-use growbot_core::link::message::{Empty, EnergizingRequest, Message, MessageError, PassiveRequest, Refused};
+use growbot_core::link::message::{Empty, EnergizingRequest, Message, MessageError, PassiveRequest, RefusalResponse};
 
 use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RETRY_DELAY, PLAN_TIMEOUT, ResponseWait};
 use super::{Client, ClientError};
@@ -259,7 +259,7 @@ impl Client {
 /// Decodes the response in a frame. A refusal is returned as an error.
 pub(super) fn decode_response(request: &'static str, frame: &LinkFrame) -> Result<Message, ClientError> {
     match Message::decode(frame.header.kind, &frame.body) {
-        Ok(Message::Refused(Refused { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
+        Ok(Message::Refused(RefusalResponse { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
         Ok(message) => Ok(message),
         Err(MessageError::UnknownKind { kind } | MessageError::Body { kind }) => {
             Err(ClientError::Unexpected { request, kind })

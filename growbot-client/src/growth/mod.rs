@@ -164,7 +164,7 @@ pub struct Amendment {
     pub from: u32,
     /// Total number of layers of the job after the amendment.
     pub total: u32,
-    /// First replacement layers.
+    /// The first of the replacement layers. More may follow.
     #[serde(with = "crate::run_log::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
@@ -351,7 +351,7 @@ impl LaidProgress {
 
 /// Times on the board's clock since one of its starts.
 struct BoardClock {
-    /// Boot number of that start.
+    /// Boot number of the board during these times.
     boot_id: u32,
     /// Start and end of the growth, ms.
     began_ms: Option<u64>,

@@ -14,7 +14,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::header::{Resumed, RunHeader};
+use super::header::{ResumeRecord, RunHeader};
 use super::result::{GrowthResult, InterruptedLayerJson};
 use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::crash::CrashJson;
@@ -97,7 +97,7 @@ pub enum RunEvent {
     /// The board responds again.
     Reconnected,
     /// The growth was resumed here by another program.
-    Resumed(Resumed),
+    Resumed(ResumeRecord),
     /// The growth has ended.
     End {
         /// Result, as `growbot grow --json` prints it.

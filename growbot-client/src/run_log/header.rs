@@ -60,7 +60,7 @@ pub struct RunHeader {
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default)]
-pub struct Resumed {
+pub struct ResumeRecord {
     /// Version of the program.
     pub growbot: String,
     /// The command line.

@@ -37,7 +37,7 @@ pub(crate) use self::event::lenient;
 pub use self::event::{
     BoardRecord, BoardStatus, LaidLayer, LayerJson, MeasuredJson, RunEvent, RunLine, SimulatedLayer, to_run_events,
 };
-pub use self::header::{Distribution, DisturbancesJson, Resumed, RunHeader, SensorNoiseJson, TipKind, Unit};
+pub use self::header::{Distribution, DisturbancesJson, ResumeRecord, RunHeader, SensorNoiseJson, TipKind, Unit};
 pub use self::hexadecimal::hex_of;
 pub(crate) use self::hexadecimal::{hash, layers};
 use self::queue::LineQueue;
@@ -301,7 +301,7 @@ impl RunLog {
         if let Some(open) = &mut log.0 {
             open.is_new = false;
         }
-        let begun = log.write(RunEvent::Resumed(Resumed {
+        let begun = log.write(RunEvent::Resumed(ResumeRecord {
             growbot: env!("CARGO_PKG_VERSION").to_owned(),
             command_line: command_line(),
             port: port.to_owned(),

@@ -7,9 +7,9 @@ use proptest::prelude::*;
 use super::*;
 
 /// Max error of a path at the goal, radii and radians, for goals within some 60 radii.
-const ARRIVED: f64 = 1e-12;
+const GOAL_TOLERANCE: f64 = 1e-12;
 /// Max error beyond some 60 radii, as a fraction of the distance, because the goal itself has fewer digits there.
-const ARRIVED_AT_DISTANCE: f64 = 1e-12 / 64.0;
+const GOAL_TOLERANCE_PER_DISTANCE: f64 = 1e-12 / 64.0;
 
 /// A goal, and the length of a path to it that was constructed by hand.
 #[derive(Debug, Clone, Copy)]
@@ -26,7 +26,7 @@ fn laid(path_type: PathType, lengths: [f64; 3]) -> Laid {
 fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
     let path = shortest(goal);
     let miss = path.goal_error(goal);
-    let tolerance = ARRIVED.max(ARRIVED_AT_DISTANCE * libm::hypot(goal.x, goal.y));
+    let tolerance = GOAL_TOLERANCE.max(GOAL_TOLERANCE_PER_DISTANCE * libm::hypot(goal.x, goal.y));
     assert!(miss <= tolerance, "{goal:?}: {path:?} misses by {miss}");
     path
 }

@@ -26,7 +26,7 @@ use crate::pose::Pose;
 pub mod csc;
 pub mod helicoids;
 
-use csc::{Csc, Overlapping};
+use csc::{Csc, OverlappingPaths};
 use helicoids::{HelicoidPiece, HelicoidalArc};
 
 /// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
@@ -86,7 +86,7 @@ fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
 
 /// A path that leads to the goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Candidate {
+pub enum PathCandidate {
     /// A path of an arc, a straight line and an arc.
     Csc(Csc),
     /// A path in one plane.
@@ -100,7 +100,7 @@ pub enum Candidate {
     Helicoid(HelicoidalArc),
 }
 
-impl Candidate {
+impl PathCandidate {
     /// Returns the length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
@@ -153,7 +153,7 @@ impl Candidate {
 }
 
 /// Candidates, shortest first.
-pub type Candidates = Vec<Candidate, MAX_CANDIDATES>;
+pub type Candidates = Vec<PathCandidate, MAX_CANDIDATES>;
 
 /// Finds candidates that lead to the goal.
 ///
@@ -179,33 +179,33 @@ pub fn candidates(problem: &PathProblem, longest: f64, found: &mut Candidates, k
 fn arcs_and_lines(
     problem: &PathProblem,
     found: &mut Candidates,
-    overlapping: &mut Overlapping,
+    overlapping: &mut OverlappingPaths,
     keep_alive: &mut dyn FnMut(),
 ) {
     let mut paths = Vec::new();
     csc::search(problem, &mut paths, overlapping, keep_alive);
     for path in &paths {
-        keep(found, Candidate::Csc(*path));
+        keep(found, PathCandidate::Csc(*path));
     }
 }
 
 #[inline(never)]
 fn helicoidal_arc(
     problem: &PathProblem,
-    overlapping: &Overlapping,
+    overlapping: &OverlappingPaths,
     longest: f64,
     found: &mut Candidates,
     keep_alive: &mut dyn FnMut(),
 ) {
     let shortest = found.first().map_or(longest, |best| best.length().min(longest));
     if let Some(arc) = helicoids::shortest(problem, overlapping, shortest, keep_alive) {
-        keep(found, Candidate::Helicoid(arc));
+        keep(found, PathCandidate::Helicoid(arc));
     }
 }
 
 /// Inserts a candidate in order of length. Among candidates of equal length, the one found first stays first.
 #[inline(never)]
-fn keep(found: &mut Candidates, candidate: Candidate) {
+fn keep(found: &mut Candidates, candidate: PathCandidate) {
     let length = candidate.length();
     insert_behind(found, candidate, |other| other.length() <= length);
 }
@@ -238,7 +238,7 @@ fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
 }
 
 /// Returns the shortest path in the plane of start and goal. `None` if they are not in one plane.
-fn planar(problem: &PathProblem) -> Option<Candidate> {
+fn planar(problem: &PathProblem) -> Option<PathCandidate> {
     let PathProblem { goal, direction, .. } = problem;
     let start = Vector3::z();
     let (by_goal, by_direction) = (start.cross(goal), start.cross(direction));
@@ -250,7 +250,7 @@ fn planar(problem: &PathProblem) -> Option<Candidate> {
     let left = normal.cross(&start);
     let heading = libm::atan2(direction.dot(&left), direction.z);
     let path = dubins2::shortest(&PlanarPose { x: goal.z, y: goal.dot(&left), heading });
-    Some(Candidate::Planar { path, left: libm::atan2(left.y, left.x) })
+    Some(PathCandidate::Planar { path, left: libm::atan2(left.y, left.x) })
 }
 
 /// Returns the axes of a tip after an arc that bends in the direction of this angle of its deposition plane, in the
@@ -301,7 +301,7 @@ mod tests {
             assert!(miss < 1e-9, "{candidate:?} misses by {miss:e}");
             assert!((length(&path) - candidate.length()).abs() < 1e-12);
         }
-        found.first().map_or(f64::INFINITY, Candidate::length)
+        found.first().map_or(f64::INFINITY, PathCandidate::length)
     }
 
     proptest! {
@@ -336,7 +336,7 @@ mod tests {
         #[test]
         fn planar_goals_are_no_longer_than_planar_paths(alpha in 0.0..TAU, x in -40.0..40.0, y in 4.0..40.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
-            let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
+            let laid = PathCandidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
         }
     }
@@ -355,7 +355,7 @@ mod tests {
         #[test]
         fn near_planar_goals_are_no_longer_than_planar_paths(alpha in 0.0..TAU, x in -3.0..3.0, y in -3.0..3.0, heading in 0.0..TAU) {
             let planar = dubins2::shortest(&PlanarPose { x, y, heading });
-            let laid = Candidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
+            let laid = PathCandidate::Planar { path: planar, left: alpha }.path(1.0).unwrap();
             prop_assert!(shortest_to_end_of(&laid) <= planar.length() + 1e-9);
         }
 

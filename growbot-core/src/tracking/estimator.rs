@@ -115,17 +115,17 @@ pub struct Estimator {
     /// Variance of the growth of a single layer, as a squared fraction.
     growth_variance: f64,
     /// Layers since the latest measurement of the odometry.
-    unmeasured: Unmeasured,
+    unmeasured: UnmeasuredGrowth,
     /// Mean square of the latest innovations of directions, divided by its expected value.
     mean_nis: f64,
 }
 
 /// The expected growth of layers that the odometry has not measured yet.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Unmeasured {
+struct UnmeasuredGrowth {
     /// Sum of the expected growth, mm.
     growth: f64,
-    /// Variance of that sum, mm^2.
+    /// Variance of the expected growth, mm^2.
     variance: f64,
 }
 
@@ -153,7 +153,7 @@ impl Estimator {
             covariance,
             bias_variance: square(prior::GROWTH_BIAS),
             growth_variance: square(prior::GROWTH),
-            unmeasured: Unmeasured::default(),
+            unmeasured: UnmeasuredGrowth::default(),
             mean_nis: 1.0,
         }
     }
@@ -239,10 +239,11 @@ impl Estimator {
         let variance = square(height) * self.growth_variance;
         let before = self.unmeasured;
         let Some(measured) = measured else {
-            self.unmeasured = Unmeasured { growth: before.growth + expected, variance: before.variance + variance };
+            self.unmeasured =
+                UnmeasuredGrowth { growth: before.growth + expected, variance: before.variance + variance };
             return MeasuredGrowth { growth: expected, variance, correction: 0.0 };
         };
-        self.unmeasured = Unmeasured::default();
+        self.unmeasured = UnmeasuredGrowth::default();
         let noise = square(height * self.noise.odometry);
         let innovation = measured - before.growth - expected;
         let all = variance + before.variance;

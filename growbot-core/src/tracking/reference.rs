@@ -241,7 +241,7 @@ struct Linear {
     error: Constraint,
     /// Error as linearised for segments of planned shape.
     from_planned: Constraint,
-    /// Columns of the segments, from the last segment to the first.
+    /// Change of the end by the shape of each segment, from the last segment to the first.
     columns: Vec<Columns, MAX_PIECES>,
     miss: GoalError,
 }
@@ -264,7 +264,7 @@ struct Columns {
     max_length: f64,
 }
 
-/// Value, slope and Hessian of the dual at a pull.
+/// The dual of the least squares at given multipliers: value, slope and Hessian.
 struct Dual {
     value: f64,
     slope: Constraint,
@@ -272,7 +272,8 @@ struct Dual {
 }
 
 impl Columns {
-    /// Returns the shape that a pull gives the segment, and the curvature (1/mm) that it would have without the bound.
+    /// Returns the segment's shape for the multipliers `pull`, and the curvature (1/mm) that it would have without the
+    /// bound.
     fn give_way(&self, pull: &Constraint) -> (PieceShape, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let unbounded = self.planned.curvature + Vector2::new(x, y) * self.variances.curvature;
@@ -394,7 +395,7 @@ impl Linear {
         }
     }
 
-    /// Returns the dual at a pull.
+    /// Returns the dual at the multipliers `pull`.
     fn dual(&self, pull: &Constraint) -> Dual {
         let weight = Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3] * GOAL_DEVIATION[row / 3]);
         let weighted = weight.component_mul(pull);

@@ -39,7 +39,7 @@ use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 use growbot_firmware::board_robot;
 use growbot_firmware::stepping::{AxisMove, EngineConfig, HomingMove, Mailbox, Move, Report, Turn, TurnPlanner};
 
-use crate::pins::{StepEngine, World};
+use crate::pins::{BenchmarkEngine, World};
 use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
 
@@ -144,7 +144,7 @@ fn run(uart: &mut PolledUart, name: &str, ramps: &str, robot: &Robot, change: im
 
 /// An engine and its simulated hardware.
 struct Bench {
-    engine: StepEngine,
+    engine: BenchmarkEngine,
     handover: Mailbox,
     world: World,
     timer: Timer,

@@ -49,31 +49,32 @@ impl InputPin for Pin {
     }
 }
 
-type Wired = InvertiblePin<Pin>;
+type WiredPin = InvertiblePin<Pin>;
 
 /// The engine with its pins wired like the robot's.
-pub type StepEngine = Engine<Pin, Wired, Wired, Pin, Wired, Wired, Wired, Pin, Wired, TipOutputs>;
+pub type BenchmarkEngine =
+    Engine<Pin, WiredPin, WiredPin, Pin, WiredPin, WiredPin, WiredPin, Pin, WiredPin, BenchmarkOutputs>;
 
-fn wired(pin: &'static AtomicBool) -> Wired {
+fn wired(pin: &'static AtomicBool) -> WiredPin {
     InvertiblePin::new(Pin(pin), false)
 }
 
 /// Creates an engine with these pins.
-pub fn engine(settings: EngineConfig) -> StepEngine {
+pub fn engine(settings: EngineConfig) -> BenchmarkEngine {
     STOP.store(false, Ordering::Relaxed);
     Engine::new(
         StepperPins { step: Pin(&HEAD_STEP), direction: wired(&HEAD_DIRECTION), enable: wired(&HEAD_ENABLE) },
         StepperPins { step: Pin(&FEED_STEP), direction: wired(&FEED_DIRECTION), enable: wired(&FEED_ENABLE) },
         EngineInputs { index: wired(&INDEX), filament_motion: Pin(&FILAMENT), emergency_stop: wired(&STOP) },
-        TipOutputs,
+        BenchmarkOutputs,
         settings,
     )
 }
 
 /// Heater, fan and both drivers: five stores, as on the robot's board.
-pub struct TipOutputs;
+pub struct BenchmarkOutputs;
 
-impl Outputs for TipOutputs {
+impl Outputs for BenchmarkOutputs {
     fn make_safe(&mut self) {
         crate::tip::make_safe();
     }
@@ -86,7 +87,7 @@ pub fn press_emergency_stop(pressed: bool) {
 
 /// Runs the code of the step interrupt.
 #[inline(never)]
-pub fn tick(engine: &mut StepEngine, handover: &Mailbox) {
+pub fn tick(engine: &mut BenchmarkEngine, handover: &Mailbox) {
     engine.tick(handover);
 }
 

@@ -7,7 +7,7 @@ use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 use crate::tip::word;
 
 /// A part of the flash.
-pub type FlashPartition = WordNorFlash<SharedWords>;
+pub type SharedMemoryPartition = WordNorFlash<SharedWords>;
 
 /// Words of the shared memory.
 pub struct SharedWords {
@@ -16,7 +16,7 @@ pub struct SharedWords {
 
 impl SharedWords {
     /// Returns the flash of the robot's description, and the journal's. Call it once.
-    pub fn parts() -> [FlashPartition; 2] {
+    pub fn parts() -> [SharedMemoryPartition; 2] {
         [table::DESCRIPTION_FLASH, table::JOURNAL_FLASH].map(|start| WordNorFlash(Self { start }))
     }
 }

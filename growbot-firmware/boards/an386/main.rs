@@ -33,11 +33,11 @@ use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
-use crate::flash::{FlashPartition, SharedWords};
+use crate::flash::{SharedMemoryPartition, SharedWords};
 use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
 use crate::stack_monitor::StackMonitor;
-use crate::tip::Tip;
+use crate::tip::TipPins;
 use crate::uart::Uart;
 
 /// The board's only clock.
@@ -54,17 +54,17 @@ struct An386;
 impl Board for An386 {
     type HeaterPower = tip::Power;
     type HeaterEnable = tip::Switch;
-    type Fan = tip::Power;
-    type Thermistor = tip::TipAdc;
-    type Supply = tip::TipAdc;
+    type FanPwm = tip::Power;
+    type ThermistorAdc = tip::TipAdc;
+    type SupplyAdc = tip::TipAdc;
     type FilamentPresence = tip::Flag;
     type DriverFault = tip::Flag;
     type Drivers = UnmanagedDrivers;
     type Orientation = tip::OrientationSensor;
-    type Watchdog = watchdog::BoardWatchdog;
+    type Watchdog = watchdog::CmsdkWatchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
-    type Flash = FlashPartition;
+    type Flash = SharedMemoryPartition;
     type Store = &'static mut LayerStore;
 }
 
@@ -107,7 +107,7 @@ fn run(uart: &Uart, controller: &mut Controller<An386>) -> ! {
 /// Initialises the board.
 #[inline(never)] // Its stack frame is needed only during the start-up.
 fn set_up() -> (Uart, &'static mut Controller<An386>) {
-    let tip = Tip::start(reset::read_and_clear_cause);
+    let tip = TipPins::start(reset::read_and_clear_cause);
     let watchdog = watchdog::start(CLOCK_HZ);
     let store = cortex_m::singleton!(: LayerStore = LayerStore::new());
     let [descriptions, journal] = SharedWords::parts();
@@ -129,7 +129,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
             filament_motion: tip.filament_motion,
             emergency_stop: tip.emergency_stop,
         },
-        tip::TipOutputs,
+        tip::EmulatedOutputs,
         EngineConfig::for_robot(&robot),
     );
     step_timer::start(engine, robot.description().motion.tick_hz, CLOCK_HZ);
@@ -189,7 +189,7 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
 /// Returns the robot in the board's flash. Without one it returns the robot whose description the desktop has put into
 /// the tip's memory, and otherwise the robot that the firmware was built for.
 #[inline(never)] // Its stack frame is needed only during the start-up.
-fn load_robot(descriptions: &mut DescriptionStore<FlashPartition>) -> Result<BoardRobot, RobotError> {
+fn load_robot(descriptions: &mut DescriptionStore<SharedMemoryPartition>) -> Result<BoardRobot, RobotError> {
     let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];
     let length = tip::copy_robot_description(&mut bytes);
     match (bytes.get(..length), descriptions.newest()) {

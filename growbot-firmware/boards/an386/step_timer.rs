@@ -8,7 +8,9 @@ use growbot_firmware::stepping::Engine;
 use crate::MAILBOX;
 use crate::interrupt_cell::InterruptCell;
 use crate::registers::Register;
-use crate::tip::{self, DirectionPin, FilamentEncoder, Flag, IndexSensor, Step, Switch, TipOutputs};
+use crate::tip::{
+    self, EmulatedOutputs, FilamentEncoder, Flag, IndexSensor, RecordedDirectionPin, RecordedStepPin, Switch,
+};
 
 const BASE: usize = 0x4000_0000;
 // SAFETY: the registers of TIMER0, which only this file uses.
@@ -25,16 +27,16 @@ const CONTROL_INTERRUPT: u32 = 1 << 3;
 
 /// The engine that runs in the step interrupt.
 pub type StepEngine = Engine<
-    Step,
-    DirectionPin,
+    RecordedStepPin,
+    RecordedDirectionPin,
     Switch,
-    Step,
-    DirectionPin,
+    RecordedStepPin,
+    RecordedDirectionPin,
     Switch,
     InvertiblePin<IndexSensor>,
     FilamentEncoder,
     Flag,
-    TipOutputs,
+    EmulatedOutputs,
 >;
 
 static ENGINE: InterruptCell<StepEngine> = InterruptCell::empty();

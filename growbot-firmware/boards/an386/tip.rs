@@ -22,17 +22,17 @@ fn count(offset: usize) {
 }
 
 /// All outputs and inputs of the tip, each once.
-pub struct Tip {
+pub struct TipPins {
     /// STEP of the head.
-    pub head_step: Step,
+    pub head_step: RecordedStepPin,
     /// DIR of the head.
-    pub head_direction: DirectionPin,
+    pub head_direction: RecordedDirectionPin,
     /// Enable of the head's driver. High energises it.
     pub head_enable: Switch,
     /// STEP of the feed.
-    pub feed_step: Step,
+    pub feed_step: RecordedStepPin,
     /// DIR of the feed.
-    pub feed_direction: DirectionPin,
+    pub feed_direction: RecordedDirectionPin,
     /// Enable of the feed's driver. High energises it.
     pub feed_enable: Switch,
     /// Power of the heater.
@@ -59,7 +59,7 @@ pub struct Tip {
     pub orientation: OrientationSensor,
 }
 
-impl Tip {
+impl TipPins {
     /// Writes the board's words for a new boot, with all outputs off, and returns the pins. Call it once.
     ///
     /// `cause` is called with `true` on the first boot on this memory, and returns the cause of the start.
@@ -91,12 +91,12 @@ impl Tip {
         fence(Ordering::Release);
         count(table::BOOTS);
 
-        Tip {
-            head_step: Step { axis: RecordedMotor::Head, high: false },
-            head_direction: DirectionPin { axis: RecordedMotor::Head },
+        TipPins {
+            head_step: RecordedStepPin { axis: RecordedMotor::Head, high: false },
+            head_direction: RecordedDirectionPin { axis: RecordedMotor::Head },
             head_enable: Switch { offset: table::HEAD_ENABLE },
-            feed_step: Step { axis: RecordedMotor::Feed, high: false },
-            feed_direction: DirectionPin { axis: RecordedMotor::Feed },
+            feed_step: RecordedStepPin { axis: RecordedMotor::Feed, high: false },
+            feed_direction: RecordedDirectionPin { axis: RecordedMotor::Feed },
             feed_enable: Switch { offset: table::FEED_ENABLE },
             heater: Power { offset: table::HEATER_DUTY },
             heater_enable: Switch { offset: table::HEATER_ENABLE },
@@ -114,9 +114,9 @@ impl Tip {
 }
 
 /// Heater, fan and both drivers, for the step interrupt.
-pub struct TipOutputs;
+pub struct EmulatedOutputs;
 
-impl Outputs for TipOutputs {
+impl Outputs for EmulatedOutputs {
     fn make_safe(&mut self) {
         make_safe();
     }
@@ -235,15 +235,15 @@ const fn wire_of(axis: RecordedMotor) -> &'static core::sync::atomic::AtomicBool
 }
 
 /// A DIR pin.
-pub struct DirectionPin {
+pub struct RecordedDirectionPin {
     axis: RecordedMotor,
 }
 
-impl ErrorType for DirectionPin {
+impl ErrorType for RecordedDirectionPin {
     type Error = Infallible;
 }
 
-impl OutputPin for DirectionPin {
+impl OutputPin for RecordedDirectionPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
         wire_of(self.axis).store(false, Ordering::Relaxed);
         Ok(())
@@ -256,16 +256,16 @@ impl OutputPin for DirectionPin {
 }
 
 /// A STEP pin. Only the step interrupt drives the two STEP pins, because they share the write index of the ring.
-pub struct Step {
+pub struct RecordedStepPin {
     axis: RecordedMotor,
     high: bool,
 }
 
-impl ErrorType for Step {
+impl ErrorType for RecordedStepPin {
     type Error = Infallible;
 }
 
-impl OutputPin for Step {
+impl OutputPin for RecordedStepPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
         self.high = false;
         Ok(())

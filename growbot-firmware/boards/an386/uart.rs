@@ -11,9 +11,6 @@ use crate::interrupts::{self, Interrupt};
 use crate::registers::Register;
 use crate::tip;
 
-/// Queue of one direction.
-type Queue = ByteQueue<4096>;
-
 const BASE: usize = 0x4000_4000;
 // SAFETY: the registers of UART0, which only this file uses.
 const DATA: Register = unsafe { Register::at(BASE) };
@@ -33,15 +30,15 @@ const CONTROL_ALL: u32 = 0b1111;
 const CLEAR_TRANSMIT: u32 = 1 << 0;
 const CLEAR_RECEIVE: u32 = 1 << 1;
 
-static RECEIVED: Queue = Queue::new();
-static TO_SEND: Queue = Queue::new();
+static RECEIVED: ByteQueue<4096> = ByteQueue::new();
+static TO_SEND: ByteQueue<4096> = ByteQueue::new();
 
 /// The queues' ends in `main`.
 pub struct Uart {
     /// Received bytes, oldest first.
-    pub received: &'static Queue,
+    pub received: &'static ByteQueue<4096>,
     /// Bytes to send; call [`Uart::send_queued`] after adding some.
-    pub to_send: &'static Queue,
+    pub to_send: &'static ByteQueue<4096>,
 }
 
 impl Uart {

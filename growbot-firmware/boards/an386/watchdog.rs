@@ -20,7 +20,7 @@ const CONTROL_INTERRUPT: u32 = 1 << 0;
 const CONTROL_RESET: u32 = 1 << 1;
 
 /// The running watchdog. It cannot be stopped.
-pub struct BoardWatchdog(());
+pub struct CmsdkWatchdog(());
 
 /// Timeout of the watchdog, s. Time on this board is that of the desktop, which may stop the emulator for a while when
 /// it has other work. The timeout of the robot's board is 1 s.
@@ -28,15 +28,15 @@ const PATIENCE: u32 = 10;
 
 /// Starts the watchdog. The tip is made safe [`PATIENCE`] after the last feed, and the board resets after the same time
 /// again.
-pub fn start(clock_hz: u32) -> BoardWatchdog {
+pub fn start(clock_hz: u32) -> CmsdkWatchdog {
     LOCK.write(UNLOCK);
     LOAD.write(clock_hz.saturating_mul(PATIENCE));
     CONTROL.write(CONTROL_INTERRUPT | CONTROL_RESET);
     LOCK.write(0);
-    BoardWatchdog(())
+    CmsdkWatchdog(())
 }
 
-impl Watchdog for BoardWatchdog {
+impl Watchdog for CmsdkWatchdog {
     fn feed(&mut self) {
         feed();
         tip::count_feed();

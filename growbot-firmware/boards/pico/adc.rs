@@ -22,17 +22,17 @@ static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
 /// The thermistor's input, and the ADC, which converts both inputs.
-pub struct Thermistor {
+pub struct ThermistorAdc {
     adc: pac::ADC,
-    state: State,
+    state: Rp2040AdcState,
     /// Channels of the thermistor and of the supply. If the supply is not measured, both are that of the thermistor.
     channels: [u32; 2],
 }
 
 /// The supply's input. It is converted when the thermistor is sampled.
-pub struct Supply(());
+pub struct SupplyAdc(());
 
-enum State {
+enum Rp2040AdcState {
     /// The ADC has not been started.
     Off,
     /// The ADC has just been switched on.
@@ -44,14 +44,14 @@ enum State {
 }
 
 /// Creates both inputs, at these pins. The ADC is not started.
-pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (Thermistor, Supply) {
+pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (ThermistorAdc, SupplyAdc) {
     let channel = |pin: u8| u32::from(pin.saturating_sub(FIRST_ANALOG_PIN)).min(LAST_CHANNEL);
     let thermistor = thermistor.map_or(0, channel);
     let channels = [thermistor, supply.map_or(thermistor, channel)];
-    (Thermistor { adc, state: State::Off, channels }, Supply(()))
+    (ThermistorAdc { adc, state: Rp2040AdcState::Off, channels }, SupplyAdc(()))
 }
 
-impl Thermistor {
+impl ThermistorAdc {
     fn control(&self, bits: u32) {
         // SAFETY: the whole register, which only this value owns.
         self.adc.cs().write(|w| unsafe { w.bits(ON | bits) });
@@ -68,31 +68,31 @@ impl Thermistor {
     }
 }
 
-impl Adc for Thermistor {
+impl Adc for ThermistorAdc {
     /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
     /// call returns `None`, and so does a call within 2 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
-            State::Off => {
+            Rp2040AdcState::Off => {
                 self.control(0);
-                self.state = State::Settling;
+                self.state = Rp2040AdcState::Settling;
                 None
             }
-            State::Settling => {
+            Rp2040AdcState::Settling => {
                 self.begin(self.channels[0]);
-                self.state = State::ConvertingThermistor;
+                self.state = Rp2040AdcState::ConvertingThermistor;
                 None
             }
-            State::ConvertingThermistor => {
+            Rp2040AdcState::ConvertingThermistor => {
                 let reading = self.read_converted()?;
                 self.begin(self.channels[1]);
-                self.state = State::ConvertingSupply;
+                self.state = Rp2040AdcState::ConvertingSupply;
                 Some(reading)
             }
-            State::ConvertingSupply => {
+            Rp2040AdcState::ConvertingSupply => {
                 let reading = self.read_converted()?;
                 self.begin(self.channels[0]);
-                self.state = State::ConvertingThermistor;
+                self.state = Rp2040AdcState::ConvertingThermistor;
                 SUPPLY_READING.store(u32::from(reading), Ordering::Relaxed);
                 None
             }
@@ -100,7 +100,7 @@ impl Adc for Thermistor {
     }
 }
 
-impl Adc for Supply {
+impl Adc for SupplyAdc {
     fn sample(&mut self) -> Option<u16> {
         let reading = SUPPLY_READING.load(Ordering::Relaxed);
         SUPPLY_READING.store(NONE, Ordering::Relaxed);

@@ -33,7 +33,7 @@ unsafe extern "C" {
 }
 
 /// A part of the flash.
-pub type FlashPartition = WordNorFlash<BoardFlash>;
+pub type FlashPartition = WordNorFlash<Rp2040Flash>;
 
 type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
@@ -50,7 +50,7 @@ struct Rom {
 }
 
 /// The second-stage loader in memory, and a page to be programmed.
-pub struct BoardFlash {
+pub struct Rp2040Flash {
     rom: Option<Rom>,
     loader: [u32; PAGE_WORDS],
     page: [u32; PAGE_WORDS],
@@ -114,7 +114,7 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
     }
 }
 
-impl BoardFlash {
+impl Rp2040Flash {
     /// Returns the flash of the robot's description.
     pub fn of_description() -> FlashPartition {
         WordNorFlash(Self::between(&raw const _description_start, &raw const _description_end))
@@ -160,7 +160,7 @@ impl BoardFlash {
     }
 }
 
-impl WordFlash for BoardFlash {
+impl WordFlash for Rp2040Flash {
     const SECTOR_BYTES: usize = SECTOR_BYTES;
 
     fn capacity(&self) -> usize {

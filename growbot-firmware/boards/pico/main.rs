@@ -51,8 +51,8 @@ use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, St
 use growbot_firmware::tmc2209::{DriverConfig, Tmc2209};
 use rp2040_pac as pac;
 
-use crate::flash::{BoardFlash, FlashPartition};
-use crate::pins::Pins;
+use crate::flash::{FlashPartition, Rp2040Flash};
+use crate::pins::PicoPins;
 use crate::pwm::PwmOutput;
 use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
@@ -79,14 +79,14 @@ impl Board for Pico {
     const KINDS: &'static [BoardKind] = &[BoardKind::Pico, BoardKind::SkrPico];
     type HeaterPower = PwmOutput;
     type HeaterEnable = pins::Output;
-    type Fan = PwmOutput;
-    type Thermistor = adc::Thermistor;
-    type Supply = adc::Supply;
+    type FanPwm = PwmOutput;
+    type ThermistorAdc = adc::ThermistorAdc;
+    type SupplyAdc = adc::SupplyAdc;
     type FilamentPresence = pins::Sensor;
     type DriverFault = pins::Sensor;
     type Drivers = Option<Tmc2209<TmcUart>>;
-    type Orientation = Bmi160Sensor<SoftI2c<pins::OpenDrain, pins::OpenDrain, Cycles>>;
-    type Watchdog = watchdog::BoardWatchdog;
+    type Orientation = Bmi160Sensor<SoftI2c<pins::OpenDrain, pins::OpenDrain, CycleDelay>>;
+    type Watchdog = watchdog::Rp2040Watchdog;
     type DebugPort = NoDebugPort;
     type Retained = RetainedRam;
     type Flash = FlashPartition;
@@ -94,9 +94,9 @@ impl Board for Pico {
 }
 
 /// Waits by counting the processor's cycles.
-pub struct Cycles;
+pub struct CycleDelay;
 
-impl DelayNs for Cycles {
+impl DelayNs for CycleDelay {
     fn delay_ns(&mut self, ns: u32) {
         cortex_m::asm::delay(ns.div_ceil(8));
     }
@@ -151,17 +151,17 @@ fn set_up() -> &'static mut Controller<Pico> {
     let watchdog = watchdog::start(&device);
     // The fast clocks come first, because without them the check of the image takes ten times as long.
     clock::start(&device);
-    let mut descriptions = DescriptionStore::open(BoardFlash::of_description());
+    let mut descriptions = DescriptionStore::open(Rp2040Flash::of_description());
     let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
     let identity = BootInfo { configured, ..boot_info(&device) };
-    let pins = Pins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
+    let pins = PicoPins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
     uart::start(&device.UART0);
     usb::start(&device.RESETS);
     let engine = Engine::new(
         StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
         StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
         EngineInputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
-        pins::TipOutputs,
+        pins::PicoOutputs,
         EngineConfig::for_robot(&robot),
     );
     let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
@@ -175,11 +175,11 @@ fn set_up() -> &'static mut Controller<Pico> {
         driver_fault: pins.driver_fault,
         drivers: DriverConfig::of(robot.description())
             .map(|settings| Tmc2209::new(TmcUart::start(device.UART1), settings)),
-        orientation: Bmi160Sensor::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, Cycles)),
+        orientation: Bmi160Sensor::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, CycleDelay)),
         watchdog,
         debug_port: NoDebugPort,
         retained,
-        journal: Journal::open(BoardFlash::of_journal()),
+        journal: Journal::open(Rp2040Flash::of_journal()),
         descriptions,
         store,
     };

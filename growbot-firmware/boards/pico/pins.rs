@@ -1,7 +1,7 @@
 //! The wiring: the pin of each signal, from the robot's description.
 //!
-//! The description defines the levels of DIR, EN and the inputs. Until [`Pins::new`] configures a pin, it has a weak
-//! pull-down. Heater, fan and drivers therefore need resistors that keep them off.
+//! The description defines the levels of DIR, EN and the inputs. Until [`PicoPins::new`] configures a pin, it has a
+//! weak pull-down. Heater, fan and drivers therefore need resistors that keep them off.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -188,7 +188,7 @@ impl PinMux {
 
 /// All pins that have an owner, each configured and at its safe level, and the numbers of the pins that the ADC and the
 /// PWM use.
-pub struct Pins {
+pub struct PicoPins {
     /// STEP of the head.
     pub head_step: Output,
     /// DIR of the head.
@@ -227,7 +227,7 @@ pub struct Pins {
     pub supply: Option<u8>,
 }
 
-impl Pins {
+impl PicoPins {
     /// Configures each pin for the robot's board. Without a robot all pins except the link's stay in their state after
     /// the reset.
     pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
@@ -259,7 +259,7 @@ impl Pins {
         let active_low = |input: Option<DigitalInput>| input.is_some_and(|input| input.active_low);
         let output = |signal, high| roles.output(pin(signal), high);
         let input = |signal| roles.input(pin(signal));
-        Pins {
+        PicoPins {
             head_step: output(Signal::HeadStep, false),
             head_direction: InvertiblePin::new(
                 output(Signal::HeadDirection, false),
@@ -292,9 +292,9 @@ impl Pins {
 }
 
 /// Heater, fan and both drivers, for the step interrupt.
-pub struct TipOutputs;
+pub struct PicoOutputs;
 
-impl Outputs for TipOutputs {
+impl Outputs for PicoOutputs {
     fn make_safe(&mut self) {
         make_safe();
     }

@@ -11,12 +11,12 @@ use crate::runtime::crash::{self, ExceptionContext};
 
 /// Three words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
-static NOTES: Notes = Notes(UnsafeCell::new(MaybeUninit::uninit()));
+static NOTES: Rp2040ResetNotes = Rp2040ResetNotes(UnsafeCell::new(MaybeUninit::uninit()));
 
-struct Notes(UnsafeCell<MaybeUninit<[u32; 3]>>);
+struct Rp2040ResetNotes(UnsafeCell<MaybeUninit<[u32; 3]>>);
 
 // SAFETY: accessed only through `read` and `write`, each a single access of a whole word.
-unsafe impl Sync for Notes {}
+unsafe impl Sync for Rp2040ResetNotes {}
 
 /// Word 0: the end of the last boot.
 const END: usize = 0;
@@ -29,7 +29,7 @@ const FAULTED: u32 = 0x6E0F_E502;
 const OVERFLOWED: u32 = 0x6E0F_E504;
 const CLOCK_FAILED: u32 = 0x6E0F_E505;
 
-impl Notes {
+impl Rp2040ResetNotes {
     fn word(&self, index: usize) -> *mut u32 {
         self.0.get().cast::<u32>().wrapping_add(index % 3)
     }

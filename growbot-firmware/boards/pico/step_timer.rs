@@ -28,21 +28,21 @@ pub type StepEngine = Engine<
     pins::Sensor,
     pins::Level,
     pins::Sensor,
-    pins::TipOutputs,
+    pins::PicoOutputs,
 >;
 
 /// Data of the step interrupt.
-struct Ticking {
+struct StepInterruptData {
     engine: StepEngine,
     crystal: CrystalMonitor,
 }
 
-static TICKING: InterruptCell<Ticking> = InterruptCell::empty();
+static INTERRUPT_DATA: InterruptCell<StepInterruptData> = InterruptCell::empty();
 
 /// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
 /// checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
-    TICKING.init(Ticking { engine, crystal: CrystalMonitor::new() });
+    INTERRUPT_DATA.init(StepInterruptData { engine, crystal: CrystalMonitor::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);
     // The smallest whole divider, up to 255, with which a period fits.
     let divider = clocks.div_ceil(MAX_COUNTS).clamp(1, 255);
@@ -63,11 +63,11 @@ fn PWM_IRQ_WRAP() {
     unsafe { (*pac::PWM::ptr()).intr().write(|w| w.bits(1 << SLICE)) };
     // SAFETY: only the step interrupt calls this.
     unsafe {
-        TICKING.with(|ticking| {
-            if ticking.crystal.has_stopped() {
+        INTERRUPT_DATA.with(|data| {
+            if data.crystal.has_stopped() {
                 reset::reset_on_clock_failure();
             }
-            ticking.engine.tick(&MAILBOX);
+            data.engine.tick(&MAILBOX);
         });
     }
 }

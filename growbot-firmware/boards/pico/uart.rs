@@ -10,13 +10,13 @@ use crate::clock::PROCESSOR_HZ;
 use crate::interrupt_cell::InterruptCell;
 use crate::pins;
 
-/// Queue of one direction.
-pub type Queue = ByteQueue<4096>;
+/// LinkQueue of one direction.
+pub type LinkQueue = ByteQueue<4096>;
 
 /// Received bytes, oldest first.
-pub static RECEIVED: Queue = Queue::new();
+pub static RECEIVED: LinkQueue = LinkQueue::new();
 /// Bytes to send; call [`send_queued`] after adding some.
-pub static TO_SEND: Queue = Queue::new();
+pub static TO_SEND: LinkQueue = LinkQueue::new();
 
 const BAUD: u32 = 115_200;
 /// Frame format: 8 bits, no parity, one stop bit, without the FIFOs, so that each byte causes an interrupt.

@@ -11,13 +11,13 @@ use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
 use crate::interrupt_cell::InterruptCell;
-use crate::uart::{self, Queue};
+use crate::uart::{self, LinkQueue};
 
 /// Received bytes, oldest first.
-pub static RECEIVED: Queue = Queue::new();
+pub static RECEIVED: LinkQueue = LinkQueue::new();
 /// Bytes to send. Call [`send_queued`] after adding some. They wait while the host accepts none, and are dropped when
 /// the host opens or closes the port.
-pub static TO_SEND: Queue = Queue::new();
+pub static TO_SEND: LinkQueue = LinkQueue::new();
 
 /// Bit of the controller's reset.
 const RESET: u32 = 1 << 24;

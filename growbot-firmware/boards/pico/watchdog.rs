@@ -11,16 +11,16 @@ const ALL_BUT_OSCILLATORS: u32 = 0x1_FFFC;
 const ON: u32 = 1 << 30;
 
 /// The running watchdog.
-pub struct BoardWatchdog(());
+pub struct Rp2040Watchdog(());
 
 /// Starts the watchdog. It counts once the clocks run.
-pub fn start(device: &pac::Peripherals) -> BoardWatchdog {
+pub fn start(device: &pac::Peripherals) -> Rp2040Watchdog {
     // SAFETY: the bits of all parts that the reset must reach.
     device.PSM.wdsel().write(|w| unsafe { w.bits(ALL_BUT_OSCILLATORS) });
     feed();
     // SAFETY: a whole register, which only the start and the end of the watchdog write.
     device.WATCHDOG.ctrl().write(|w| unsafe { w.bits(ON) });
-    BoardWatchdog(())
+    Rp2040Watchdog(())
 }
 
 /// Feeds the watchdog, from any context.
@@ -29,7 +29,7 @@ pub fn feed() {
     unsafe { (*pac::WATCHDOG::ptr()).load().write(|w| w.bits(COUNTS)) };
 }
 
-impl Watchdog for BoardWatchdog {
+impl Watchdog for Rp2040Watchdog {
     fn feed(&mut self) {
         feed();
     }

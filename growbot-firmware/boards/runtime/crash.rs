@@ -12,9 +12,9 @@ use super::{seal, stack};
 
 /// Words that survive a reset: no code loads or clears this section.
 #[unsafe(link_section = ".uninit.crash")]
-static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
+static WORDS: CrashWordsCell = CrashWordsCell(UnsafeCell::new(MaybeUninit::uninit()));
 
-struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_WORDS]>>);
+struct CrashWordsCell(UnsafeCell<MaybeUninit<[u32; RETAINED_WORDS]>>);
 
 unsafe extern "C" {
     /// Symbols of the linker: beginning and end of the program's code in flash. Only their addresses are used.
@@ -23,7 +23,7 @@ unsafe extern "C" {
 }
 
 // SAFETY: accessed only word by word, at the start of the board and by the handler that ends the program.
-unsafe impl Sync for Words {}
+unsafe impl Sync for CrashWordsCell {}
 
 /// Registers of the system control block: interrupt control and state, fault status, fault addresses (ARMv7-M, B3.2).
 const ICSR: *const u32 = 0xE000_ED04 as *const u32;

@@ -9,12 +9,12 @@ use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use portable_atomic::AtomicBool;
 
 #[unsafe(link_section = ".uninit.retained")]
-static WORDS: Words = Words(UnsafeCell::new(MaybeUninit::uninit()));
+static WORDS: RetainedWordsCell = RetainedWordsCell(UnsafeCell::new(MaybeUninit::uninit()));
 
-struct Words(UnsafeCell<MaybeUninit<[u32; RETAINED_BYTES / 4]>>);
+struct RetainedWordsCell(UnsafeCell<MaybeUninit<[u32; RETAINED_BYTES / 4]>>);
 
 // SAFETY: accessed only through the single `RetainedRam`.
-unsafe impl Sync for Words {}
+unsafe impl Sync for RetainedWordsCell {}
 
 /// The retained memory.
 pub struct RetainedRam(());

@@ -48,7 +48,7 @@ static _SEGGER_RTT: Header = Header {
 };
 
 /// The frame that is being written.
-struct Frame {
+struct LogFrame {
     encoder: defmt::Encoder,
     interrupts: RestoreState,
     /// Offset of its next byte.
@@ -56,12 +56,12 @@ struct Frame {
     fits: bool,
 }
 
-struct FrameCell(UnsafeCell<Frame>);
+struct FrameCell(UnsafeCell<LogFrame>);
 
 // SAFETY: accessed only between `acquire` and `release`, during which all interrupts are off.
 unsafe impl Sync for FrameCell {}
 
-static FRAME: FrameCell = FrameCell(UnsafeCell::new(Frame {
+static FRAME: FrameCell = FrameCell(UnsafeCell::new(LogFrame {
     encoder: defmt::Encoder::new(),
     interrupts: RestoreState::invalid(),
     at: 0,
@@ -79,7 +79,7 @@ unsafe impl defmt::Logger for Logger {
         let interrupts = unsafe { critical_section::acquire() };
         // SAFETY: interrupts are off.
         let frame = unsafe { &mut *FRAME.0.get() };
-        let Frame { encoder, at, fits, .. } = frame;
+        let LogFrame { encoder, at, fits, .. } = frame;
         (*at, *fits) = (_SEGGER_RTT.write.load(Ordering::Relaxed), true);
         encoder.start_frame(|bytes| put(at, fits, bytes));
         frame.interrupts = interrupts;
@@ -87,7 +87,7 @@ unsafe impl defmt::Logger for Logger {
 
     unsafe fn write(bytes: &[u8]) {
         // SAFETY: interrupts are off since `acquire`, which defmt guarantees came before.
-        let Frame { encoder, at, fits, .. } = unsafe { &mut *FRAME.0.get() };
+        let LogFrame { encoder, at, fits, .. } = unsafe { &mut *FRAME.0.get() };
         encoder.write(bytes, |bytes| put(at, fits, bytes));
     }
 
@@ -95,7 +95,7 @@ unsafe impl defmt::Logger for Logger {
 
     unsafe fn release() {
         // SAFETY: interrupts are off since `acquire`, which defmt guarantees came before.
-        let Frame { encoder, at, fits, interrupts } = unsafe { &mut *FRAME.0.get() };
+        let LogFrame { encoder, at, fits, interrupts } = unsafe { &mut *FRAME.0.get() };
         encoder.end_frame(|bytes| put(at, fits, bytes));
         if *fits {
             _SEGGER_RTT.write.store(*at, Ordering::Release);

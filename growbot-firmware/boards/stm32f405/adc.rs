@@ -20,19 +20,19 @@ static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
 /// The thermistor's input, and the ADC, which converts both inputs.
-pub struct Thermistor {
+pub struct ThermistorAdc {
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
-    state: State,
+    state: Stm32AdcState,
     _pin: ThermistorInput,
 }
 
 /// The supply's input. It is converted when the thermistor is sampled.
-pub struct Supply {
+pub struct SupplyAdc {
     _pin: SupplyInput,
 }
 
-enum State {
+enum Stm32AdcState {
     /// The ADC has not been started.
     Off,
     /// The ADC has just been switched on. It needs 3 us to settle (data sheet, table 67), which the time until the next
@@ -51,12 +51,12 @@ pub fn new(
     thermistor: ThermistorInput,
     supply: SupplyInput,
     rcc: &mut Rcc,
-) -> (Thermistor, Supply) {
+) -> (ThermistorAdc, SupplyAdc) {
     pac::ADC1::enable(rcc);
-    (Thermistor { adc, common, state: State::Off, _pin: thermistor }, Supply { _pin: supply })
+    (ThermistorAdc { adc, common, state: Stm32AdcState::Off, _pin: thermistor }, SupplyAdc { _pin: supply })
 }
 
-impl Thermistor {
+impl ThermistorAdc {
     fn switch_on(&mut self) {
         // 84 MHz / 4: the data sheet allows up to 36 MHz.
         self.common.ccr().modify(|_, w| w.adcpre().div4());
@@ -78,31 +78,31 @@ impl Thermistor {
     }
 }
 
-impl Adc for Thermistor {
+impl Adc for ThermistorAdc {
     /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
     /// call returns `None`, and so does a call within 25 us.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
-            State::Off => {
+            Stm32AdcState::Off => {
                 self.switch_on();
-                self.state = State::Settling;
+                self.state = Stm32AdcState::Settling;
                 None
             }
-            State::Settling => {
+            Stm32AdcState::Settling => {
                 self.begin(THERMISTOR);
-                self.state = State::ConvertingThermistor;
+                self.state = Stm32AdcState::ConvertingThermistor;
                 None
             }
-            State::ConvertingThermistor => {
+            Stm32AdcState::ConvertingThermistor => {
                 let reading = self.read_converted()?;
                 self.begin(SUPPLY);
-                self.state = State::ConvertingSupply;
+                self.state = Stm32AdcState::ConvertingSupply;
                 Some(reading)
             }
-            State::ConvertingSupply => {
+            Stm32AdcState::ConvertingSupply => {
                 let reading = self.read_converted()?;
                 self.begin(THERMISTOR);
-                self.state = State::ConvertingThermistor;
+                self.state = Stm32AdcState::ConvertingThermistor;
                 SUPPLY_READING.store(u32::from(reading), Ordering::Relaxed);
                 None
             }
@@ -110,7 +110,7 @@ impl Adc for Thermistor {
     }
 }
 
-impl Adc for Supply {
+impl Adc for SupplyAdc {
     fn sample(&mut self) -> Option<u16> {
         u16::try_from(SUPPLY_READING.swap(NONE, Ordering::Relaxed)).ok()
     }

@@ -34,8 +34,8 @@ impl SupplyMonitor for PvdMonitor {
     }
 }
 
-/// Enables the interrupt at a fall below the threshold. Call it before the journal is opened, but as late as possible in
-/// the start-up. The interrupt is served once the start-up is over.
+/// Enables the interrupt at a fall below the threshold. Call it before the journal is opened, but as late as possible
+/// in the start-up. The interrupt is served once the start-up is over.
 pub fn arm(pwr: &pac::PWR, exti: &pac::EXTI) {
     // The detector's output rises when the supply falls.
     exti.rtsr().modify(|_, w| w.tr(LINE).set_bit());

@@ -12,12 +12,12 @@ use crate::pins::FanPower;
 const LAST_COUNT: u16 = u16::MAX - 1;
 
 /// The fan's switch.
-pub struct Fan {
+pub struct FanPwm {
     timer: pac::TIM12,
     _pin: FanPower,
 }
 
-impl Fan {
+impl FanPwm {
     /// Starts the PWM at no power.
     pub fn new(timer: pac::TIM12, pin: FanPower, rcc: &mut Rcc) -> Self {
         pac::TIM12::enable(rcc);
@@ -28,15 +28,15 @@ impl Fan {
         timer.ccmr1_output().write(|w| w.oc2m().pwm_mode1());
         timer.ccer().write(|w| w.cc2e().set_bit());
         timer.cr1().write(|w| w.cen().set_bit());
-        Fan { timer, _pin: pin }
+        FanPwm { timer, _pin: pin }
     }
 }
 
-impl ErrorType for Fan {
+impl ErrorType for FanPwm {
     type Error = Infallible;
 }
 
-impl SetDutyCycle for Fan {
+impl SetDutyCycle for FanPwm {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }

@@ -49,19 +49,19 @@ unsafe extern "C" {
 }
 
 /// Flash that is changed only while the processor's supply is high enough.
-pub type SuppliedFlash = GuardedFlash<WordNorFlash<BoardFlash>, PvdMonitor>;
+pub type SuppliedFlash = GuardedFlash<WordNorFlash<Stm32Flash>, PvdMonitor>;
 
 /// A part of the flash.
-pub struct BoardFlash {
+pub struct Stm32Flash {
     registers: pac::FLASH,
     start: *mut u32,
     bytes: usize,
 }
 
 // SAFETY: the address is one of flash, which is the same from every context.
-unsafe impl Send for BoardFlash {}
+unsafe impl Send for Stm32Flash {}
 
-impl BoardFlash {
+impl Stm32Flash {
     /// Returns the flash of the robot's description and that of the journal. The clocks must be set up.
     pub fn parts(registers: pac::FLASH) -> [SuppliedFlash; 2] {
         // SAFETY: the controller alone uses both, one after the other.
@@ -141,7 +141,7 @@ unsafe fn erase(status: *const u32, control: *mut u32, start: u32) {
     }
 }
 
-impl WordFlash for BoardFlash {
+impl WordFlash for Stm32Flash {
     const SECTOR_BYTES: usize = SECTOR_BYTES;
 
     fn capacity(&self) -> usize {

@@ -19,12 +19,12 @@ const LAST_COUNT: u16 = u16::MAX - 1;
 const PRESCALER: u16 = 2;
 
 /// The heater's power stage.
-pub struct Heater {
+pub struct HeaterPwm {
     timer: pac::TIM1,
     _pin: HeaterPower,
 }
 
-impl Heater {
+impl HeaterPwm {
     /// Starts the PWM at no power. The timer is in its state after the processor's reset.
     pub fn new(timer: pac::TIM1, pin: HeaterPower, rcc: &mut Rcc) -> Self {
         pac::TIM1::enable(rcc);
@@ -39,15 +39,15 @@ impl Heater {
         // CR2 stays 0, so that OIS1 is low. No pin is BKIN, so that input reads low and must count as active high.
         timer.bdtr().write(|w| w.ossi().idle_level().bkp().active_high().bke().enabled().moe().enabled());
         timer.cr1().write(|w| w.cen().set_bit());
-        Heater { timer, _pin: pin }
+        HeaterPwm { timer, _pin: pin }
     }
 }
 
-impl ErrorType for Heater {
+impl ErrorType for HeaterPwm {
     type Error = Infallible;
 }
 
-impl SetDutyCycle for Heater {
+impl SetDutyCycle for HeaterPwm {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }

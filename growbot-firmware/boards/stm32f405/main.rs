@@ -44,19 +44,19 @@ mod app {
     use stm32f4xx_hal::pac;
     use stm32f4xx_hal::prelude::*;
 
-    use crate::adc::{self, Supply, Thermistor};
+    use crate::adc::{self, SupplyAdc, ThermistorAdc};
     use crate::clock::ClockSource;
     use crate::debug_port::{BoardDebugPort, DebugFreeze};
-    use crate::fan::Fan;
-    use crate::flash::{BoardFlash, SuppliedFlash};
-    use crate::heater::Heater;
+    use crate::fan::FanPwm;
+    use crate::flash::{Stm32Flash, SuppliedFlash};
+    use crate::heater::HeaterPwm;
     use crate::orientation_bus::{self, BoardOrientation};
-    use crate::pins::{self, Pins};
+    use crate::pins::{self, Stm32Pins};
     use crate::runtime::retained::RetainedRam;
     use crate::runtime::{crash, seal};
     use crate::step_timer::StepTimer;
-    use crate::uart::{self, Uart};
-    use crate::watchdog::BoardWatchdog;
+    use crate::uart::{self, LinkUart};
+    use crate::watchdog::Stm32Watchdog;
     use crate::{brown_out, clock, reset, watchdog};
 
     /// Handover between the controller and the step interrupt.
@@ -70,9 +70,9 @@ mod app {
         pins::FeedDirection,
         pins::FeedEnable,
         pins::Index,
-        pins::FilamentMotion,
+        pins::FilamentMotionPin,
         pins::EmergencyStop,
-        pins::TipOutputs,
+        pins::Stm32Outputs,
     >;
 
     /// The parts of this board.
@@ -80,16 +80,16 @@ mod app {
 
     impl Board for Stm32f405 {
         const KINDS: &'static [BoardKind] = &[BoardKind::Stm32f405];
-        type HeaterPower = Heater;
+        type HeaterPower = HeaterPwm;
         type HeaterEnable = pins::HeaterEnable;
-        type Fan = Fan;
-        type Thermistor = Thermistor;
-        type Supply = Supply;
+        type FanPwm = FanPwm;
+        type ThermistorAdc = ThermistorAdc;
+        type SupplyAdc = SupplyAdc;
         type FilamentPresence = pins::FilamentPresence;
         type DriverFault = pins::DriverFault;
         type Drivers = UnmanagedDrivers;
         type Orientation = BoardOrientation;
-        type Watchdog = BoardWatchdog;
+        type Watchdog = Stm32Watchdog;
         type DebugPort = BoardDebugPort;
         type Retained = RetainedRam;
         type Flash = SuppliedFlash;
@@ -103,7 +103,7 @@ mod app {
     struct Local {
         engine: StepEngine,
         step_timer: StepTimer,
-        uart: Uart,
+        uart: LinkUart,
         controller: Controller<Stm32f405>,
         logged: State,
     }
@@ -122,14 +122,14 @@ mod app {
         let mut identity = boot_info(&device.RCC, &device.FLASH);
         let mut rcc = device.RCC.constrain();
         brown_out::start_detector(&device.PWR, &mut rcc);
-        let [descriptions, journal] = BoardFlash::parts(device.FLASH);
+        let [descriptions, journal] = Stm32Flash::parts(device.FLASH);
         let mut descriptions = DescriptionStore::open(descriptions);
         let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
         identity.configured = configured;
-        let pins = Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
+        let pins = Stm32Pins::new(robot.description(), device.GPIOA, device.GPIOB, device.GPIOC, &mut rcc);
         clock::start(&mut core.SYST);
 
-        let uart = Uart::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
+        let uart = LinkUart::start(device.USART2, (pins.link_tx, pins.link_rx), &mut rcc);
 
         let engine = Engine::new(
             StepperPins { step: pins.head_step, direction: pins.head_direction, enable: pins.head_enable },
@@ -139,17 +139,17 @@ mod app {
                 filament_motion: pins.filament_motion,
                 emergency_stop: pins.emergency_stop,
             },
-            pins::TipOutputs,
+            pins::Stm32Outputs,
             EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);
-        // The journal is opened below. If the supply falls meanwhile, the board must restart, because the journal may have
-        // been read wrongly.
+        // The journal is opened below. If the supply falls meanwhile, the board must restart, because the journal may
+        // have been read wrongly.
         brown_out::arm(&device.PWR, &device.EXTI);
         let parts = BoardResources {
-            heater_power: Heater::new(device.TIM1, pins.heater, &mut rcc),
+            heater_power: HeaterPwm::new(device.TIM1, pins.heater, &mut rcc),
             heater_enable: pins.heater_enable,
-            fan: Fan::new(device.TIM12, pins.fan, &mut rcc),
+            fan: FanPwm::new(device.TIM12, pins.fan, &mut rcc),
             thermistor,
             supply,
             filament_presence: pins.filament_presence,

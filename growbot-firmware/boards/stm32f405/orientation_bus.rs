@@ -7,15 +7,15 @@ use growbot_firmware::soft_i2c::SoftI2c;
 use crate::pins::{OrientationClock, OrientationData};
 
 /// The orientation sensor.
-pub type BoardOrientation = Bmi160Sensor<SoftI2c<OrientationClock, OrientationData, Cycles>>;
+pub type BoardOrientation = Bmi160Sensor<SoftI2c<OrientationClock, OrientationData, LoopDelay>>;
 
 /// Delay that counts the processor's cycles.
-pub struct Cycles {
+pub struct LoopDelay {
     /// Rounds of the waiting loop that take at least a us.
     rounds_per_us: u32,
 }
 
-impl DelayNs for Cycles {
+impl DelayNs for LoopDelay {
     fn delay_ns(&mut self, ns: u32) {
         cortex_m::asm::delay(ns.saturating_mul(self.rounds_per_us) / 1000);
     }
@@ -25,5 +25,5 @@ impl DelayNs for Cycles {
 pub fn orientation(clock: OrientationClock, data: OrientationData, processor_hz: u32) -> BoardOrientation {
     // A round is a subtraction and a taken branch: 2 to 4 cycles (Cortex-M4 reference manual, 3.3.1).
     let rounds_per_us = processor_hz.div_ceil(2_000_000);
-    Bmi160Sensor::new(SoftI2c::new(clock, data, Cycles { rounds_per_us }))
+    Bmi160Sensor::new(SoftI2c::new(clock, data, LoopDelay { rounds_per_us }))
 }

@@ -48,7 +48,7 @@ pub type Index = InvertiblePin<PB6<Input>>;
 /// Signal `filament presence`; high is filament.
 pub type FilamentPresence = InvertiblePin<PB5<Input>>;
 /// Signal `filament encoder`.
-pub type FilamentMotion = PB7<Input>;
+pub type FilamentMotionPin = PB7<Input>;
 /// Signal `emergency stop`; high is pressed.
 pub type EmergencyStop = InvertiblePin<PB8<Input>>;
 /// Signal `orientation sensor SCL`.
@@ -64,7 +64,7 @@ pub type LinkRx = PA3<Alternate<7>>;
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
 /// All pins, each configured and at its safe level.
-pub struct Pins {
+pub struct Stm32Pins {
     /// STEP of the head.
     pub head_step: HeadStep,
     /// DIR of the head.
@@ -98,7 +98,7 @@ pub struct Pins {
     /// Index sensor of the head.
     pub index: Index,
     /// Encoder that the filament turns.
-    pub filament_motion: FilamentMotion,
+    pub filament_motion: FilamentMotionPin,
     /// Emergency stop.
     pub emergency_stop: EmergencyStop,
     /// TX of the link.
@@ -107,7 +107,7 @@ pub struct Pins {
     pub link_rx: LinkRx,
 }
 
-impl Pins {
+impl Stm32Pins {
     /// Takes the ports and configures each pin. An output's level is set before it becomes an output.
     pub fn new(robot: &RobotDescription, a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
         let enable_low = robot.motion.enable_low;
@@ -119,7 +119,7 @@ impl Pins {
         // The inputs of sensors that the robot does not have are never read, so that any level is valid.
         let active_low = |input: Option<growbot_core::robot::DigitalInput>| input.is_some_and(|input| input.active_low);
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
-        Pins {
+        Stm32Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
             head_direction: InvertiblePin::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_backwards),
             head_enable: InvertiblePin::new(c.pc8.into_push_pull_output_in_state(off), enable_low),
@@ -148,9 +148,9 @@ impl Pins {
 }
 
 /// Heater, fan and both drivers, for the step interrupt.
-pub struct TipOutputs;
+pub struct Stm32Outputs;
 
-impl Outputs for TipOutputs {
+impl Outputs for Stm32Outputs {
     fn make_safe(&mut self) {
         make_safe();
     }

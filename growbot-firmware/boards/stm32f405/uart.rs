@@ -9,18 +9,18 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use crate::pins::{LinkRx, LinkTx};
 use crate::{clock, pins};
 
-/// Queue of one direction.
-pub type Queue = ByteQueue<4096>;
+/// UartQueue of one direction.
+pub type UartQueue = ByteQueue<4096>;
 
 /// Received bytes, oldest first.
-pub static RECEIVED: Queue = Queue::new();
+pub static RECEIVED: UartQueue = UartQueue::new();
 /// Bytes to send. Pend the interrupt after adding some.
-pub static TO_SEND: Queue = Queue::new();
+pub static TO_SEND: UartQueue = UartQueue::new();
 
 const BAUD: u32 = 115_200;
 
 /// The interrupt's side of the UART.
-pub struct Uart {
+pub struct LinkUart {
     usart: pac::USART2,
     /// Recogniser of an emergency stop in the received bytes.
     watch: EmergencyStopDetector,
@@ -28,7 +28,7 @@ pub struct Uart {
     _pins: (LinkTx, LinkRx),
 }
 
-impl Uart {
+impl LinkUart {
     /// Initialises the USART: 8 bits, no parity, one stop bit, an interrupt for each received byte.
     pub fn start(usart: pac::USART2, pins: (LinkTx, LinkRx), rcc: &mut Rcc) -> Self {
         pac::USART2::enable(rcc);
@@ -38,7 +38,7 @@ impl Uart {
         // SAFETY: any 16-bit divider is valid. At 42 MHz it is 365, 0.1 % off the rate.
         usart.brr().write(|w| unsafe { w.bits((divider & 0xFFFF) as u16) });
         usart.cr1().write(|w| w.ue().set_bit().te().set_bit().re().set_bit().rxneie().set_bit());
-        Uart { usart, watch: EmergencyStopDetector::new(), lost: 0, _pins: pins }
+        LinkUart { usart, watch: EmergencyStopDetector::new(), lost: 0, _pins: pins }
     }
 
     /// Handles the USART's interrupt, which the main loop also pends once it has queued bytes. An emergency stop is

@@ -9,19 +9,19 @@ use stm32f4xx_hal::watchdog::IndependentWatchdog;
 use crate::debug_port::DebugFreeze;
 
 /// The running watchdog. It cannot be stopped.
-pub struct BoardWatchdog {
+pub struct Stm32Watchdog {
     watchdog: IndependentWatchdog,
     halts: DebugFreeze,
 }
 
 /// Starts the watchdog. It keeps counting while a debug probe halts the processor, as `halts` configures.
-pub fn start(iwdg: pac::IWDG, halts: DebugFreeze) -> BoardWatchdog {
+pub fn start(iwdg: pac::IWDG, halts: DebugFreeze) -> Stm32Watchdog {
     let mut watchdog = IndependentWatchdog::new(iwdg);
     watchdog.start(1.secs());
-    BoardWatchdog { watchdog, halts }
+    Stm32Watchdog { watchdog, halts }
 }
 
-impl Watchdog for BoardWatchdog {
+impl Watchdog for Stm32Watchdog {
     fn feed(&mut self) {
         self.halts.assert();
         self.watchdog.feed();

@@ -35,7 +35,7 @@ pub(super) struct MoveTracker {
     /// Time that the latest move may take, us.
     latest_us: u64,
     /// Direction in which filament is moved without a layer.
-    feeding: Option<Feeding>,
+    feeding: Option<FilamentDirection>,
     /// Current move of maintenance.
     maintained: Option<MaintenanceMove>,
     /// Steps by which the filament is behind the nozzle. It was pulled back for a pause or by maintenance, and is
@@ -48,7 +48,7 @@ pub(super) struct MoveTracker {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Feeding {
+enum FilamentDirection {
     Back,
     Forward,
 }
@@ -180,7 +180,7 @@ impl<B: Board> Controller<B> {
             }
             Report::Fed if growing => {
                 self.motion.on_reported(self.now_us);
-                let back = self.motion.feeding.take() == Some(Feeding::Back);
+                let back = self.motion.feeding.take() == Some(FilamentDirection::Back);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
             // The others are late reports of moves from before everything was switched off.
@@ -257,12 +257,12 @@ impl<B: Board> Controller<B> {
             // The current layer is finished first.
             if self.job.layers_laid == self.job.layers_begun {
                 self.apply_event(Event::LayersExhausted);
-                self.feed(Feeding::Back, handover);
+                self.feed(FilamentDirection::Back, handover);
             }
             return;
         };
         if self.motion.retracted_steps > 0 {
-            self.feed(Feeding::Forward, handover);
+            self.feed(FilamentDirection::Forward, handover);
             return;
         }
         if self.is_in_power_lead() {
@@ -296,10 +296,10 @@ impl<B: Board> Controller<B> {
     }
 
     /// Pulls filament back for a pause, or pushes it forward to the nozzle again.
-    fn feed(&mut self, feeding: Feeding, handover: &Mailbox) {
+    fn feed(&mut self, feeding: FilamentDirection, handover: &Mailbox) {
         let description = self.robot.description();
         let feed = &description.feed;
-        let backwards = feeding == Feeding::Back;
+        let backwards = feeding == FilamentDirection::Back;
         // Filament that maintenance has pulled back already counts.
         let steps = if backwards {
             self.retract_steps().saturating_sub(self.motion.retracted_steps)

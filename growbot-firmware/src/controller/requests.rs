@@ -7,7 +7,7 @@ use growbot_core::job::job_layers_with_keep_alive;
 use growbot_core::link::frame::{FrameHeader, LinkFrame};
 use growbot_core::link::message::{
     Accepted, BoardInfo, BootReport, Fault, Hello, LatestFault, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message,
-    PauseCause, PlanRequest, Planned, Refusal, Refused, SCHEMA_HASH, State, StoredLayers, Tune,
+    PauseCause, PlanRequest, Planned, Refusal, RefusalResponse, SCHEMA_HASH, State, StoredLayers, Tune,
 };
 use growbot_core::plan::plan_with_keep_alive;
 use growbot_core::pose::Pose;
@@ -43,7 +43,7 @@ impl<B: Board> Controller<B> {
             Ok(message) => self.dispatch(message, &header, arrival, handover),
             Err(_) => Err(Refusal::UnknownRequest),
         };
-        let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: header.kind, refusal }));
+        let answer = answer.unwrap_or_else(|refusal| Message::Refused(RefusalResponse { kind: header.kind, refusal }));
         self.link.respond(&header, answer);
     }
 

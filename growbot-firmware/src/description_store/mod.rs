@@ -31,7 +31,7 @@ const LONGEST: usize = MAX_VERSIONED_LEN.next_multiple_of(4);
 const STRUCK: [u8; HEADER_BYTES] = [0; HEADER_BYTES];
 
 /// Bytes of a description, filled up to the max length.
-type Padded = [u8; LONGEST];
+type PaddedDescription = [u8; LONGEST];
 
 /// Error: the description could not be written, or reads back differently. The previous one is still stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -63,7 +63,7 @@ impl StoredDescription {
 
 /// Slot and number of the newest description.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Newest {
+struct NewestDescription {
     slot: u32,
     header: Header,
 }
@@ -77,7 +77,7 @@ struct Header {
 
 impl Header {
     /// Encodes the header for a description of at least its length.
-    fn to_bytes(self, description: &Padded) -> [u8; HEADER_BYTES] {
+    fn to_bytes(self, description: &PaddedDescription) -> [u8; HEADER_BYTES] {
         let mut bytes = STRUCK;
         for (into, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip([MAGIC, self.number, self.length]) {
             *into = word.to_le_bytes();
@@ -90,7 +90,7 @@ impl Header {
     }
 
     /// Returns the CRC of a description and of a header's bytes without those of the CRC.
-    fn checksum(self, header: &[u8; HEADER_BYTES], description: &Padded) -> u32 {
+    fn checksum(self, header: &[u8; HEADER_BYTES], description: &PaddedDescription) -> u32 {
         let mut covered = [0; HEADER_BYTES + LONGEST];
         let content = header.iter().take(HEADER_BYTES - 4).chain(description.iter().take(self.length as usize));
         let mut length = 0;
@@ -105,7 +105,7 @@ impl Header {
 /// The two slots of a flash.
 pub struct DescriptionStore<F> {
     flash: F,
-    newest: Option<Newest>,
+    newest: Option<NewestDescription>,
 }
 
 impl<F: MultiwriteNorFlash> DescriptionStore<F> {
@@ -113,9 +113,10 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
     pub fn open(flash: F) -> Self {
         let mut descriptions = Self { flash, newest: None };
         for slot in 0..2 {
-            let found = descriptions.read(slot).map(|(header, _)| Newest { slot, header });
-            let newer =
-                |found: &Newest| descriptions.newest.is_none_or(|known| found.header.number > known.header.number);
+            let found = descriptions.read(slot).map(|(header, _)| NewestDescription { slot, header });
+            let newer = |found: &NewestDescription| {
+                descriptions.newest.is_none_or(|known| found.header.number > known.header.number)
+            };
             if let Some(newest) = found.filter(newer) {
                 descriptions.newest = Some(newest);
             }
@@ -138,13 +139,13 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
     /// Returns [`StoreError`] if the description could not be written or reads back differently.
     #[inline(never)]
     pub fn store(&mut self, robot: &Robot) -> Result<(), StoreError> {
-        let mut bytes: Padded = [0xff; LONGEST];
+        let mut bytes: PaddedDescription = [0xff; LONGEST];
         let length = robot.encode_for_board(&mut bytes).map_err(|_| StoreError)?.len();
         let (slot, number) = match self.newest {
             Some(newest) => (1 - newest.slot.min(1), newest.header.number.saturating_add(1)),
             None => (0, 1),
         };
-        let newest = Newest { slot, header: Header { number, length: length as u32 } };
+        let newest = NewestDescription { slot, header: Header { number, length: length as u32 } };
         if self.write(newest, &bytes).is_err() || self.read(slot) != Some((newest.header, bytes)) {
             // Its cells may read as a valid description later.
             let _ = self.flash.write(self.start(slot), &STRUCK);
@@ -154,7 +155,7 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
         Ok(())
     }
 
-    fn write(&mut self, newest: Newest, bytes: &Padded) -> Result<(), F::Error> {
+    fn write(&mut self, newest: NewestDescription, bytes: &PaddedDescription) -> Result<(), F::Error> {
         let start = self.start(newest.slot);
         self.flash.erase(start, self.start(newest.slot + 1))?;
         self.flash.write(start + HEADER_BYTES as u32, bytes)?;
@@ -163,7 +164,7 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
 
     /// Returns the description in a slot. `None` if the slot has no complete one.
     #[inline(never)]
-    fn read(&mut self, slot: u32) -> Option<(Header, Padded)> {
+    fn read(&mut self, slot: u32) -> Option<(Header, PaddedDescription)> {
         let start = self.start(slot);
         let (mut header, mut bytes) = (STRUCK, [0; LONGEST]);
         self.flash.read(start, &mut header).ok()?;

@@ -215,9 +215,9 @@ pub const ROBOT_CAPACITY: usize = 0x1000;
 
 /// Offset, board to host: the flash of the board's journal.
 pub const JOURNAL_FLASH: usize = 0x2_0000;
-/// Bytes of a sector of that flash, which is erased as a unit. It is the same as on the robot's board.
+/// Bytes of a sector of the emulated flash. A sector is erased as a unit, and is as large as on the robot's board.
 pub const FLASH_SECTOR_BYTES: usize = 0x2_0000;
-/// Bytes of that flash.
+/// Bytes of the flash of the journal, and of that of the description.
 pub const FLASH_AREA_BYTES: usize = 2 * FLASH_SECTOR_BYTES;
 /// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
 pub const DESCRIPTION_FLASH: usize = 0x8_0000;
@@ -233,38 +233,38 @@ pub const STEP_RING: usize = 0x10_0000;
 /// Records in the ring, a power of two. They last for over four minutes at one step a tick and 4 kHz.
 pub const STEP_RING_RECORDS: u32 = 1 << 20;
 
-/// [`CRASH`]: executes an instruction that does not exist.
+/// Value of [`CRASH`]: the board executes an instruction that does not exist.
 pub const CRASH_BY_INSTRUCTION: u32 = 1;
-/// [`CRASH`]: reads at [`NOWHERE`].
+/// Value of [`CRASH`]: the board reads at [`NOWHERE`], where it has no memory.
 pub const CRASH_BY_ACCESS: u32 = 2;
-/// [`CRASH`]: hangs until the watchdog expires.
+/// Value of [`CRASH`]: the board hangs until the watchdog expires.
 pub const CRASH_BY_HANGING: u32 = 3;
 /// Address at which the board has no memory.
 pub const NOWHERE: usize = 0x2FFF_FFF0;
 
-/// [`RESET_CAUSE`]: the first start on this memory.
+/// Value of [`RESET_CAUSE`]: the first start on this memory.
 pub const RESET_POWER_ON: u32 = 1;
-/// [`RESET_CAUSE`]: the watchdog was not fed.
+/// Value of [`RESET_CAUSE`]: the watchdog was not fed.
 pub const RESET_WATCHDOG: u32 = 2;
-/// [`RESET_CAUSE`]: the processor faulted.
+/// Value of [`RESET_CAUSE`]: the processor faulted.
 pub const RESET_FAULT: u32 = 4;
-/// [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
+/// Value of [`RESET_CAUSE`]: reset from outside, by the emulator's monitor.
 pub const RESET_EXTERNAL: u32 = 5;
-/// [`RESET_CAUSE`]: the stack of the firmware overflowed.
+/// Value of [`RESET_CAUSE`]: the stack of the firmware overflowed.
 pub const RESET_STACK_OVERFLOW: u32 = 6;
 
-/// [`INDEX_FAULT`]: the sensor works.
+/// Value of [`INDEX_FAULT`]: the sensor works.
 pub const INDEX_FAULT_NONE: u32 = 0;
-/// [`INDEX_FAULT`]: the line stays low, as if always on the mark.
+/// Value of [`INDEX_FAULT`]: the line stays low, as if always on the mark.
 pub const INDEX_FAULT_STUCK_LOW: u32 = 1;
-/// [`INDEX_FAULT`]: the line stays high, as if never on the mark.
+/// Value of [`INDEX_FAULT`]: the line stays high, as if never on the mark.
 pub const INDEX_FAULT_STUCK_HIGH: u32 = 2;
 
-/// [`ENCODER_STATE`]: filament follows the feed.
+/// Value of [`ENCODER_STATE`]: the filament moves with the feed.
 pub const ENCODER_OK: u32 = 0;
-/// [`ENCODER_STATE`]: filament stands, with the encoder's line low.
+/// Value of [`ENCODER_STATE`]: the filament does not move, with the encoder's line low.
 pub const ENCODER_STUCK_LOW: u32 = 1;
-/// [`ENCODER_STATE`]: filament stands, with the encoder's line high.
+/// Value of [`ENCODER_STATE`]: the filament does not move, with the encoder's line high.
 pub const ENCODER_STUCK_HIGH: u32 = 2;
 
 /// Offset of the word of [`ALARMS`] that is written at a tick.

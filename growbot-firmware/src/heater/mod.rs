@@ -1,6 +1,6 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
 //!
-//! Call [`Heater::update`] ten times a second with the mean of the period's conversions
+//! Call [`HeaterController::update`] ten times a second with the mean of the period's conversions
 //! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty.
 //! `regulation` computes it while the nozzle approaches a target and holds it. `tuning` computes it while the gains are
 //! measured. `supervision` compares the reading with the behaviour that the `model` predicts for the nozzle.
@@ -91,7 +91,7 @@ struct Reading {
 
 /// The heater's regulation and limits.
 #[derive(Debug, Clone, Default)]
-pub struct Heater {
+pub struct HeaterController {
     /// Target, degrees Celsius. `None` while the heater is off.
     target: Option<f64>,
     reading: Option<Reading>,
@@ -117,7 +117,7 @@ pub struct Heater {
     tuned: Option<Tuned>,
 }
 
-impl Heater {
+impl HeaterController {
     /// Switches the heater on. The proof test of its switches runs first.
     pub fn switch_on(&mut self, target_c: f64, now: u64) {
         self.switch_off();

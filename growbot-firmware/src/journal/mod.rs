@@ -11,9 +11,9 @@
 //! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and
 //!   the next one is written to the next slot.
 //! - Cells that lost their power while they were programmed may read differently at each start, and at each reading. A
-//!   slot therefore gets three looks before it counts as invalid. The journal fixes the uncertain content at each start:
-//!   the last record is programmed again if it is valid, and struck out if not. The first blank slot may have been
-//!   written to and read as blank. It is skipped, and struck out before anything is written after it.
+//!   slot therefore gets three looks before it counts as invalid. The journal fixes the uncertain content at each
+//!   start: the last record is programmed again if it is valid, and struck out if not. The first blank slot may have
+//!   been written to and read as blank. It is skipped, and struck out before anything is written after it.
 //! - The flash may refuse such a repair, because the supply is low. The repair is then tried again before anything is
 //!   appended, because a record that reads differently later must be the last one.
 //! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read
@@ -349,8 +349,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
     }
 
-    /// Reads a slot, or a sector's first record, up to [`MAX_READS`] times until it is valid. A slot that first reads as
-    /// blank counts as blank.
+    /// Reads a slot, or a sector's first record, up to [`MAX_READS`] times until it is valid. A slot that first reads
+    /// as blank counts as blank.
     fn look(&mut self, offset: u32) -> (RecordBytes, Option<Record>) {
         let mut bytes = self.read(offset);
         if bytes == BLANK {
@@ -433,8 +433,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let _ = self.repairs.push(repair);
     }
 
-    /// Makes a repair. Returns `false` if it must be tried again. A slot needs only a wrong CRC to be struck out, so that
-    /// a cell that stays set does no harm there.
+    /// Makes a repair. Returns `false` if it must be tried again. A slot needs only a wrong CRC to be struck out, so
+    /// that a cell that stays set does no harm there.
     fn is_repaired(&mut self, Repair { offset, bytes }: &Repair) -> bool {
         self.flash.write(*offset, bytes).is_ok() && (*bytes == STRUCK || self.read(*offset) == *bytes)
     }

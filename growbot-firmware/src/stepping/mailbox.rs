@@ -34,8 +34,8 @@ use super::turn::{Sector, Turn};
 
 /// A move as the engine accepts it, without its sectors, which it gets one after the other.
 ///
-/// Here and in [`PendingReport`] the numbers leave 0 for `None`. An empty [`Mailbox`] is therefore all zeros, and costs a board
-/// no flash.
+/// In the numbers here and in [`PendingReport`], 0 stands for `None`. An empty [`Mailbox`] is therefore all zeros, and
+/// costs a board no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingMove {
@@ -59,7 +59,8 @@ impl TurnHeader {
     pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: RampLimits::FULL };
 }
 
-/// The report of an ended move as the engine writes it, without the steps in each sector, which it has written one after the other.
+/// The report of an ended move as the engine writes it, without the steps in each sector, which it has written one
+/// after the other.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingReport {

@@ -95,9 +95,9 @@ enum Phase {
     /// Waits for a start condition.
     Idle,
     /// Receives bits of the address, the register, or data.
-    Takes { what: What, byte: u8, bits: u8 },
+    Takes { what: ByteKind, byte: u8, bits: u8 },
     /// Holds the data line low to acknowledge. `next` follows.
-    Acknowledges { reads: bool, next: What },
+    Acknowledges { reads: bool, next: ByteKind },
     /// Sends a byte. `bits` of it have been sent.
     Sends { byte: u8, bits: u8 },
     /// Checks whether the board reads another byte.
@@ -105,7 +105,7 @@ enum Phase {
 }
 
 #[derive(Clone, Copy, PartialEq)]
-enum What {
+enum ByteKind {
     Address,
     Register,
     Data,
@@ -150,7 +150,7 @@ impl Bus {
         if clock && clock_before && data != data_before {
             self.chip_data_low = false;
             let starts = !data && !self.chip.has(BusFault::Absent);
-            self.phase = if starts { Phase::Takes { what: What::Address, byte: 0, bits: 0 } } else { Phase::Idle };
+            self.phase = if starts { Phase::Takes { what: ByteKind::Address, byte: 0, bits: 0 } } else { Phase::Idle };
         } else if clock && !clock_before {
             self.rise(data);
         } else if !clock && clock_before {
@@ -191,19 +191,19 @@ impl Bus {
         };
     }
 
-    fn accept_byte(&mut self, what: What, byte: u8) -> Phase {
+    fn accept_byte(&mut self, what: ByteKind, byte: u8) -> Phase {
         let (acknowledged, reads, next) = match what {
-            What::Address => (byte >> 1 == ADDRESS, byte & 1 == 1, What::Register),
-            What::Register => (true, false, What::Data),
-            What::Data => (true, false, What::Data),
+            ByteKind::Address => (byte >> 1 == ADDRESS, byte & 1 == 1, ByteKind::Register),
+            ByteKind::Register => (true, false, ByteKind::Data),
+            ByteKind::Data => (true, false, ByteKind::Data),
         };
-        if !acknowledged || what != What::Address && self.chip.has(BusFault::RefusesData) {
+        if !acknowledged || what != ByteKind::Address && self.chip.has(BusFault::RefusesData) {
             return Phase::Idle;
         }
         match what {
-            What::Address => {}
-            What::Register => self.register = byte,
-            What::Data => {
+            ByteKind::Address => {}
+            ByteKind::Register => self.register = byte,
+            ByteKind::Data => {
                 self.chip.write(self.register, byte);
                 self.register = self.register.wrapping_add(1);
             }

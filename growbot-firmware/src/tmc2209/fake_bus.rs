@@ -71,7 +71,7 @@ impl Chip {
 }
 
 /// The line.
-pub struct FakeLine {
+pub struct FakeDriverLine {
     pub chips: [Chip; 4],
     /// The board receives its own bytes.
     pub echoes: bool,
@@ -84,12 +84,12 @@ pub struct FakeLine {
 }
 
 #[derive(Clone)]
-pub struct FakeWire(pub Rc<RefCell<FakeLine>>);
+pub struct FakeWire(pub Rc<RefCell<FakeDriverLine>>);
 
 impl FakeWire {
     pub fn new() -> Self {
         let chips = [Chip::new(), Chip::new(), Chip::new(), Chip::new()];
-        let line = FakeLine { chips, echoes: true, full: false, incoming: VecDeque::new(), babbles: None };
+        let line = FakeDriverLine { chips, echoes: true, full: false, incoming: VecDeque::new(), babbles: None };
         Self(Rc::new(RefCell::new(line)))
     }
 

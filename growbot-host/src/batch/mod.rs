@@ -164,14 +164,14 @@ impl BatchResult {
     #[must_use]
     pub fn to_line(&self, robot: &Robot) -> String {
         #[derive(Serialize)]
-        struct Failed<'a> {
+        struct FailedQuery<'a> {
             id: &'a str,
             error: String,
         }
         match &self.outcome {
             Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::with_robot(plan, robot) }.to_line(),
             Err(error) => {
-                let failed = Failed { id: &self.id, error: error.to_string() };
+                let failed = FailedQuery { id: &self.id, error: error.to_string() };
                 sanitize::json_line(&failed)
             }
         }

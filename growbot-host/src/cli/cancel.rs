@@ -22,7 +22,7 @@ pub struct CancelArgs {
 
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     if let Some(owned) = find_service_robot(&port)? {
         return owned.cancel();
     }

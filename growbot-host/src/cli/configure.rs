@@ -47,7 +47,7 @@ pub struct ConfigureArgs {
 pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     let robot = robot_file::load(&args.robot)?;
     robot.check_for_board().map_err(ClientError::Description)?;
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let _lent = lease_port(&port, "growbot configure")?;
     // A simulated robot that starts with this command has a board with a description, like a board that was flashed.
     let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;

@@ -66,7 +66,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
 /// Returns the given port, or those of all robots: of the service, of the settings, and the default one.
 fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     if given.is_given() {
-        return Ok(vec![given.choose()?]);
+        return Ok(vec![given.resolve()?]);
     }
     let owned = robots_in_emergency().into_iter().map(|robot| robot.port);
     let (configured, problem) = match settings::load_service() {
@@ -75,7 +75,7 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     };
     let mut ports: Vec<SelectedPort> = Vec::new();
     let owned: Vec<_> = owned.filter_map(|port| given.at(port).ok()).collect();
-    let configured = configured.into_values().filter_map(|entry| given.at(entry.port).ok()).chain(given.choose().ok());
+    let configured = configured.into_values().filter_map(|entry| given.at(entry.port).ok()).chain(given.resolve().ok());
     // A simulated robot without a service ends with the program that runs it.
     let configured = configured.filter(|port| !port.is_in_process());
     for port in owned.into_iter().chain(configured) {
@@ -85,7 +85,7 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     }
     match (ports.is_empty(), problem) {
         (true, Some(error)) => Err(Failure::bad_input(error)),
-        (true, None) => given.choose().map(|port| vec![port]),
+        (true, None) => given.resolve().map(|port| vec![port]),
         (false, Some(error)) => {
             growbot_host::warning!("robots of the settings are not stopped, because they cannot be read: {error}");
             Ok(ports)

@@ -100,7 +100,7 @@ enum BodyChoice {
     /// The body as laid. On a simulated tip it is the plastic, with the commanded body beside it in CSV, and in GLB if
     /// the two differ. On a robot it follows from the board's steps
     Laid,
-    /// The body that follows from the board's steps
+    /// The body that the board's steps alone would give, without the errors of a simulated tip
     Commanded,
 }
 

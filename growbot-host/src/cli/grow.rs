@@ -117,7 +117,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
-    let (port, print) = (args.port.choose()?, args.print()?);
+    let (port, print) = (args.port.resolve()?, args.print()?);
     let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
     let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {

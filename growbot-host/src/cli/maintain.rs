@@ -38,7 +38,7 @@ Examples:
 
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     if let Some(owned) = find_service_robot(&port)? {
         return owned.maintain(&args.task, &args.value);
     }

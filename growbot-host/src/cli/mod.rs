@@ -318,7 +318,7 @@ pub struct PortArg {
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LinkArgs,
+    link: LinkArgs,
 }
 
 /// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
@@ -330,7 +330,7 @@ pub struct RequiredPortArg {
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
-    line: LinkArgs,
+    link: LinkArgs,
 }
 
 /// Faults of the link, and conflicts with another host.
@@ -338,9 +338,9 @@ pub struct RequiredPortArg {
 struct LinkArgs {
     /// Inject link faults, for example drop=1%,flip=1e-4
     ///
-    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall=2s@0.1% (nothing passes for
-    /// this time), reset (cut for a second). The probability of flip is per byte. The same seed=N gives the same
-    /// faults.
+    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall, reset (cut for a second).
+    /// stall=2s@0.1% means that at 0.1 % of the frames nothing passes for 2 s. The probability of flip is per byte. The
+    /// same seed=N gives the same faults.
     #[arg(long, value_name = "SPEC")]
     link_fault: Option<FaultSpec>,
     /// Take the board over from another host that owns it
@@ -358,12 +358,12 @@ pub struct SelectedPort {
 
 impl PortArg {
     /// Returns the given port, or the configured one, or else `sim`.
-    fn choose(&self) -> Result<SelectedPort, Failure> {
+    fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
         };
-        self.line.at(text)
+        self.link.at(text)
     }
 }
 
@@ -375,11 +375,11 @@ impl RequiredPortArg {
 
     /// Returns the port, or the port of the robot, that `text` names, with the `--link-fault` of this command.
     fn at(&self, text: String) -> Result<SelectedPort, Failure> {
-        self.line.at(text)
+        self.link.at(text)
     }
 
     /// Returns the given port, or the configured one. Returns an error if neither is set.
-    fn choose(&self) -> Result<SelectedPort, Failure> {
+    fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => match Setting::load(Key::Port)? {
@@ -392,7 +392,7 @@ impl RequiredPortArg {
                 setting => settings::log_setting(Key::Port, setting),
             },
         };
-        self.line.at(text)
+        self.link.at(text)
     }
 }
 
@@ -426,8 +426,8 @@ impl SelectedPort {
         self.name.is_simulated()
     }
 
-    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a simulated
-    /// robot. `None` if it is not known.
+    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a
+    /// simulated robot. `None` if it is not known.
     fn pace(&self, requested: Option<f64>) -> Option<f64> {
         match self.name.resident() {
             Some(name) => StateDir::of(name).ok()?.pace(),

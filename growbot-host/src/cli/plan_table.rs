@@ -91,12 +91,12 @@ fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
-        (_, 1) if plan.scene.is_some() => format!("of {candidates} paths the shortest but 1, which is not clear"),
+        (_, 1) if plan.scene.is_some() => format!("the shortest of {candidates} paths, except 1 that is not clear"),
         _ if plan.scene.is_some() => {
-            format!("of {candidates} paths the shortest but {passed_over}, which are not clear")
+            format!("the shortest of {candidates} paths, except {passed_over} that are not clear")
         }
-        (_, 1) => format!("of {candidates} paths the shortest but 1, which runs into the body"),
-        _ => format!("of {candidates} paths the shortest but {passed_over}, which run into the body"),
+        (_, 1) => format!("the shortest of {candidates} paths, except 1 that runs into the body"),
+        _ => format!("the shortest of {candidates} paths, except {passed_over} that run into the body"),
     };
     let percent = choice.two_plane_longer_percent(length);
     let compared = match (format!("{:.1}", percent.abs()).as_str(), percent > 0.0) {

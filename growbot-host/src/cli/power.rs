@@ -59,7 +59,7 @@ enum PowerAction {
 
 /// Runs the command.
 pub fn run(args: &PowerArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let PortName::SimDaemon(name) = port.name() else {
         return Err(Failure::bad_input(format!(
             "growbot cannot switch the power of port {}: `growbot power` is for persistent simulated robots, sim:NAME",

@@ -16,10 +16,11 @@ use super::{Failure, output_dir};
 
 /// Repeat the experiments of the paper
 ///
-/// These are Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45). They consist of
-/// growths between random poses, 50 in each group and 70 at each level of noise. The growths use both values that the
-/// paper gives for its step, exact slicing, both planners, and open and closed loop. The command prints its results
-/// beside those of the paper, with the significance tests that the paper quotes, or one line of JSON with --json.
+/// The experiments are those of Tables 1 to 3 and Figures 4 to 8 of Del Dottore et al. 2019 (Front. Robot. AI 6:45).
+/// They consist of growths between random poses, 50 in each group and 70 at each level of noise. The growths use both
+/// values that the paper gives for its step, exact slicing, both planners, and open and closed loop. The command prints
+/// its results beside those of the paper, with the significance tests that the paper quotes, or one line of JSON with
+/// --json.
 ///
 /// Noise of the growth is uniform, and its percentage is the half-width. Noise of the sensors is normal, with standard
 /// deviations of 1 % of a layer and 0.5 degrees about either axis.

@@ -84,7 +84,7 @@ enum InterruptedLayerChoice {
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let owned = find_service_robot(&port)?;
     let opened = match &args.file {
         Some(file) => Some((file, args.opened(file)?)),

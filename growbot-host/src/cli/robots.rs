@@ -19,7 +19,7 @@ use super::{Failure, ROBOT};
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
-/// List the built-in robots, or explain one in words
+/// List the built-in robots, or explain one
 ///
 /// With a name or a file, the command prints the whole description, the meaning of each field, and which values are
 /// assumed. Measure those on your robot before you rely on them.
@@ -49,7 +49,7 @@ pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
         }
         (None, false) => table()?,
         (Some(robot), true) => json_line(&in_full(&AnnotatedRobot::load(robot)?)),
-        (Some(robot), false) => in_words(&AnnotatedRobot::load(robot)?),
+        (Some(robot), false) => describe(&AnnotatedRobot::load(robot)?),
     };
     Ok(print(&text)?)
 }
@@ -77,7 +77,7 @@ fn overview(explained: &AnnotatedRobot) -> Value {
 fn in_full(explained: &AnnotatedRobot) -> Value {
     let field = |field: &AnnotatedField| {
         json!({
-            "field": field.path, "value": field.value, "means": field.means,
+            "field": field.path, "value": field.value, "means": field.description,
             "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.comment,
         })
     };
@@ -110,7 +110,7 @@ fn table() -> Result<String, Failure> {
     Ok(text)
 }
 
-fn in_words(explained: &AnnotatedRobot) -> String {
+fn describe(explained: &AnnotatedRobot) -> String {
     let robot = &explained.robot;
     let layer = &robot.description().layer;
     let mut text = format!("{}\n{}\n", robot.name(), indented(&explained.about, 2));
@@ -139,7 +139,7 @@ fn in_words(explained: &AnnotatedRobot) -> String {
     for section in &explained.sections {
         text.push('\n');
         if !section.name.is_empty() {
-            text += &indented(&format!("[{}] {}", section.name, section.means), 0);
+            text += &indented(&format!("[{}] {}", section.name, section.description), 0);
         }
         for field in &section.fields {
             let name = field.path.strip_prefix(&format!("{}.", section.name)).unwrap_or(&field.path);
@@ -151,7 +151,7 @@ fn in_words(explained: &AnnotatedRobot) -> String {
                 line += &format!("  # {}", field.comment);
             }
             text += &indented(&line, 2);
-            text += &indented(&field.means, 6);
+            text += &indented(&field.description, 6);
         }
     }
     text += &wires(robot);

@@ -20,9 +20,9 @@ use super::Failure;
 /// For a file (.toml, .stl, .obj, .ply, .glb, .pcd) the command prints the obstacles and the box that holds them, in mm
 /// in the base's axes, z up. Look at the box before you plan: most formats state neither axes nor units.
 ///
-/// For a kind, the command writes a file of `growbot-scene/1` with obstacles drawn from a seed, the same for one seed on
-/// every machine. It has a free way that a tube of 44 mm can take. Its first lines contain the command that plans this
-/// way.
+/// For a kind, the command writes a file of `growbot-scene/1` with obstacles drawn from a seed, the same for one seed
+/// on every machine. It has a free way that a tube of 44 mm can take. Its first lines contain the command that plans
+/// this way.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot scene room.glb\n  growbot scene pipe-rack -o rack.toml\n  growbot scene \
                         rubble-heap --seed 7 -o heap.toml\n  growbot plan --to 0,0,960 --scene rack.toml -o plan.json")]

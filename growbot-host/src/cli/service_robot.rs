@@ -438,7 +438,7 @@ pub struct AttachArgs {
 }
 
 fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
-    let port = port.choose()?;
+    let port = port.resolve()?;
     find_service_robot(&port)?.ok_or_else(|| {
         Failure::bad_input(format!(
             "no service owns the {}robot at {}: {what} the growth in its own terminal or page, or start it while \

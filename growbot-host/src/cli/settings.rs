@@ -40,25 +40,25 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     let width = settings.iter().map(|(_, setting)| setting.value.chars().count()).max().unwrap_or(0).max(5);
     let mut text = format!("setting  {:<width$}  from\n", "value");
     for (key, setting) in &settings {
-        text += &format!("{:<7}  {:<width$}  {}\n", key.name(), setting.value, in_words(&setting.origin));
+        text += &format!("{:<7}  {:<width$}  {}\n", key.name(), setting.value, describe(&setting.origin));
     }
     let there = |file: Option<&Path>| file.filter(|file| file.is_file()).map(|file| file.display().to_string());
     let none = || "none".to_owned();
     let user = user_file();
     text += &format!("\nnearest {FILE_NAME}     {}\n", there(nearest().as_deref()).unwrap_or_else(none));
-    let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} is not there)", file.display()));
+    let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} does not exist)", file.display()));
     text += &format!("user's configuration     {}\n", there(user.as_deref()).unwrap_or_else(missing));
     Ok(print(&text)?)
 }
 
 /// Returns the value of a setting, and prints its origin if messages are verbose.
 pub fn log_setting(key: Key, setting: Setting) -> String {
-    growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, in_words(&setting.origin));
+    growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, describe(&setting.origin));
     setting.value
 }
 
 /// Returns the origin of a value as text for messages.
-fn in_words(origin: &SettingOrigin) -> String {
+fn describe(origin: &SettingOrigin) -> String {
     match origin {
         SettingOrigin::Environment(variable) => (*variable).to_owned(),
         SettingOrigin::Nearest(file) | SettingOrigin::User(file) => file.display().to_string(),

@@ -47,7 +47,7 @@ pub struct StatusArgs {
 
 /// Runs the command.
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     if let Some(owned) = find_service_robot(&port)? {
         return owned.status(args.json);
     }

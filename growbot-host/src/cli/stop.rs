@@ -23,7 +23,7 @@ pub struct StopArgs {
 
 /// Runs the command. It sends no hello, so that it also stops a board of another release or robot.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     if let Some(owned) = find_service_robot(&port)? {
         return owned.stop();
     }

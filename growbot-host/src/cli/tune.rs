@@ -40,7 +40,7 @@ pub struct TuneArgs {
 
 /// Runs the command.
 pub fn run(args: &TuneArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let robot = args.robot.load()?;
     let target = match &args.target {
         None => robot.description().heater.target_c,

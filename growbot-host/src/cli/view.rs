@@ -99,9 +99,9 @@ pub struct ViewArgs {
 enum LookName {
     /// The corner from which start and goal are seen best
     Corner,
-    /// Against the y axis
+    /// From the front: the picture looks along the y axis
     Front,
-    /// Against the x axis
+    /// From the side: the picture looks against the x axis
     Side,
     /// From above
     Top,

@@ -191,7 +191,7 @@ fn table(question: &WorkspaceQuery, answer: &Workspace) -> String {
     let aside = if question.direction.is_none() {
         towards
     } else {
-        format!("{towards} towards the start's x axis, {against} against it")
+        format!("{towards} in the direction of the start's x axis, {against} opposite to it")
     };
     text += &format!("  ahead       {ahead}\n  aside       {aside}\n  behind      {behind}\n");
     if !answer.shares.is_empty() {

@@ -74,7 +74,7 @@ const REASONS: [Reason; 5] = [
 ];
 
 /// Returns a reason as text.
-fn in_words(name: &str, answer: &SceneWorkspace) -> String {
+fn describe(name: &str, answer: &SceneWorkspace) -> String {
     match name {
         "too_far" => "farther away than the body's length, even without obstacles".to_owned(),
         "too_near" => "inside an obstacle, or too near to one".to_owned(),
@@ -107,7 +107,7 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
     for (name, is_this) in REASONS {
         let count = answer.because(is_this);
         if count > 0 {
-            text += &format!("{count:>15}  {}\n", in_words(name, answer));
+            text += &format!("{count:>15}  {}\n", describe(name, answer));
         }
     }
     text += &format!("{not_found:>7}  none found with --effort {}; one may exist\n", through.effort);

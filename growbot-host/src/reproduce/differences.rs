@@ -93,7 +93,7 @@ fn of_directions(questions: &[SignificanceTest]) -> Option<Difference> {
     let p_values: Vec<String> = p_values.collect();
     (!p_values.is_empty()).then(|| Difference {
         what: "heading and pitch errors over all robots: the paper finds no difference",
-        by: capital(&format!("{}. Ours depend on the robot.", p_values.join("; "))),
+        by: capital(&format!("{}. The errors of growbot depend on the robot.", p_values.join("; "))),
         why: "A whole step bends by k: 1.8 degrees for robot A (3.096 mm at a radius of 100 mm), 0.6 for A3, 5.3 for \
               A6 and B, 30 for C. Steps that are rounded up turn too far by half of that in each arc on average, so \
               direction errors grow with k as position errors do. Errors of direction that are the same for all robots \

@@ -233,8 +233,7 @@ impl GrowthTracker {
         }
     }
 
-    /// Handles a change of state. The status has the cause of a pause or fault, and the growth requests it at once. So
-    /// these states are shown only with the status, together with their explanation.
+    /// Handles a change of state. A pause or a fault is not shown yet, because only the next status contains its cause.
     fn record_state(&mut self, state: State) {
         if !matches!(state, State::Paused | State::Fault) {
             (self.state, self.fault) = (state.name(), None);

@@ -83,7 +83,8 @@ pub struct WorkspaceSection {
     pub lateral_from: f64,
     /// `axial` of the first row, mm.
     pub axial_from: f64,
-    /// Values row by row, from behind the start forwards: the length of the shortest body, mm, or a share.
+    /// Values of all positions, row by row: the length of the shortest body, mm, or the share of directions. The first
+    /// row is the one farthest behind the start.
     pub values: Vec<f64>,
 }
 

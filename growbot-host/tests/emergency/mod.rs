@@ -60,7 +60,7 @@ pub struct Seen {
     pub stops: u32,
     /// Number of emergency stops that passed the line until the board obeyed one. `None` if it has not obeyed any.
     pub passed: Option<u32>,
-    /// True if everything was off as soon as that stop had arrived, before any time passed on the board.
+    /// True if everything was off as soon as the obeyed stop had arrived, before any time passed on the board.
     pub off_at_once: Option<bool>,
     /// Number of the board's responses.
     pub answers: u32,
@@ -289,7 +289,7 @@ fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
 /// A running `growbot grow`.
 pub struct Growing {
     child: Child,
-    said: Arc<Mutex<String>>,
+    output: Arc<Mutex<String>>,
     listener: Option<JoinHandle<()>>,
 }
 
@@ -329,20 +329,20 @@ impl Growing {
             .spawn()
             .unwrap();
         child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
-        let (mut stderr, said) = (child.stderr.take().unwrap(), Arc::new(Mutex::new(String::new())));
-        let heard = Arc::clone(&said);
+        let (mut stderr, output) = (child.stderr.take().unwrap(), Arc::new(Mutex::new(String::new())));
+        let heard = Arc::clone(&output);
         let listener = thread::spawn(move || {
             let mut buffer = [0; 256];
             while let Ok(count @ 1..) = stderr.read(&mut buffer) {
                 heard.lock().unwrap().push_str(&String::from_utf8_lossy(&buffer[..count]));
             }
         });
-        Self { child, said, listener: Some(listener) }
+        Self { child, output, listener: Some(listener) }
     }
 
     fn until_hot(&mut self, bench: &Bench) {
         until("the board heats", || {
-            assert!(self.is_running(), "{}", self.said());
+            assert!(self.is_running(), "{}", self.output());
             bench.seen().heats
         });
     }
@@ -351,15 +351,15 @@ impl Growing {
         self.child.try_wait().unwrap().is_none()
     }
 
-    fn said(&self) -> String {
-        self.said.lock().unwrap().clone()
+    fn output(&self) -> String {
+        self.output.lock().unwrap().clone()
     }
 
     /// Sends Ctrl-C, and waits for a message with this text.
     pub fn interrupt(&mut self, answer: &str) {
         let killed = command("kill").args(["-INT", &self.child.id().to_string()]).status().unwrap();
         assert!(killed.success());
-        until(answer, || self.said().contains(answer));
+        until(answer, || self.output().contains(answer));
     }
 
     /// Waits until the program ends.
@@ -369,11 +369,11 @@ impl Growing {
             if let Some(status) = self.child.try_wait().unwrap() {
                 break status.code();
             }
-            assert!(began.elapsed() <= PATIENCE, "growbot does not end: {}", self.said());
+            assert!(began.elapsed() <= PATIENCE, "growbot does not end: {}", self.output());
             sleep(Duration::from_millis(10));
         };
         self.listener.take().into_iter().for_each(|listener| listener.join().unwrap());
-        let err = in_lines(&self.said.lock().unwrap());
+        let err = in_lines(&self.output.lock().unwrap());
         Ran { code, out: String::new(), err }
     }
 }

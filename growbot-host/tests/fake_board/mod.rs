@@ -11,7 +11,7 @@ use std::time::Duration;
 use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
-use growbot_core::link::message::{BoardInfo, Hello, Message, Refusal, Refused};
+use growbot_core::link::message::{BoardInfo, Hello, Message, Refusal, RefusalResponse};
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 
@@ -84,7 +84,7 @@ impl FakeBoard {
             while matches!(stream.read(&mut byte), Ok(1)) {
                 let Some(Ok(request)) = receiver.push(byte[0]) else { continue };
                 let refusal = Refusal::SchemaMismatch { board };
-                let message = Message::Refused(Refused { kind: request.header.kind, refusal });
+                let message = Message::Refused(RefusalResponse { kind: request.header.kind, refusal });
                 let mut buffer = [0; MAX_BODY_LEN];
                 let body = message.encode(&mut buffer).unwrap();
                 let header = FrameHeader { kind: message.kind(), ack: request.header.seq, ..request.header };
@@ -276,8 +276,8 @@ impl<L: Write> Write for OtherRelease<L> {
                 Message::BoardInfo(info) => {
                     Some(Message::BoardInfo(BoardInfo { schema_hash: !info.schema_hash, ..info }))
                 }
-                Message::Refused(Refused { kind, refusal: Refusal::SchemaMismatch { board } }) => {
-                    Some(Message::Refused(Refused { kind, refusal: Refusal::SchemaMismatch { board: !board } }))
+                Message::Refused(RefusalResponse { kind, refusal: Refusal::SchemaMismatch { board } }) => {
+                    Some(Message::Refused(RefusalResponse { kind, refusal: Refusal::SchemaMismatch { board: !board } }))
                 }
                 _ => None,
             })

@@ -10,7 +10,7 @@ use growbot_client::port::Port;
 use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
-use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, Refused, Status};
+use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, RefusalResponse, Status};
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
@@ -173,7 +173,7 @@ fn lie(frame: &LinkFrame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
                 2 => Refusal::LayerOutOfLimits { index: extreme(random) },
                 _ => Refusal::OwnedByOtherHost { silent_ms: extreme(random) },
             };
-            Message::Refused(Refused { kind: frame.header.kind, refusal })
+            Message::Refused(RefusalResponse { kind: frame.header.kind, refusal })
         }
         _ => {
             // Changes the body in a way that may still be a message.

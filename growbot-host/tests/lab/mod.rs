@@ -64,14 +64,14 @@ impl Lab {
 
     pub fn start(&mut self) {
         let port = self.pages.as_ref().map_or(0, |(port, _)| *port).to_string();
-        let said = self.directory.path().join("said");
-        let out = fs::File::create(&said).unwrap();
+        let output = self.directory.path().join("output");
+        let out = fs::File::create(&output).unwrap();
         let heard = self.directory.path().join("heard");
         let heard = fs::File::options().create(true).append(true).open(heard).unwrap();
         let service = self.command(&["serve", "--page-port", &port]).stdout(out).stderr(heard).spawn().unwrap();
         self.service = Some(service);
         let text = wait_for("the service says its addresses", || {
-            let text = fs::read_to_string(&said).unwrap();
+            let text = fs::read_to_string(&output).unwrap();
             (text.lines().count() == 2).then_some(text)
         });
         let addresses: Vec<&str> = text.lines().filter_map(|line| line.split_whitespace().last()).collect();
@@ -195,9 +195,9 @@ pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
 /// Sends one request, which may be invalid. Returns status and body of the response.
 pub fn http(mut stream: impl Read + Write, method: &str, path: &str, headers: &[&str], body: &str) -> (u16, String) {
     let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
-    let said = |name: &str| headers.iter().any(|header| header.to_lowercase().starts_with(name));
+    let has_header = |name: &str| headers.iter().any(|header| header.to_lowercase().starts_with(name));
     for (name, value) in [("host:", "localhost"), ("content-type:", "application/json")] {
-        if !said(name) {
+        if !has_header(name) {
             request += &format!("{name} {value}\r\n");
         }
     }

@@ -131,9 +131,9 @@ fn describe(event: &RunEvent) -> Option<(LogLevel, String)> {
         }
         RunEvent::AmendmentRejected { reason: Some(reason) } => format!("amendment-rejected: {reason}"),
         RunEvent::AmendmentRejected { reason: None } => "amendment-rejected".to_owned(),
-        RunEvent::Detour(Detour { from, instead_of, .. }) => format!("detour: from {from}, since {instead_of}"),
+        RunEvent::Detour(Detour { from, instead_of, .. }) => format!("detour: from layer {from}, because {instead_of}"),
         RunEvent::ClearanceViolation(too_near) => format!("clearance-violation: {too_near}"),
-        RunEvent::LayersSent { from, .. } => format!("layers-sent: from {from}"),
+        RunEvent::LayersSent { from, .. } => format!("layers-sent: from layer {from}"),
         RunEvent::Command { command } => format!("command: {}", command.name()),
         RunEvent::CommandFailed { reason } => format!("command-failed: {reason}"),
         RunEvent::NoResponse => "no-response".to_owned(),

@@ -183,7 +183,7 @@ impl Layers {
         self.kind.unwrap_or(BodyKind::AsBuilt).title()
     }
 
-    /// Returns the length of that body, mm.
+    /// Returns the length of the body that is shown, mm.
     fn length(&self) -> f64 {
         self.body().iter().map(|layer| decode(layer).height).sum()
     }

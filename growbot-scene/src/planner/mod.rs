@@ -137,9 +137,9 @@ pub enum InfeasibleReason {
 
 /// Number of resolutions.
 const LEVELS: usize = 5;
-/// Work for each part of a round: a tree, random bodies.
+/// Work limit of each part of a round: the growth of a tree, or random bodies.
 const QUOTA: u64 = 2_000;
-/// Work for shortening in a round.
+/// Work limit of the shortening in a round.
 const SHORTENING: u64 = 5 * QUOTA;
 /// Numbers of rounds without a path after which separation of start and goal is checked.
 const ROUNDS_TO_FLOOD: [u32; 3] = [6, 16, 32];

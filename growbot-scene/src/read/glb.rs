@@ -104,7 +104,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     if let Some(extension) = document.extensions_required.first() {
         return Err(format!("it needs the extension {extension}, which is not supported: export the file without it"));
     }
-    let mut reader = Reader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
+    let mut reader = GlbReader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
         Some(scene) => {
             for node in &scene.nodes {
@@ -121,14 +121,14 @@ fn base_from_gltf() -> Matrix4<f64> {
     Matrix4::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 }
 
-struct Reader<'a> {
+struct GlbReader<'a> {
     document: &'a Document,
     data: &'a [u8],
     geometry: RawGeometry,
     visits: usize,
 }
 
-impl<'a> Reader<'a> {
+impl<'a> GlbReader<'a> {
     fn node(&mut self, index: usize, world_from_parent: &Matrix4<f64>, depth: usize) -> Result<(), String> {
         let node = self.document.nodes.get(index).ok_or_else(|| format!("it has no node {index}"))?;
         self.visits += 1;

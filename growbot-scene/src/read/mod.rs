@@ -24,7 +24,7 @@ pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
 const MAX_REASON_CHARS: usize = 200;
 
 /// Reads the bytes of a format.
-type Reader = fn(&[u8]) -> Result<RawGeometry, String>;
+type GeometryReader = fn(&[u8]) -> Result<RawGeometry, String>;
 
 /// File extensions of the formats.
 const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
@@ -120,7 +120,7 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
 /// Any fault of the file.
 pub fn geometry(path: &Path) -> Result<GeometryFile, ReadError> {
     let file = || path.display().to_string();
-    let (read, unit_mm): (Reader, f64) = match extension(path).as_deref() {
+    let (read, unit_mm): (GeometryReader, f64) = match extension(path).as_deref() {
         Some("stl") => (stl::read, 1.0),
         Some("obj") => (obj::read, 1.0),
         Some("ply") => (ply::read, 1.0),
@@ -159,7 +159,7 @@ fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     Ok(())
 }
 
-/// Number of edges at which a mesh encloses no volume.
+/// Edges at which a mesh is not closed, so that it encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Number of edges at which a face is missing.

@@ -34,7 +34,7 @@ use super::qemu::{EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
 use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::image_seal;
 use crate::tip::manual_action::ManualAction;
-use crate::tip::{IndexMark, Motor, Tip, TipFault, Variation, encoder_pitch};
+use crate::tip::{IndexMark, Motor, TipFault, TipModel, Variation, encoder_pitch};
 
 /// Interval at which the tip polls its memory in real time.
 const TIP_POLL_INTERVAL: Duration = Duration::from_millis(1);
@@ -66,7 +66,7 @@ pub struct Emulator {
 /// Connection to the board, with the mode of its time.
 enum BoardLine {
     Real { stream: Stream, _player: TipThread },
-    Virtual(Rc<RefCell<Stepped>>),
+    Virtual(Rc<RefCell<SteppedBoard>>),
 }
 
 impl Emulator {
@@ -101,7 +101,7 @@ impl Emulator {
             Some(debugger) => {
                 line.set_nonblocking(true).map_err(doing("set up the emulator's line"))?;
                 let tick_hz = robot.description().motion.tick_hz;
-                BoardLine::Virtual(Rc::new(RefCell::new(Stepped::new(&followed, debugger, line, tick_hz))))
+                BoardLine::Virtual(Rc::new(RefCell::new(SteppedBoard::new(&followed, debugger, line, tick_hz))))
             }
             None => {
                 let stream = Stream::over(NAME.to_string(), line).map_err(doing("set up the emulator's line"))?;
@@ -123,7 +123,7 @@ impl Emulator {
     }
 
     /// Calls a function with the tip in its current state.
-    pub fn simulated_tip(&mut self, what: impl FnOnce(&mut Tip)) {
+    pub fn simulated_tip(&mut self, what: impl FnOnce(&mut TipModel)) {
         what(&mut locked(&self.followed).tip);
     }
 
@@ -200,7 +200,8 @@ impl Port for Emulator {
         }
     }
 
-    /// In real time the board counts the interrupts of its timer, and misses some of them on a busy machine.
+    /// Reports whether the board's clock can be compared with other clocks. In real time the board misses interrupts of
+    /// its timer on a busy machine, so its clock is late.
     fn has_comparable_clock(&self) -> bool {
         matches!(self.line, BoardLine::Virtual(_))
     }
@@ -208,7 +209,7 @@ impl Port for Emulator {
 
 /// Clock of an emulated board.
 #[derive(Clone)]
-pub struct EmulatedClock(Option<Rc<RefCell<Stepped>>>);
+pub struct EmulatedClock(Option<Rc<RefCell<SteppedBoard>>>);
 
 impl EmulatedClock {
     /// Lets this much of the board's time pass. What the board sends is buffered until it is received.
@@ -230,7 +231,7 @@ impl EmulatedClock {
 }
 
 /// A board in virtual time, which runs from one poll of its tip to the next.
-struct Stepped {
+struct SteppedBoard {
     followed: Arc<Mutex<TipFollower>>,
     debugger: Debugger,
     line: TcpStream,
@@ -244,7 +245,7 @@ struct Stepped {
     stood: Duration,
 }
 
-impl Stepped {
+impl SteppedBoard {
     fn new(followed: &Arc<Mutex<TipFollower>>, debugger: Debugger, line: TcpStream, tick_hz: u32) -> Self {
         Self {
             followed: Arc::clone(followed),
@@ -365,8 +366,8 @@ fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
 
 /// Returns the initial tip. The board counts the head's steps from its position at power-on, and places the index mark
 /// there too.
-fn tip_of(robot: &Robot) -> Tip {
-    Tip::new(robot.clone(), 0, Variation::default())
+fn tip_of(robot: &Robot) -> TipModel {
+    TipModel::new(robot.clone(), 0, Variation::default())
 }
 
 /// Returns a number that differs from run to run.
@@ -412,7 +413,7 @@ impl TipRegisters {
     }
 
     /// Writes the readings of the tip's sensors.
-    fn show(&self, tip: &mut Tip) -> io::Result<()> {
+    fn show(&self, tip: &mut TipModel) -> io::Result<()> {
         self.show_converted(table::THERMISTOR_RAW, table::THERMISTOR_LIVE, tip.sample_thermistor())?;
         self.show_converted(table::SUPPLY_RAW, table::SUPPLY_LIVE, tip.sample_supply())?;
         self.write(table::FILAMENT_PRESENT, tip.has_filament().into())?;
@@ -437,7 +438,7 @@ impl TipRegisters {
 
     /// Writes how the encoder's level follows from the tip's steps, whenever that changes. The board computes the level
     /// from its own steps.
-    fn show_encoder_mapping(&self, tip: &mut Tip) -> io::Result<()> {
+    fn show_encoder_mapping(&self, tip: &mut TipModel) -> io::Result<()> {
         let (turned, seen_per_step) = tip.encoder_mapping();
         let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
         if slip.cast_unsigned() == self.read(table::ENCODER_SLIP)? {
@@ -463,7 +464,7 @@ impl TipRegisters {
     /// Writes the index mark's position. The board computes the level of its index sensor from its own steps, so the
     /// position includes the difference from the true steps. If the level no longer depends on the steps, a fault has
     /// the level.
-    fn show_index(&self, tip: &Tip) -> io::Result<()> {
+    fn show_index(&self, tip: &TipModel) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
         let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
         self.write(table::INDEX_POSITION, position as u32)?;
@@ -480,12 +481,12 @@ impl TipRegisters {
 /// The tip, with the state of its memory at the latest poll.
 struct TipFollower {
     words: TipRegisters,
-    tip: Tip,
+    tip: TipModel,
     boots: u32,
     /// Clock of the tip at the board's latest start, ticks.
     boot_tick: u64,
     steps_read: u32,
-    /// Tick of the latest step, since that start.
+    /// Tick of the latest step, counted from the board's latest start.
     step_tick: u64,
     /// Clock of the board at the latest poll.
     ticks: u64,

@@ -25,7 +25,7 @@ use rp2040::Rp2040Error;
 
 use crate::ground_truth::SimulatedTip;
 use crate::sim_daemon::{DaemonPort, RemoteTip, SimDaemonError, StateDir};
-use crate::tip::{Tip, Variation};
+use crate::tip::{TipModel, Variation};
 use growbot_core::simulation::ErrorModel;
 
 /// Reason why a port could not be opened.
@@ -151,7 +151,7 @@ pub struct TipSettings {
 }
 
 impl TipSettings {
-    pub(crate) fn apply(&self, tip: &mut Tip) {
+    pub(crate) fn apply(&self, tip: &mut TipModel) {
         if let Some(start) = &self.start {
             tip.start_at(start);
         }

@@ -25,7 +25,7 @@ use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse}
 
 use crate::ground_truth::SimulatedTip;
 use crate::tip::pins::SharedTip;
-use crate::tip::{Motor, Tip, TipFault, Variation};
+use crate::tip::{Motor, TipFault, TipModel, Variation};
 
 /// Path of the firmware image in cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
@@ -99,7 +99,7 @@ impl PinPolarity {
     }
 
     /// Returns the levels of the pins for the readings of the tip's sensors, in the order of the messages.
-    fn of_sensors(&self, tip: &Tip) -> [bool; 5] {
+    fn of_sensors(&self, tip: &TipModel) -> [bool; 5] {
         [
             tip.on_index() != self.index_low_on_mark,
             tip.encoder(),
@@ -185,7 +185,7 @@ impl Rp2040Emulator {
     fn with(bench: NodeProcess, robot: &Robot, variation: Variation) -> Self {
         Self {
             bench,
-            tip: Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation))),
+            tip: Rc::new(RefCell::new(TipModel::new(robot.clone(), HEAD_AT_FIRST, variation))),
             levels: PinPolarity::of(robot),
             tick_hz: u64::from(robot.description().motion.tick_hz),
             now_ns: 0,
@@ -200,7 +200,7 @@ impl Rp2040Emulator {
     }
 
     /// Returns the tip in its current state.
-    pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
+    pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }
 

@@ -24,10 +24,10 @@ use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, St
 use crate::ground_truth::SimulatedTip;
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
-    DirectionPin, EnablePin, Fan, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, SimulatedAdc, StepPin,
-    TipOutputs,
+    DirectionPin, EnablePin, FanPwm, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, SimulatedAdc,
+    SimulatedOutputs, StepPin,
 };
-use crate::tip::{Motor, Tip, TipFault, Variation};
+use crate::tip::{Motor, TipFault, TipModel, Variation};
 use growbot_core::random::{Rng, splitmix64};
 
 /// Interval at which the controller is polled, us of virtual time.
@@ -43,7 +43,7 @@ const WATCHDOG_S: u64 = 1;
 const FLASH_SECTORS: usize = 2;
 
 type SimEngine =
-    Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input, TipOutputs>;
+    Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input, SimulatedOutputs>;
 
 /// A robot in this process.
 pub struct Sim {
@@ -85,7 +85,7 @@ impl Sim {
     /// Returns a robot that deviates from its description.
     #[must_use]
     pub fn with(robot: Robot, variation: Variation) -> Self {
-        let tip = Rc::new(RefCell::new(Tip::new(robot.clone(), HEAD_AT_FIRST, variation)));
+        let tip = Rc::new(RefCell::new(TipModel::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
         let retained = Retained::of_noise(&tip.borrow(), 0);
         let [flash, descriptions] = [Flash::new(FLASH_SECTORS), Flash::new(FLASH_SECTORS)];
@@ -127,8 +127,8 @@ impl Sim {
         self.tip.borrow_mut().load_filament(mm);
     }
 
-    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn from
-    /// this seed, and not at once after a report.
+    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn
+    /// from this seed, and not at once after a report.
     pub fn poll_late(&mut self, seed: u64) {
         self.lateness = Some(Rng::new(&[seed]));
     }
@@ -144,7 +144,7 @@ impl Sim {
     }
 
     /// Returns the tip in its current state.
-    pub fn simulated_tip(&mut self) -> RefMut<'_, Tip> {
+    pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }
 
@@ -266,7 +266,7 @@ impl Sim {
         self.fed.now.set(0);
         self.fed.feed();
         self.tick_hz = u64::from(robot.description().motion.tick_hz);
-        *self.tip.borrow_mut() = Tip::new(robot.clone(), HEAD_AT_FIRST, variation);
+        *self.tip.borrow_mut() = TipModel::new(robot.clone(), HEAD_AT_FIRST, variation);
         self.robot = robot;
     }
 
@@ -277,7 +277,7 @@ impl Sim {
     }
 
     fn outputs_off(&self) {
-        TipOutputs(Rc::clone(&self.tip)).make_safe();
+        SimulatedOutputs(Rc::clone(&self.tip)).make_safe();
     }
 
     fn ticks(&self, time: Duration) -> u64 {
@@ -353,7 +353,7 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
         filament_motion: Input::filament_motion(tip),
         emergency_stop: Input::emergency_stop(tip),
     };
-    let outputs = TipOutputs(Rc::clone(tip));
+    let outputs = SimulatedOutputs(Rc::clone(tip));
     Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineConfig::for_robot(robot))
 }
 
@@ -375,7 +375,7 @@ fn controller(
     let parts = BoardResources {
         heater_power: HeaterPower(Rc::clone(tip)),
         heater_enable: HeaterEnable(Rc::clone(tip)),
-        fan: Fan(Rc::clone(tip)),
+        fan: FanPwm(Rc::clone(tip)),
         thermistor: SimulatedAdc::thermistor(tip),
         supply: SimulatedAdc::supply(tip),
         filament_presence: Input::filament_presence(tip),
@@ -428,9 +428,9 @@ pub struct SimBoard;
 impl Board for SimBoard {
     type HeaterPower = HeaterPower;
     type HeaterEnable = HeaterEnable;
-    type Fan = Fan;
-    type Thermistor = SimulatedAdc;
-    type Supply = SimulatedAdc;
+    type FanPwm = FanPwm;
+    type ThermistorAdc = SimulatedAdc;
+    type SupplyAdc = SimulatedAdc;
     type FilamentPresence = Input;
     type DriverFault = Input;
     type Drivers = UnmanagedDrivers;
@@ -454,7 +454,7 @@ pub struct Retained(Rc<Cell<[u8; RETAINED_BYTES]>>);
 
 impl Retained {
     /// Returns memory with random bytes, as after power-on.
-    fn of_noise(tip: &Tip, tick: u64) -> Self {
+    fn of_noise(tip: &TipModel, tick: u64) -> Self {
         let seed = tip.variation().seed;
         Self(Rc::new(Cell::new(std::array::from_fn(|at| splitmix64(seed ^ tick << 8 ^ at as u64) as u8))))
     }

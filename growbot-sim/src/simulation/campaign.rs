@@ -22,7 +22,7 @@ const BATCH: u64 = 16_384;
 pub struct WorstRun {
     /// Seed of the growth.
     pub seed: u64,
-    /// Distance of its end from the goal, mm.
+    /// Distance of the body's end from the goal, mm.
     pub position_error_mm: f64,
 }
 

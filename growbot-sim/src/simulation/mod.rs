@@ -27,10 +27,11 @@ use serde::{Deserialize, Serialize};
 
 use self::obstacles::{ContactDetector, GuardedGrowth, ObstacleReport};
 
-/// Code of the warning for a root that would fail: maximum stress, strength (MPa).
+/// Code of the warning for a root that would break under the body's weight. The value is the greatest stress, the limit
+/// the strength of the plastic, MPa.
 pub const ROOT_FAILS: &str = "root-fails";
-/// Code of the warning for a body that sags beyond the range of the model: deflection of the tip, a tenth of the length
-/// (mm).
+/// Code of the warning for a body that sags beyond the range of the model. The value is the deflection of the tip, the
+/// limit a tenth of the length, mm.
 pub const LARGE_SAG: &str = "sags-far";
 
 /// Maximum small sag, as a fraction of the length.
@@ -116,8 +117,8 @@ impl<'a> Simulation<'a> {
         self.run_by_layer(seed, |_| ())
     }
 
-    /// Like [`Self::run`], and calls `each` with every layer as it was laid. The result contains the sag of the body, the
-    /// layers do not.
+    /// Like [`Self::run`], and calls `each` with every layer as it was laid. The result contains the sag of the body,
+    /// the layers do not.
     pub fn run_by_layer(&self, seed: u64, mut each: impl FnMut(&DisturbedLayer)) -> SimulationResult {
         let Self { task, disturbance, .. } = self;
         let base_from_start = task.start.frame();
@@ -188,8 +189,9 @@ impl<'a> Simulation<'a> {
     /// Returns the layers of the body as it lies after the growth: without twist, and bent by the sag if there is one.
     /// Each begins where the one before ends (Eq 4). `laid` are the layers that [`Self::run_by_layer`] returns.
     ///
-    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid. The
-    /// end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the sag.
+    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid.
+    /// The end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the
+    /// sag.
     #[must_use]
     pub fn layers_as_laid(&self, laid: &[DisturbedLayer]) -> Vec<Layer> {
         if !self.sag {

@@ -98,30 +98,30 @@ impl<'a> ContactDetector<'a> {
 
 /// Keeps a closed loop clear of the obstacles.
 pub(super) struct GuardedGrowth<'a> {
-    keeper: ClearanceGuard<'a>,
+    guard: ClearanceGuard<'a>,
     pub(super) detours: u32,
     pub(super) paused: Option<ClearancePause>,
 }
 
 impl<'a> GuardedGrowth<'a> {
     pub(super) fn new(around: &'a SceneContext<'a>, seen: growbot_core::tracking::MeasuredQuantities) -> Self {
-        Self { keeper: ClearanceGuard::new(around, seen), detours: 0, paused: None }
+        Self { guard: ClearanceGuard::new(around, seen), detours: 0, paused: None }
     }
 
     /// Reports whether the growth continues after a correction.
     pub(super) fn check_correction(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
         if let Some(layer) = laid {
-            self.keeper.record_layer(layer, &tracker.estimate().systematic_errors);
+            self.guard.record_layer(layer, &tracker.estimate().systematic_errors);
         }
-        match self.keeper.ensure_clear(tracker, &[]) {
+        match self.guard.ensure_clear(tracker, &[]) {
             Ok(detour) => {
                 self.detours += u32::from(detour.is_some());
                 true
             }
             Err(too_near) => {
                 self.paused = Some(ClearancePause {
-                    layers: self.keeper.layers() as u64,
-                    at: self.keeper.length(),
+                    layers: self.guard.layers() as u64,
+                    at: self.guard.length(),
                     clearance: too_near.clearance_mm,
                     deviation: too_near.deviation_mm,
                 });

@@ -2,7 +2,7 @@
 
 use std::mem::discriminant;
 
-/// A physical fault, active from [`super::Tip::inject`] until [`super::Tip::clear_fault`].
+/// A physical fault, active from [`super::TipModel::inject`] until [`super::TipModel::clear_fault`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum TipFault {
     /// A wire of the thermistor is cut.

@@ -1,9 +1,9 @@
 //! Heater, fan and supply of the simulated tip, and the temperature of its nozzle.
 
 use super::nozzle::NozzleInputs;
-use super::{HeaterInput, Tip, TipFault};
+use super::{HeaterInput, TipFault, TipModel};
 
-impl Tip {
+impl TipModel {
     /// Sets the heater's signals: a fraction of full power (0 to 1), and the state of the second switch.
     pub fn set_heater(&mut self, duty: f64, closed: bool) {
         let input = HeaterInput { duty, closed };

@@ -3,7 +3,7 @@
 use growbot_core::pose::Pose;
 use serde::{Deserialize, Serialize};
 
-use super::{Tip, TipFault};
+use super::{TipFault, TipModel};
 
 /// A manual action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -23,7 +23,7 @@ pub enum ManualAction {
     LayDown(bool),
 }
 
-impl Tip {
+impl TipModel {
     /// Performs this action, as if the motors were released.
     pub fn apply_action(&mut self, hand: ManualAction) {
         match hand {
@@ -65,8 +65,8 @@ mod tests {
     use super::*;
     use crate::tip::{Motor, Variation};
 
-    fn tip() -> Tip {
-        Tip::new(robot_file::load("growbot-a".as_ref()).unwrap(), 0, Variation::default())
+    fn tip() -> TipModel {
+        TipModel::new(robot_file::load("growbot-a".as_ref()).unwrap(), 0, Variation::default())
     }
 
     #[test]
@@ -87,7 +87,7 @@ mod tests {
         let mut tip = tip();
         tip.set_enabled(Motor::Feed, true);
         tip.set_direction(Motor::Feed, true);
-        let feed = |tip: &mut Tip| (0..100).for_each(|_| tip.step(Motor::Feed));
+        let feed = |tip: &mut TipModel| (0..100).for_each(|_| tip.step(Motor::Feed));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 100);
         tip.apply_action(ManualAction::FreeFilament(true));

@@ -60,7 +60,7 @@ use sensors::StuckReading;
 
 /// The simulated tip of one robot.
 #[derive(Debug, Clone)]
-pub struct Tip {
+pub struct TipModel {
     robot: Robot,
     variation: Variation,
     faults: Faults,
@@ -123,7 +123,7 @@ struct HeaterInput {
     closed: bool,
 }
 
-impl Tip {
+impl TipModel {
     /// Creates a cold tip on an upright body. The head is `head_steps` from the tip's x axis.
     #[must_use]
     pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
@@ -348,7 +348,7 @@ impl Tip {
         self.plastic.layers(&self.robot, &self.imperfection)
     }
 
-    /// Returns the layers of [`Tip::body`] that no longer change, from this index on.
+    /// Returns the layers of [`TipModel::body`] that no longer change, from this index on.
     #[must_use]
     pub fn settled(&mut self, from: usize) -> &[Layer] {
         self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()

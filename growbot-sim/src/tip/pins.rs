@@ -11,10 +11,10 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::hal;
 
-use super::{Motor, Tip};
+use super::{Motor, TipModel};
 
 /// A tip that is shared by its pins.
-pub type SharedTip = Rc<RefCell<Tip>>;
+pub type SharedTip = Rc<RefCell<TipModel>>;
 
 /// STEP pin of a motor.
 pub struct StepPin(pub Motor, pub SharedTip);
@@ -28,7 +28,7 @@ pub struct EnablePin(pub Motor, pub SharedTip);
 /// An input with two levels, which is read from the tip.
 pub struct Input {
     tip: SharedTip,
-    level: fn(&Tip) -> bool,
+    level: fn(&TipModel) -> bool,
 }
 
 /// The heater's power output.
@@ -38,12 +38,12 @@ pub struct HeaterPower(pub SharedTip);
 pub struct HeaterEnable(pub SharedTip);
 
 /// The output for the fan.
-pub struct Fan(pub SharedTip);
+pub struct FanPwm(pub SharedTip);
 
 /// A channel of the ADC.
 pub struct SimulatedAdc {
     tip: SharedTip,
-    sample: fn(&mut Tip) -> Option<u16>,
+    sample: fn(&mut TipModel) -> Option<u16>,
 }
 
 /// The orientation sensor.
@@ -53,31 +53,31 @@ impl Input {
     /// Returns the input of the index sensor: high while it detects its mark.
     #[must_use]
     pub fn index(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::on_index }
+        Self { tip: Rc::clone(tip), level: TipModel::on_index }
     }
 
     /// Returns the input of the encoder that the filament turns.
     #[must_use]
     pub fn filament_motion(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::encoder }
+        Self { tip: Rc::clone(tip), level: TipModel::encoder }
     }
 
     /// Returns the input of the filament switch: high while there is filament.
     #[must_use]
     pub fn filament_presence(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::has_filament }
+        Self { tip: Rc::clone(tip), level: TipModel::has_filament }
     }
 
     /// Returns the input of the stepper drivers: high while one of them reports a fault.
     #[must_use]
     pub fn driver_fault(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::driver_fault }
+        Self { tip: Rc::clone(tip), level: TipModel::driver_fault }
     }
 
     /// Returns the input of the emergency stop: high while it is pressed.
     #[must_use]
     pub fn emergency_stop(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), level: Tip::is_emergency_stop_pressed }
+        Self { tip: Rc::clone(tip), level: TipModel::is_emergency_stop_pressed }
     }
 }
 
@@ -85,20 +85,20 @@ impl SimulatedAdc {
     /// Returns the channel of the thermistor's divider.
     #[must_use]
     pub fn thermistor(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), sample: Tip::sample_thermistor }
+        Self { tip: Rc::clone(tip), sample: TipModel::sample_thermistor }
     }
 
     /// Returns the channel of the supply's divider.
     #[must_use]
     pub fn supply(tip: &SharedTip) -> Self {
-        Self { tip: Rc::clone(tip), sample: Tip::sample_supply }
+        Self { tip: Rc::clone(tip), sample: TipModel::sample_supply }
     }
 }
 
 /// Outputs for heater, fan and both drivers, for the step interrupt.
-pub struct TipOutputs(pub SharedTip);
+pub struct SimulatedOutputs(pub SharedTip);
 
-impl hal::Outputs for TipOutputs {
+impl hal::Outputs for SimulatedOutputs {
     fn make_safe(&mut self) {
         let mut tip = self.0.borrow_mut();
         tip.set_heater(0.0, false);
@@ -223,11 +223,11 @@ impl OutputPin for HeaterEnable {
     }
 }
 
-impl pwm::ErrorType for Fan {
+impl pwm::ErrorType for FanPwm {
     type Error = Infallible;
 }
 
-impl SetDutyCycle for Fan {
+impl SetDutyCycle for FanPwm {
     fn max_duty_cycle(&self) -> u16 {
         u16::MAX
     }

@@ -44,7 +44,7 @@ struct Ring {
     moments: Moments,
 }
 
-/// Returns the ring of a sweep, which is the last one or comes after it.
+/// Returns the ring of a sweep. Adds a ring if the sweep is a new one.
 fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
     // A sweep ends with the head on the axis, half of which belongs to it, so the ring may be the last but one.
     let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);
@@ -55,7 +55,7 @@ fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
     &mut rings[at].moments
 }
 
-/// Iteration over the layers of consecutive rings.
+/// Assembles layers from consecutive rings of plastic.
 #[derive(Debug, Clone, Default)]
 struct LayerAssembler {
     /// Plastic on the axis that belongs to the layer that it opens.
@@ -115,19 +115,19 @@ pub(super) struct Plastic {
     /// Number of layers whose sweep is finished.
     swept_layers: u64,
     grown: SettledBody,
-    settled: Settled,
+    settled: SettledLayers,
 }
 
 /// The layers that no longer change.
 #[derive(Debug, Clone, Default)]
-struct Settled {
+struct SettledLayers {
     rings: usize,
     layers: LayerAssembler,
     came_out: Vec<Layer>,
     twist: f64,
 }
 
-impl Settled {
+impl SettledLayers {
     fn add(&mut self, moments: &Moments, robot: &Robot, imperfection: &ErrorModel) {
         let laid = imperfection.lay(self.came_out.len() as u64, &layer(moments, robot));
         let alpha = wrap_positive(laid.layer.alpha + self.twist);
@@ -163,7 +163,7 @@ impl Plastic {
                 start_from_tip: Frame::identity(),
                 index: 0,
             },
-            settled: Settled::default(),
+            settled: SettledLayers::default(),
         }
     }
 
@@ -271,7 +271,7 @@ impl Plastic {
             None if layers.edge.sum > 0.0 => all.push(layers.edge),
             None => {}
         }
-        let mut settled = Settled::default();
+        let mut settled = SettledLayers::default();
         all.iter().for_each(|moments| settled.add(moments, robot, imperfection));
         settled.came_out
     }

@@ -6,7 +6,7 @@ use growbot_firmware::thermistor::{self, FULL_SCALE};
 
 use super::cartridge::resistance_104gt_2;
 use super::noise::noise;
-use super::{Motor, Tip, TipFault};
+use super::{Motor, TipFault, TipModel};
 
 /// Channel of the ADC. Each has its own noise.
 #[derive(Debug, Clone, Copy)]
@@ -20,7 +20,7 @@ enum SensorChannel {
 pub(super) struct StuckReading {
     /// Converted reading of the ADC.
     pub number: u16,
-    /// Voltage, counts.
+    /// Voltage in counts of the ADC, before rounding.
     pub counts: f64,
 }
 
@@ -28,7 +28,7 @@ pub(super) struct StuckReading {
 /// finish those in its engine after the filament's end has passed the switch.
 const SWITCH_AHEAD_MM: f64 = 200.0;
 
-impl Tip {
+impl TipModel {
     /// Returns the thermistor's voltage, counts of the ADC. `None` while the ADC delivers no readings.
     pub fn sample_thermistor(&mut self) -> Option<u16> {
         self.sync();

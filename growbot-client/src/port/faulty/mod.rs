@@ -47,7 +47,7 @@ pub struct FaultCounts {
     pub flipped: u64,
     /// Pieces that were sent twice.
     pub doubled: u64,
-    /// Pieces that are held back until after the next one.
+    /// Pieces that arrived after the next one.
     pub reordered: u64,
     /// Pieces that lost their tails.
     pub truncated: u64,

@@ -49,7 +49,10 @@ pub enum FaultSpecError {
         text: String,
     },
     /// The value is not a valid time of a stall.
-    #[error("stall is {text:?}, which is not a time: give 0.01s to {LONGEST_STALL_S}s, for example 2s or 500ms@0.1%")]
+    #[error(
+        "stall is {text:?}, which is not a time: give 0.01s to {LONGEST_STALL_S}s, for example 2s, or 500ms@0.1% for \
+         500 ms at 0.1 % of the frames"
+    )]
     Time {
         /// Value in the text.
         text: String,

@@ -2,8 +2,8 @@
 //!
 //! A message is its kind (in the frame's header) and its body in postcard form. Both sides first compare
 //! [`SCHEMA_HASH`], which covers every kind and every type below. So a board and a host with different messages refuse
-//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays the
-//! same, so that every host can request the identity of a board.
+//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays
+//! the same, so that every host can request the identity of a board.
 
 mod effect;
 mod requests;
@@ -15,6 +15,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::effect::{Effect, EnergizingRequest, PassiveRequest};
 pub use self::requests::*;
+pub use self::responses::RefusalResponse as Refused;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
 pub use super::fault::Fault;
@@ -206,7 +207,7 @@ messages! {
     /// Responds to a request that was carried out.
     0x43 Accepted(Accepted),
     /// Responds to a request that was refused.
-    0x44 Refused(Refused),
+    0x44 Refused(RefusalResponse),
     /// Responds to `Plan`.
     0x45 Planned(Planned),
     /// Responds to `ReadLayers`.

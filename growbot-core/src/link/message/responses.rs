@@ -45,7 +45,7 @@ pub enum Refusal {
     LayerStoreFull,
     /// A layer exceeds a limit of the robot, or its index is beyond the end of the job.
     LayerOutOfLimits {
-        /// Index of that layer.
+        /// Index of the refused layer.
         index: u32,
     },
     /// The board does not accept the request in its present state.
@@ -281,7 +281,7 @@ pub struct Configured {
 
 /// Response to a request that was refused.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct Refused {
+pub struct RefusalResponse {
     /// Kind of the request.
     pub kind: u8,
     /// Reason for the refusal.
@@ -306,7 +306,8 @@ pub struct Planned {
 pub struct StoredLayers {
     /// Index of the first layer.
     pub first: u32,
-    /// The layers. There are fewer than [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) at the end of the stored layers.
+    /// The layers. There are fewer than [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) at the end of the
+    /// stored layers.
     pub layers: LayerBatch,
 }
 

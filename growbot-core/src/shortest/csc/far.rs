@@ -8,7 +8,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::{CscSearch, Line, any_perpendicular};
+use super::{CscLine, CscSearch, any_perpendicular};
 
 /// Distance beyond which a goal counts as far, radii. Such a goal has four paths, and the direction of each line hardly
 /// depends on its arcs.
@@ -31,7 +31,7 @@ impl CscSearch<'_> {
         }
     }
 
-    fn far_line(&self, first_long: bool, last_long: bool) -> Line {
+    fn far_line(&self, first_long: bool, last_long: bool) -> CscLine {
         let (goal, direction, ahead) = (self.problem.goal, self.problem.direction, Vector3::z());
         // Distance of the corner from an end of its arc: `tan` of half the angle, negative beyond half a turn.
         let tangent = |from: &Vector3<f64>, to: &Vector3<f64>, long: bool| {
@@ -50,7 +50,7 @@ impl CscSearch<'_> {
         let sin = across.norm();
         let towards = if sin > 1e-14 { across / sin } else { any_perpendicular(&u) };
         let angle = libm::atan2(sin, cos);
-        let (towards, last) = if last_long { (-towards, TAU - angle) } else { (towards, angle) };
-        Line { u, tau, straight: way.norm(), towards, last }
+        let (towards, last_angle) = if last_long { (-towards, TAU - angle) } else { (towards, angle) };
+        CscLine { u, tau, straight: way.norm(), towards, last_angle }
     }
 }

@@ -87,7 +87,7 @@ fn cosine(tau: f64) -> f64 {
 }
 
 /// Paths whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually close to such a path.
-pub(super) type Overlapping = Vec<Csc, MAX_OVERLAPPING>;
+pub(super) type OverlappingPaths = Vec<Csc, MAX_OVERLAPPING>;
 
 /// Returns all paths of this kind, shortest first.
 #[must_use]
@@ -102,7 +102,7 @@ pub fn paths(problem: &PathProblem) -> Vec<Csc, MAX_PATHS> {
 pub(super) fn search(
     problem: &PathProblem,
     paths: &mut Vec<Csc, MAX_PATHS>,
-    overlapping: &mut Overlapping,
+    overlapping: &mut OverlappingPaths,
     keep_alive: &mut dyn FnMut(),
 ) {
     let mut search = CscSearch { problem, paths, overlapping };
@@ -115,7 +115,7 @@ pub(super) fn search(
 struct CscSearch<'a> {
     problem: &'a PathProblem,
     paths: &'a mut Vec<Csc, MAX_PATHS>,
-    overlapping: &'a mut Overlapping,
+    overlapping: &'a mut OverlappingPaths,
 }
 
 impl CscSearch<'_> {
@@ -131,7 +131,7 @@ impl CscSearch<'_> {
 }
 
 /// The line of a path, and the arcs before and after it.
-struct Line {
+struct CscLine {
     /// Direction of the line.
     u: Vector3<f64>,
     /// `tau` of the first arc. Negative if the arc is more than half a turn.
@@ -140,12 +140,12 @@ struct Line {
     /// Direction in which the last arc bends, a unit vector perpendicular to `u`.
     towards: Vector3<f64>,
     /// Angle of the last arc.
-    last: f64,
+    last_angle: f64,
 }
 
-impl Line {
+impl CscLine {
     fn path(&self) -> Csc {
-        let &Self { u, tau, straight, towards, last } = self;
+        let &Self { u, tau, straight, towards, last_angle } = self;
         let half = libm::atan(tau);
         let first = if tau < 0.0 { TAU + 2.0 * half } else { 2.0 * half };
         // The first arc bends towards the line, or away from it if it is more than half a turn.
@@ -164,7 +164,7 @@ impl Line {
             first_angle: first,
             straight,
             last_bend_direction: last_towards,
-            last_angle: last,
+            last_angle,
         }
     }
 }

@@ -32,7 +32,8 @@ enum ShortLineCase {
     Any,
     /// The sign of the length was reversed once.
     Reflected,
-    /// The line has no length. Either the path still ends at the goal to within [`MAX_GOAL_ERROR`], or it does not exist.
+    /// The line has no length. Either the path still ends at the goal to within [`MAX_GOAL_ERROR`], or it does not
+    /// exist.
     LeftOut,
 }
 
@@ -46,8 +47,8 @@ struct PolishStep {
 }
 
 impl PathProblem {
-    /// Returns a path that ends at the goal to within [`MAX_GOAL_ERROR`], after Newton's method if necessary. `None` if the
-    /// method does not converge.
+    /// Returns a path that ends at the goal to within [`MAX_GOAL_ERROR`], after Newton's method if necessary. `None` if
+    /// the method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
         let mut line = ShortLineCase::Any;
         for _ in 0..MAX_ROUNDS {

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use super::isolation::{Part, Root};
 use super::polynomial::CscPolynomial;
-use super::{CscSearch, Line, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
+use super::{CscLine, CscSearch, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
 /// Max residual of a branch that counts as a path at a certain root.
 const FITS: f64 = 1e-6;
@@ -147,8 +147,8 @@ impl CscSearch<'_> {
         let turned = libm::atan2(signed(branch.towards, -sin), cos);
         let towards = across * cos - self.problem.direction * sin;
         let towards = if branch.towards { towards } else { -towards };
-        let last = if turned < 0.0 { turned + TAU } else { turned };
-        let line = Line { u, tau, straight, towards, last };
+        let last_angle = if turned < 0.0 { turned + TAU } else { turned };
+        let line = CscLine { u, tau, straight, towards, last_angle };
         let path = line.path();
         let is_overlapping = straight < 0.0 && self.problem.goal.norm() < NEAR;
         if is_overlapping && !self.overlapping.iter().any(|other| other.is(&path)) {
@@ -159,7 +159,7 @@ impl CscSearch<'_> {
             self.keep(path);
             // Because of rounding, an arc of nearly a whole turn may in truth have an angle of nearly 0.
             if turned < 0.0 && turned > -MAX_NEWTON_START_ERROR {
-                self.keep(Line { last: -turned, ..line }.path());
+                self.keep(CscLine { last_angle: -turned, ..line }.path());
             }
         }
     }

@@ -64,7 +64,7 @@ impl<T: PortableFloat> HybridPoint<T> {
         Matrix3::from_columns(&[axis, self.direction, axis.cross(&self.direction)])
     }
 
-    /// Returns another point of the curve, after the motion that moves `from` to `self`.
+    /// Returns `other`, moved by the rigid motion that takes `from` to `self`.
     fn moved(&self, from: &Self, other: &Self) -> Self {
         let turn = self.axes() * from.axes().transpose();
         Self {

@@ -67,7 +67,8 @@ impl HelicoidalArc {
         add(end);
     }
 
-    /// Returns a circle for a place at which the axis has turned by `turned` about the tip since the start.
+    /// Returns the circle of a piece. `turned` is the angle by which the axis has turned about the tip between the
+    /// start of the curve and the piece.
     fn circle(&self, turned: f64) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let side = if self.seed.mirrored { -1.0 } else { 1.0 };

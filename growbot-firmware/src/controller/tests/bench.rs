@@ -10,8 +10,8 @@ use std::vec::Vec;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, MAX_BODY_LEN, next_seq};
 use growbot_core::link::message::{
-    Accepted, Empty, Fault, LayerLaid, MAX_LAYERS_PER_MESSAGE, Message, Refusal, Refused, ResetCause, SCHEMA_HASH,
-    State, Status,
+    Accepted, Empty, Fault, LayerLaid, MAX_LAYERS_PER_MESSAGE, Message, Refusal, RefusalResponse, ResetCause,
+    SCHEMA_HASH, State, Status,
 };
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
@@ -19,8 +19,8 @@ use growbot_core::robot::Robot;
 use super::requests::{PLAN, batch_of, begin, bends, feed, feed_steps_of, hello, preheat, start, stop, tune};
 use super::tip::{
     DRIVER_FAULT, EMERGENCY_STOP, FEED, FILAMENT_MOTION, FILAMENT_PRESENCE, FakeDebugPort, FakeDrivers,
-    FakeOrientation, FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE, HeaterWires, INDEX,
-    Motors, TipOutputs, Wire, World,
+    FakeOrientation, FakeOutputs, FakeRetained, FakeSupply, FakeThermistor, FakeWatchdog, HEAD, HEATER_ENABLE,
+    HeaterWires, INDEX, Motors, Wire, World,
 };
 use crate::controller::{BootInfo, Controller};
 use crate::description_store::DescriptionStore;
@@ -76,16 +76,16 @@ pub struct Bench {
     stops_acknowledged: u32,
 }
 
-type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, TipOutputs>;
+type TestEngine = Engine<FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakePin, FakeOutputs>;
 
 pub struct TestBoard;
 
 impl Board for TestBoard {
     type HeaterPower = FakePower;
     type HeaterEnable = FakePin;
-    type Fan = FakePower;
-    type Thermistor = FakeThermistor;
-    type Supply = FakeSupply;
+    type FanPwm = FakePower;
+    type ThermistorAdc = FakeThermistor;
+    type SupplyAdc = FakeSupply;
     type FilamentPresence = FakePin;
     type DriverFault = FakePin;
     type Drivers = FakeDrivers;
@@ -128,7 +128,7 @@ impl Bench {
             filament_motion: pins.pin(FILAMENT_MOTION),
             emergency_stop: pins.pin(EMERGENCY_STOP),
         };
-        let outputs = TipOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
+        let outputs = FakeOutputs { power: power.clone(), fan: fan.clone(), pins: pins.clone() };
         let engine = Engine::new(axis(HEAD), axis(FEED), inputs, outputs, EngineConfig::for_robot(&robot));
         let handover = Rc::new(Mailbox::new());
         let parts = BoardResources {
@@ -371,7 +371,7 @@ impl Bench {
         let answer = self.ask(message);
         assert_eq!(self.status(), before, "{message:?} was refused and changed something");
         match answer {
-            Message::Refused(Refused { kind, refusal }) if kind == message.kind() => refusal,
+            Message::Refused(RefusalResponse { kind, refusal }) if kind == message.kind() => refusal,
             other => panic!("{message:?} was answered by {other:?}"),
         }
     }

@@ -4,7 +4,7 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{
     AppendLayers, BeginJob, HostSilencePolicy, LayerBatch, MAX_LAYERS_PER_MESSAGE, Message, PlanRequest, PoseFields,
-    ReadLayers, Refusal, Refused, SCHEMA_HASH, Start, State, StoredLayers,
+    ReadLayers, Refusal, RefusalResponse, SCHEMA_HASH, Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::robot::{FeedStrategy, Robot};
@@ -38,7 +38,11 @@ fn undecodable_requests_are_not_understood() {
             (0x04, &[1]),
         ] {
             let answer = bench.ask_raw(bench.session, kind, body);
-            assert_eq!(answer, Message::Refused(Refused { kind, refusal: Refusal::UnknownRequest }), "{state:?}");
+            assert_eq!(
+                answer,
+                Message::Refused(RefusalResponse { kind, refusal: Refusal::UnknownRequest }),
+                "{state:?}"
+            );
         }
         // Only boards send these messages.
         assert_eq!(
@@ -74,7 +78,7 @@ fn only_the_latest_session_may_change_state() {
     for request in &requests {
         let before = bench.status();
         let answer = bench.ask_in(other, request);
-        assert_eq!(answer, Message::Refused(Refused { kind: request.kind(), refusal: Refusal::NoSession }));
+        assert_eq!(answer, Message::Refused(RefusalResponse { kind: request.kind(), refusal: Refusal::NoSession }));
         assert_eq!(bench.status(), before);
     }
     bench.ask_in(other, &hello(SCHEMA_HASH));

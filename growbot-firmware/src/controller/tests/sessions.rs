@@ -2,8 +2,8 @@
 
 use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN};
 use growbot_core::link::message::{
-    BoardInfo, Empty, Hello, HostName, HostSilencePolicy, Message, PauseCause, Refusal, Refused, SCHEMA_HASH, Start,
-    State,
+    BoardInfo, Empty, Hello, HostName, HostSilencePolicy, Message, PauseCause, Refusal, RefusalResponse, SCHEMA_HASH,
+    Start, State,
 };
 
 use super::bench::{Bench, WARM};
@@ -27,7 +27,10 @@ fn a_second_host_is_refused_until_the_first_is_silent() {
     let mut bench = Bench::in_state(State::Growing);
     let answer = knock(&mut bench, 99);
     assert!(
-        matches!(answer, Message::Refused(Refused { refusal: Refusal::OwnedByOtherHost { silent_ms: 0..1000 }, .. })),
+        matches!(
+            answer,
+            Message::Refused(RefusalResponse { refusal: Refusal::OwnedByOtherHost { silent_ms: 0..1000 }, .. })
+        ),
         "{answer:?}"
     );
     // The board still responds to this request, and names its owner.
@@ -55,7 +58,7 @@ fn an_ended_session_is_never_reopened() {
     bench.hello();
     let hello = Message::Hello(Hello { schema: SCHEMA_HASH, host: HostName::new(), take_over: true });
     let answer = bench.ask_in(old, &hello);
-    assert!(matches!(answer, Message::Refused(Refused { refusal: Refusal::NoSession, .. })), "{answer:?}");
+    assert!(matches!(answer, Message::Refused(RefusalResponse { refusal: Refusal::NoSession, .. })), "{answer:?}");
     bench.begin(3);
 }
 

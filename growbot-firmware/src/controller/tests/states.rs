@@ -3,7 +3,9 @@
 use std::string::String;
 use std::{env, format, fs};
 
-use growbot_core::link::message::{Cancel, MaintenanceTask, Message, PlanRequest, PoseFields, Refusal, Refused, State};
+use growbot_core::link::message::{
+    Cancel, MaintenanceTask, Message, PlanRequest, PoseFields, Refusal, RefusalResponse, State,
+};
 use growbot_core::plan::Planner;
 
 use super::bench::Bench;
@@ -53,7 +55,7 @@ fn transitions_match_the_table_for_every_event_and_state() {
                 continue;
             };
             match (bench.ask(&request), expected) {
-                (Message::Refused(Refused { refusal, .. }), None) => {
+                (Message::Refused(RefusalResponse { refusal, .. }), None) => {
                     assert!(
                         matches!(refusal, Refusal::WrongState { .. } | Refusal::PlanMismatch { .. }),
                         "{state:?}, {event:?}: {refusal:?}"

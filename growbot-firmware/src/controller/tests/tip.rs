@@ -290,13 +290,13 @@ impl Motors {
 }
 
 /// Heater, fan and both drivers, for the step interrupt.
-pub struct TipOutputs {
+pub struct FakeOutputs {
     pub power: FakePower,
     pub fan: FakePower,
     pub pins: FakePins,
 }
 
-impl hal::Outputs for TipOutputs {
+impl hal::Outputs for FakeOutputs {
     fn make_safe(&mut self) {
         self.power.set(0);
         self.fan.set(0);

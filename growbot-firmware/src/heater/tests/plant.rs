@@ -3,7 +3,7 @@
 
 use growbot_core::robot::RobotDescription;
 
-use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US};
+use crate::heater::{Demand, HeaterController, HeaterOutput, PERIOD_US};
 use crate::oversampler::Oversampler;
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, raw_from_celsius};
@@ -33,7 +33,7 @@ impl Random {
         min + (max - min) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// Returns one of the choices.
+    /// Returns one of the choices, at random.
     pub fn of<T: Copy>(&mut self, choices: &[T]) -> T {
         choices[(self.next() >> 8) as usize % choices.len()]
     }
@@ -118,7 +118,7 @@ impl Spread {
 /// A heater on its nozzle.
 pub struct Rig {
     pub robot: RobotDescription,
-    pub heater: Heater,
+    pub heater: HeaterController,
     pub spread: Spread,
     pub wrong: Wrong,
     pub random: Random,
@@ -145,7 +145,7 @@ impl Rig {
         robot.thermistor.pull_up_ohm = spread.pull_up_ohm;
         Self {
             robot,
-            heater: Heater::default(),
+            heater: HeaterController::default(),
             spread,
             wrong: Wrong::Nothing,
             random: Random::new(seed),
@@ -243,7 +243,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Steps until hot.
+    /// Simulates until the nozzle is hot. Returns the fault if one occurs before.
     pub fn heat(&mut self) -> Result<(), Fault> {
         let begin = self.now;
         while !self.heater.is_hot(self.now) {

@@ -4,7 +4,7 @@ use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
 
 use crate::heater::autotune::RelayTuner;
-use crate::heater::{Demand, Heater, HeaterOutput, PERIOD_US, STEADY_BANDS};
+use crate::heater::{Demand, HeaterController, HeaterOutput, PERIOD_US, STEADY_BANDS};
 use crate::testing::robot_a;
 use crate::thermistor::{FULL_SCALE, celsius_from_raw, raw_from_celsius};
 
@@ -15,8 +15,8 @@ fn robot() -> RobotDescription {
 }
 
 /// Returns a heater with this reading at this time.
-fn having_read(celsius: f64, now: u64) -> Heater {
-    let (mut heater, robot) = (Heater::default(), robot());
+fn having_read(celsius: f64, now: u64) -> HeaterController {
+    let (mut heater, robot) = (HeaterController::default(), robot());
     heater.update(Some(raw_from_celsius(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();
     heater
 }
@@ -46,9 +46,9 @@ fn a_reading_is_valid_for_400_ms_even_after_switching_off() {
 #[test]
 fn a_rested_nozzle_is_proven_in_15_s() {
     let robot = robot();
-    let (mut heater, raw) = (Heater::default(), raw_from_celsius(25.0, &robot.thermistor));
+    let (mut heater, raw) = (HeaterController::default(), raw_from_celsius(25.0, &robot.thermistor));
     let mut now = 0;
-    let mut update = |heater: &mut Heater| {
+    let mut update = |heater: &mut HeaterController| {
         now += PERIOD_US;
         heater.update(Some(raw), &Demand { supply_v: Some(12.0), ..Demand::default() }, &robot, now).unwrap()
     };
@@ -65,7 +65,7 @@ fn a_rested_nozzle_is_proven_in_15_s() {
 #[test]
 fn a_missing_reading_is_a_fault_after_400_ms() {
     let robot = robot();
-    let mut heater = Heater::default();
+    let mut heater = HeaterController::default();
     heater.switch_on(200.0, 1_000_000);
     assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_000), Ok(HeaterOutput::OFF));
     assert_eq!(heater.update(None, &Demand::default(), &robot, 1_400_001), Err(Fault::ThermistorSilent));
@@ -77,7 +77,7 @@ fn a_reading_at_the_max_temperature_is_allowed() {
     let raw = raw_from_celsius(239.0, &robot.thermistor);
     robot.heater.max_c = celsius_from_raw(raw, &robot.thermistor).unwrap();
     for on in [false, true] {
-        let mut heater = Heater::default();
+        let mut heater = HeaterController::default();
         if on {
             heater.switch_on(200.0, 0);
         }
@@ -89,20 +89,20 @@ fn a_reading_at_the_max_temperature_is_allowed() {
 
 #[test]
 fn hot_after_2_s_in_the_band_and_steady_after_10_s_near_or_60_s_in_it() {
-    let heater = Heater { in_band_since: Some(1_000_000), ..Heater::default() };
+    let heater = HeaterController { in_band_since: Some(1_000_000), ..HeaterController::default() };
     assert!(!heater.is_hot(2_999_999) && heater.is_hot(3_000_000));
     assert!(!heater.is_steady(60_999_999) && heater.is_steady(61_000_000));
-    let heater = Heater { steady_since: Some(1_000_000), ..Heater::default() };
+    let heater = HeaterController { steady_since: Some(1_000_000), ..HeaterController::default() };
     assert!(!heater.is_steady(10_999_999) && heater.is_steady(11_000_000) && !heater.is_hot(11_000_000));
-    assert!(!Heater::default().is_steady(u64::MAX) && !Heater::default().is_hot(u64::MAX));
+    assert!(!HeaterController::default().is_steady(u64::MAX) && !HeaterController::default().is_hot(u64::MAX));
 }
 
 #[test]
 fn power_with_an_expired_reading_is_detected() {
-    let heater = Heater { duty: 0.5, ..having_read(100.0, 1_000_000) };
+    let heater = HeaterController { duty: 0.5, ..having_read(100.0, 1_000_000) };
     assert!(!heater.is_powered_without_reading(1_400_000) && heater.is_powered_without_reading(1_400_001));
     assert!((heater.duty() - 0.5).abs() < 1e-12);
-    assert!(!Heater { duty: 0.0, ..heater }.is_powered_without_reading(9_000_000));
+    assert!(!HeaterController { duty: 0.0, ..heater }.is_powered_without_reading(9_000_000));
 }
 
 #[test]
@@ -112,7 +112,7 @@ fn power_is_dithered_within_two_bands_of_the_target() {
     let reading_c = celsius_from_raw(raw, &robot.thermistor).unwrap() as f32;
     // The band is 3 C.
     for (off, dithers) in [(5.9, true), (6.0, false), (6.1, false), (-5.9, true), (-6.1, false)] {
-        let mut heater = Heater { target: Some(f64::from(reading_c + off)), ..Heater::default() };
+        let mut heater = HeaterController { target: Some(f64::from(reading_c + off)), ..HeaterController::default() };
         for now in [1, 1 + PERIOD_US] {
             let demand = Demand { supply_v: Some(12.0), ..Demand::default() };
             heater.update(Some(raw), &demand, &robot, now).unwrap();
@@ -124,10 +124,10 @@ fn power_is_dithered_within_two_bands_of_the_target() {
 #[test]
 fn the_band_includes_its_edges() {
     const BAND: f32 = 4.0;
-    let watch = |heater: &mut Heater, error: f32, now: u64| heater.watch_band(error, BAND, 1_000, now);
+    let watch = |heater: &mut HeaterController, error: f32, now: u64| heater.watch_band(error, BAND, 1_000, now);
     let steady = STEADY_BANDS * BAND;
     for side in [1.0, -1.0] {
-        let mut heater = Heater::default();
+        let mut heater = HeaterController::default();
         watch(&mut heater, side * steady, 10).unwrap();
         watch(&mut heater, 0.0, 20).unwrap();
         assert_eq!((heater.steady_since, heater.in_band_since), (Some(10), Some(10)));
@@ -146,14 +146,14 @@ fn the_band_includes_its_edges() {
 
 #[test]
 fn a_heating_timeout_is_a_fault_below_the_target() {
-    let watch = |heater: &Heater, error: f32, now: u64| heater.clone().watch_band(error, 4.0, 1_000, now);
-    let heater = Heater { on_since: 500, ..Heater::default() };
+    let watch = |heater: &HeaterController, error: f32, now: u64| heater.clone().watch_band(error, 4.0, 1_000, now);
+    let heater = HeaterController { on_since: 500, ..HeaterController::default() };
     assert_eq!(watch(&heater, 50.0, 1_500), Ok(()));
     assert_eq!(watch(&heater, 50.0, 1_501), Err(Fault::HeatingTooSlow));
     // The nozzle may still be cooling to a lower target.
     assert_eq!(watch(&heater, -50.0, 1_501), Ok(()));
     assert_eq!(watch(&heater, 3.0, 1_501), Ok(()));
-    let tuning = Heater { tuning: Some(RelayTuner::default()), ..heater };
+    let tuning = HeaterController { tuning: Some(RelayTuner::default()), ..heater };
     for error in [50.0, 0.0, -50.0] {
         assert_eq!(watch(&tuning, error, 2_500), Ok(()));
         assert_eq!(watch(&tuning, error, 2_501), Err(Fault::HeatingTooSlow));
@@ -162,7 +162,7 @@ fn a_heating_timeout_is_a_fault_below_the_target() {
 
 #[test]
 fn a_new_target_restarts_the_timers_and_the_same_one_does_not() {
-    let mut heater = Heater::default();
+    let mut heater = HeaterController::default();
     heater.set_target(150.0, 5);
     assert_eq!(heater.target(), None, "it is off");
     heater.switch_on(200.0, 10);
@@ -182,7 +182,7 @@ fn a_new_target_restarts_the_timers_and_the_same_one_does_not() {
 
 #[test]
 fn a_tuning_result_is_kept_until_it_is_taken_once() {
-    let mut heater = Heater { tuned: Some(TUNED), ..Heater::default() };
+    let mut heater = HeaterController { tuned: Some(TUNED), ..HeaterController::default() };
     heater.switch_off();
     heater.switch_on(200.0, 0);
     assert_eq!(heater.take_tuning_result(), Some(TUNED));

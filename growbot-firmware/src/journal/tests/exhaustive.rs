@@ -1,10 +1,10 @@
 //! A search through all states that losses of power can leave in a small ring, with the real journal.
 //!
 //! Power is lost at every word of every write and erasure, also while a start makes its repairs, up to three times in a
-//! row. Flash is programmed word by word (STM32F405) or page by page (RP2040). Bits that were being programmed are weak:
-//! they read in several ways, also differently from reading to reading. Flash may refuse one write, or all from one on
-//! until the next start. Each start must find the data from before or from after the interrupted call, and later starts
-//! must find the same.
+//! row. Flash is programmed word by word (STM32F405) or page by page (RP2040). Bits that were being programmed are
+//! weak: they read in several ways, also differently from reading to reading. Flash may refuse one write, or all from
+//! one on until the next start. Each start must find the data from before or from after the interrupted call, and later
+//! starts must find the same.
 
 use std::cell::RefCell;
 use std::collections::HashSet;

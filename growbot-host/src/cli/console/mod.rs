@@ -43,7 +43,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
         tui::check_terminal()?;
     }
     note_standard_input()?;
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let robot = args.robot.load()?;
     let presets = args.robot.presets()?;
     let _lent = lease_port(&port, "growbot console")?;

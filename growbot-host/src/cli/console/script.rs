@@ -13,14 +13,14 @@ use super::commands::{BoardRequest, ConsoleCommand, parse};
 use crate::cli::SelectedPort;
 
 /// Lines of standard input, as they arrive.
-pub type Lines = Receiver<io::Result<Vec<u8>>>;
+pub type StdinLines = Receiver<io::Result<Vec<u8>>>;
 
 /// Maximum time for reading the rest of a script to count the commands that are not run.
 const READING: Duration = Duration::from_millis(500);
 
 /// Starts a thread that reads lines of standard input. A read may block for long, but Ctrl-C must not wait for it. The
 /// thread ends with the input or with the program.
-pub fn lines_of_stdin() -> Lines {
+pub fn lines_of_stdin() -> StdinLines {
     let (read, lines) = mpsc::sync_channel(0);
     thread::spawn(move || {
         for line in BufReader::new(BoundedLines::of(io::stdin().lock())).split(b'\n') {
@@ -80,7 +80,7 @@ pub struct SkippedCommands {
 
 impl SkippedCommands {
     /// Counts the commands after this line, for at most `READING`.
-    pub fn after(number: usize, lines: &Lines) -> Self {
+    pub fn after(number: usize, lines: &StdinLines) -> Self {
         let began = Instant::now();
         let mut left_out = Self::default();
         for number in number + 1.. {

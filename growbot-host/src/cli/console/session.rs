@@ -28,7 +28,7 @@ use rustyline::{CompletionType, Config, Context, Editor, Helper};
 use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, complete, help, hint, parse};
 use super::history;
-use super::script::{Lines, SkippedCommands, is_active, lines_of_stdin, still_active_text};
+use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
 use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::status::BoardReport;
 use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table};
@@ -54,12 +54,12 @@ struct ScriptError {
     failure: Failure,
     /// The last line that was started, from 1. It is 0 if none was.
     line: usize,
-    /// True if that line failed.
+    /// True if the last line that was started has failed.
     failed: bool,
 }
 
 /// Action after a command.
-enum Next {
+enum LineOutcome {
     Continue,
     Quit,
 }
@@ -98,8 +98,8 @@ impl ConsoleSession {
                         let _ = history.as_ref().map(|file| editor.append_history(file));
                     }
                     match self.stop_if_interrupted().and_then(|()| self.command(&line)) {
-                        Ok(Next::Continue) => {}
-                        Ok(Next::Quit) => return self.leave(),
+                        Ok(LineOutcome::Continue) => {}
+                        Ok(LineOutcome::Quit) => return self.leave(),
                         Err(failure) => failure.print(),
                     }
                 }
@@ -123,7 +123,7 @@ impl ConsoleSession {
         }
     }
 
-    fn carry_out(&mut self, lines: &Lines) -> Result<(), ScriptError> {
+    fn carry_out(&mut self, lines: &StdinLines) -> Result<(), ScriptError> {
         self.greet().map_err(|failure| ScriptError { failure, line: 0, failed: false })?;
         for line in 1.. {
             let between = |failure| ScriptError { failure, line: line - 1, failed: false };
@@ -144,8 +144,8 @@ impl ConsoleSession {
                 ))),
             };
             match done.map_err(|failure| ScriptError { failure, line, failed: true })? {
-                Next::Continue => {}
-                Next::Quit => break,
+                LineOutcome::Continue => {}
+                LineOutcome::Quit => break,
             }
         }
         Ok(())
@@ -157,7 +157,7 @@ impl ConsoleSession {
     }
 
     /// Reports why a script ended early, which commands are not run, and what the robot is doing.
-    fn abort_script(&mut self, ended: ScriptError, lines: &Lines) -> Result<(), Failure> {
+    fn abort_script(&mut self, ended: ScriptError, lines: &StdinLines) -> Result<(), Failure> {
         let ScriptError { failure, line, failed } = ended;
         // The failure is printed first, because the board may take long to respond.
         if !failure.is_stdout_closed() {
@@ -236,27 +236,27 @@ impl ConsoleSession {
 
     /// Stops the robot, and returns the result as a failure.
     fn stop(&mut self) -> Failure {
-        match self.ask(&BoardRequest::Stop) {
+        match self.send(&BoardRequest::Stop) {
             Ok(stopped) => Failure::request_failed(stopped.trim_end()),
             Err(failure) => failure,
         }
     }
 
-    fn ask(&mut self, what: &BoardRequest) -> Result<String, Failure> {
+    fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
         let permit = self.orders.permit_now();
         send(&mut self.client, &self.robot, self.port.is_simulated(), &self.presets, &self.start, what, &permit)
     }
 
-    fn command(&mut self, line: &str) -> Result<Next, Failure> {
+    fn command(&mut self, line: &str) -> Result<LineOutcome, Failure> {
         match parse(line).map_err(Failure::request_failed)? {
             ConsoleCommand::Nothing => {}
-            ConsoleCommand::Board(what) => print(&self.ask(&what)?)?,
+            ConsoleCommand::Board(what) => print(&self.send(&what)?)?,
             ConsoleCommand::Grow(goal) => self.grow(&goal)?,
             ConsoleCommand::Wait(seconds) => self.wait(seconds)?,
             ConsoleCommand::Help => print(&help())?,
-            ConsoleCommand::Quit => return Ok(Next::Quit),
+            ConsoleCommand::Quit => return Ok(LineOutcome::Quit),
         }
-        Ok(Next::Continue)
+        Ok(LineOutcome::Continue)
     }
 
     fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
@@ -392,7 +392,7 @@ mod tests {
 
         for what in [BoardRequest::Plan(Pose::from_degrees([0.0, 0.0, 60.0, 0.0, 90.0]).unwrap()), BoardRequest::Start]
         {
-            assert!(session.ask(&what).is_ok(), "{what:?}");
+            assert!(session.send(&what).is_ok(), "{what:?}");
         }
         assert_eq!(sim.borrow().state(), State::Heating);
         let Err(failure) = session.stop_if_it_works() else { panic!("it is left heating") };

@@ -8,7 +8,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
-use super::session::{DoctorSession, in_words};
+use super::session::{DoctorSession, describe};
 use crate::cli::Failure;
 
 /// Temperature to which the nozzle is heated, C. It is a little above the lowest that the board heats to.
@@ -64,7 +64,7 @@ fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
             Finding::passed(format!("switched off by {}, as it must be", fault.code()))
         }
         Some((Some(fault), _)) => Finding::failed(
-            format!("switched off by {}", in_words(fault)),
+            format!("switched off by {}", describe(fault)),
             "the nozzle must not get warmer here; disconnect everything from the heater's terminals",
         ),
         Some((None, degrees)) => Finding::failed(
@@ -110,7 +110,7 @@ fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })?;
     if let Some(fault) = seen.and_then(|seen| seen.status.fault) {
         return Ok(Finding::failed(
-            format!("switched off before the lamp could light, by {}", in_words(fault)),
+            format!("switched off before the lamp could light, by {}", describe(fault)),
             "the thermistor must be connected and cold; try again",
         ));
     }
@@ -155,7 +155,7 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
 /// Returns the cause if the heater was switched off. `None` in maintenance.
 fn switched_off_by(status: &Status) -> Option<String> {
     match (status.fault, status.state) {
-        (Some(fault), _) => Some(in_words(fault)),
+        (Some(fault), _) => Some(describe(fault)),
         (None, State::Maintenance) => None,
         (None, state) => Some(format!("its state {}", state.name())),
     }
@@ -188,7 +188,7 @@ pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
             Finding::passed(format!("{:.1} C, within {band} C of {LOW_C} C for 5 s", f64::from(centi) / 100.0))
         }
         Some((Some(fault), _)) => {
-            Finding::failed(in_words(fault), "the nozzle is off; compare [heater] of the robot file with the parts")
+            Finding::failed(describe(fault), "the nozzle is off; compare [heater] of the robot file with the parts")
         }
         None => Finding::failed(
             format!("not within {band} C of {LOW_C} C in {} s", time.as_secs()),

@@ -4,7 +4,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
 
 use super::report::Finding;
-use super::session::{DoctorSession, in_words};
+use super::session::{DoctorSession, describe};
 use crate::cli::Failure;
 use crate::cli::status::{described, is_configured};
 
@@ -28,7 +28,7 @@ pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {
         Some(fault) => match session.clear()? {
             None => Ok(Finding::passed(format!("{found}; the fault {} was cleared", fault.code()))),
             Some(_) => Ok(Finding::failed(
-                format!("{found}; {}", in_words(fault)),
+                format!("{found}; {}", describe(fault)),
                 "the board does nothing until the cause is gone",
             )),
         },

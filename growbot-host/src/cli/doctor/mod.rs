@@ -68,7 +68,7 @@ the robot does not have; 1, one failed or was not reached; 2, invalid arguments
 or input.";
 
 /// A step: its name in the report, and its function.
-struct Step {
+struct CommissioningStep {
     name: &'static str,
     /// True if a person takes part. The other steps are done each time.
     asks: bool,
@@ -78,20 +78,20 @@ struct Step {
 }
 
 /// The steps, in their order.
-const STEPS: [Step; 13] = [
-    Step { name: "link", asks: false, gates: true, run: link::check_link },
-    Step { name: "description", asks: false, gates: true, run: link::check_description },
-    Step { name: "temperature", asks: false, gates: true, run: inputs::temperature },
-    Step { name: "supply", asks: false, gates: false, run: inputs::supply },
-    Step { name: "index", asks: true, gates: false, run: inputs::index },
-    Step { name: "filament", asks: true, gates: false, run: inputs::filament },
-    Step { name: "emergency-stop", asks: true, gates: true, run: inputs::emergency_stop },
-    Step { name: "orientation", asks: true, gates: false, run: inputs::orientation },
-    Step { name: "head", asks: true, gates: false, run: motors::head },
-    Step { name: "feed", asks: true, gates: false, run: motors::feed },
-    Step { name: "no-heater", asks: true, gates: true, run: heating::without_heater },
-    Step { name: "lamp", asks: true, gates: true, run: heating::lamp },
-    Step { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
+const STEPS: [CommissioningStep; 13] = [
+    CommissioningStep { name: "link", asks: false, gates: true, run: link::check_link },
+    CommissioningStep { name: "description", asks: false, gates: true, run: link::check_description },
+    CommissioningStep { name: "temperature", asks: false, gates: true, run: inputs::temperature },
+    CommissioningStep { name: "supply", asks: false, gates: false, run: inputs::supply },
+    CommissioningStep { name: "index", asks: true, gates: false, run: inputs::index },
+    CommissioningStep { name: "filament", asks: true, gates: false, run: inputs::filament },
+    CommissioningStep { name: "emergency-stop", asks: true, gates: true, run: inputs::emergency_stop },
+    CommissioningStep { name: "orientation", asks: true, gates: false, run: inputs::orientation },
+    CommissioningStep { name: "head", asks: true, gates: false, run: motors::head },
+    CommissioningStep { name: "feed", asks: true, gates: false, run: motors::feed },
+    CommissioningStep { name: "no-heater", asks: true, gates: true, run: heating::without_heater },
+    CommissioningStep { name: "lamp", asks: true, gates: true, run: heating::lamp },
+    CommissioningStep { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
 ];
 
 /// Options of the steps.
@@ -107,7 +107,7 @@ struct RunOptions<'a> {
 
 /// Runs the command.
 pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
-    let port = args.port.choose()?;
+    let port = args.port.resolve()?;
     let robot = args.robot.load()?;
     let mut report = match &args.output {
         Some(file) => CommissioningReport::open(file)?,
@@ -208,7 +208,7 @@ fn conclude(report: &CommissioningReport, manner: RunOptions, port: &SelectedPor
         note!("report written to {}", file.display());
     }
     if !summary.is_good() {
-        return Err(Failure::request_failed(summary.in_words()));
+        return Err(Failure::request_failed(summary.describe()));
     }
     manner.print(&if report.passed_at("nozzle").is_some() {
         format!("next     growbot tune --port {}, then the first layer\n", port.text())

@@ -7,7 +7,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
-use super::session::{DoctorSession, in_words};
+use super::session::{DoctorSession, describe};
 use crate::cli::Failure;
 
 /// Turn of the head, degrees.
@@ -33,7 +33,7 @@ fn run_motor_task(
     let faulted = session.wait_until(time + SPARE, None, |seen| seen.status.fault.is_some())?;
     Ok(faulted.and_then(|seen| seen.status.fault).map(|fault| {
         Finding::failed(
-            in_words(fault),
+            describe(fault),
             "check the motor's wires in pairs, its driver's current, and that nothing holds it",
         )
     }))

@@ -280,7 +280,7 @@ impl Summary {
     }
 
     /// Returns a text about the steps that failed or were not done.
-    pub fn in_words(&self) -> String {
+    pub fn describe(&self) -> String {
         let part = |outcome: StepOutcome, words: &str| {
             let names = self.of(outcome);
             (!names.is_empty()).then(|| format!("{words}: {}", names.join(", ")))

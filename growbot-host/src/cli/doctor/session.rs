@@ -196,7 +196,7 @@ impl DoctorSession {
 }
 
 /// Returns the code and the explanation of a fault.
-pub fn in_words(fault: Fault) -> String {
+pub fn describe(fault: Fault) -> String {
     format!("{}: {}", fault.code(), fault.explanation())
 }
 

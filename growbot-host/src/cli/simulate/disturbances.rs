@@ -50,7 +50,7 @@ impl DisturbanceReport {
     }
 
     /// Returns a line for each error that is not 0.
-    pub fn in_words(&self) -> String {
+    pub fn describe(&self) -> String {
         let line = |[_, what]: [&str; 2], distribution: &Distribution| {
             let (label, words) = match distribution {
                 Distribution::Uniform { max, unit, .. } => {

@@ -40,7 +40,7 @@ pub fn growth(
     table += &deviation.map(deviates).unwrap_or_default();
     table += &hung.as_ref().map(hangs).unwrap_or_default();
     table += &among.as_ref().map(went).unwrap_or_default();
-    table += &disturbances.in_words();
+    table += &disturbances.describe();
     table + &format!("seed      {seed}, of a simulated growth\n")
 }
 
@@ -98,7 +98,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
         "{} simulated growths of {robot}, {:.0} layers, {path_length:.1} mm, seeds {seed} to {last}\n{}\n",
         campaign.runs,
         campaign.layers.mean(),
-        DisturbanceReport::of(simulation, seed).in_words()
+        DisturbanceReport::of(simulation, seed).describe()
     );
     table +=
         &format!("{:<17}{:>10}{:>10}{:>10}{:>10}{:>10}{:>10}\n", "error", "mean", "SD", "min", "median", "95 %", "max");

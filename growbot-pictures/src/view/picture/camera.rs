@@ -10,9 +10,9 @@ use nalgebra::Vector3;
 pub enum Viewpoint {
     /// The corner, of eight, from which start and goal are seen best from the side.
     Corner,
-    /// From the front, along the y axis.
+    /// From the front: the picture looks along the y axis.
     Front,
-    /// From the side, against the x axis.
+    /// From the side: the picture looks against the x axis.
     Side,
     /// From above.
     Top,
@@ -30,7 +30,8 @@ pub struct Camera {
 }
 
 impl Camera {
-    /// Returns the camera of a viewpoint. [`Look::Corner`] shows the directions in `facing` best, the first above all.
+    /// Returns the camera of a viewpoint. [`Viewpoint::Corner`] shows the directions in `facing` best, the first above
+    /// all.
     pub fn new(look: Viewpoint, facing: &[Vector3<f64>]) -> Self {
         let towards = match look {
             Viewpoint::Corner => best_corner(facing),

@@ -35,9 +35,9 @@ pub enum PlotKind {
 /// Quantity of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum XAxis {
-    /// Length of the body.
+    /// Length along the body.
     Path,
-    /// Time.
+    /// Time since the start of the growth.
     Time,
 }
 

@@ -14,7 +14,7 @@ use crate::tip::Motor;
 const SCRIPT: &str = "tests/rp2040/emulator-server.js";
 /// Path of the emulator, next to the script.
 const EMULATOR: &str = "node_modules/rp2040js";
-/// Environment variable with the path of the script's figures.
+/// Environment variable with the path of the file to which the script writes its measurements.
 const FIGURES: &str = "RP2040_FIGURES";
 /// Length of a response before its edges, bytes.
 const HEAD: usize = 48;

@@ -5,7 +5,7 @@ use super::*;
 #[test]
 fn the_seed_determines_the_noise() {
     let run = |seed| {
-        let mut tip = Tip::new(robot(), 0, Variation { seed, ..Variation::default() });
+        let mut tip = TipModel::new(robot(), 0, Variation { seed, ..Variation::default() });
         (1..1000).map(|tick| (tip.advance(400 * tick), tip.sample_thermistor()).1).collect::<Vec<_>>()
     };
     assert_eq!(run(1), run(1));
@@ -15,7 +15,7 @@ fn the_seed_determines_the_noise() {
 #[test]
 fn variations_change_power_loss_and_ambient_temperature() {
     let settled = |variation| {
-        let mut tip = Tip::new(robot(), 0, variation);
+        let mut tip = TipModel::new(robot(), 0, variation);
         tip.set_heater(0.5, true);
         wait(&mut tip, 100_000.0);
         tip.nozzle_c()
@@ -55,7 +55,7 @@ fn every_thermistor_fault_is_simulated() {
 #[test]
 fn a_stuck_thermistor_is_noisy_and_a_frozen_adc_is_not() {
     let different = |fault| {
-        let mut tip = Tip::new(robot(), 0, Variation::default());
+        let mut tip = TipModel::new(robot(), 0, Variation::default());
         tip.set_heater(1.0, true);
         wait(&mut tip, 30.0);
         tip.inject(fault);
@@ -106,7 +106,7 @@ fn a_draught_cools_the_nozzle() {
 #[test]
 fn the_supply_is_measured_and_a_dip_ends_by_itself() {
     let mut tip = hot_tip();
-    let volts = |tip: &mut Tip| f64::from(tip.sample_supply().unwrap()) / 4095.0 * 36.3;
+    let volts = |tip: &mut TipModel| f64::from(tip.sample_supply().unwrap()) / 4095.0 * 36.3;
     assert!((volts(&mut tip) - 12.0).abs() < 0.01);
     tip.inject(TipFault::SupplyDip { volts: 9.0, seconds: 1.0 });
     wait(&mut tip, 0.9);
@@ -119,7 +119,7 @@ fn the_supply_is_measured_and_a_dip_ends_by_itself() {
 #[test]
 fn both_index_sensor_faults_are_simulated() {
     let mut tip = hot_tip();
-    let seen = |tip: &mut Tip| (0..3200).filter(|_| (tip.step(Motor::Head), tip.on_index()).1).count();
+    let seen = |tip: &mut TipModel| (0..3200).filter(|_| (tip.step(Motor::Head), tip.on_index()).1).count();
     assert_eq!(seen(&mut tip), 44);
     tip.inject(TipFault::IndexDead);
     assert_eq!(seen(&mut tip), 0);
@@ -132,7 +132,7 @@ fn both_index_sensor_faults_are_simulated() {
 #[test]
 fn a_head_slips_once_and_a_blocked_head_does_not_move() {
     let mut tip = hot_tip();
-    let after = |tip: &mut Tip, steps| {
+    let after = |tip: &mut TipModel, steps| {
         (0..steps).for_each(|_| tip.step(Motor::Head));
         (tip.head_position(), tip.head_slip())
     };

@@ -17,8 +17,8 @@ fn robot() -> Robot {
 }
 
 /// Returns a tip without noise at 200 degrees whose motors are held.
-fn hot_tip() -> Tip {
-    let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
+fn hot_tip() -> TipModel {
+    let mut tip = TipModel::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.set_nozzle_c(200.0);
     for motor in [Motor::Head, Motor::Feed] {
         tip.set_enabled(motor, true);
@@ -27,21 +27,21 @@ fn hot_tip() -> Tip {
     tip
 }
 
-fn temperature(tip: &mut Tip) -> Result<f64, ThermistorError> {
+fn temperature(tip: &mut TipModel) -> Result<f64, ThermistorError> {
     thermistor::celsius_from_raw(f64::from(tip.sample_thermistor().unwrap()), &robot().description().thermistor)
 }
 
-fn seconds(tip: &Tip, seconds: f64) -> u64 {
+fn seconds(tip: &TipModel, seconds: f64) -> u64 {
     tip.now() + (seconds * 4000.0) as u64
 }
 
 /// Lets time pass.
-fn wait(tip: &mut Tip, time: f64) {
+fn wait(tip: &mut TipModel, time: f64) {
     tip.advance(seconds(tip, time));
 }
 
 /// Feeds this many steps, one a tick.
-fn feed(tip: &mut Tip, steps: u32) {
+fn feed(tip: &mut TipModel, steps: u32) {
     for _ in 0..steps {
         tip.advance(tip.now() + 1);
         tip.step(Motor::Feed);
@@ -50,7 +50,7 @@ fn feed(tip: &mut Tip, steps: u32) {
 
 /// Lays a turn with twice the plastic in the quarter round 90 degrees, in this direction. In each step of the head,
 /// half of its plastic comes before and half after, so that both directions give the same.
-fn lay_turn(tip: &mut Tip, positive: bool) {
+fn lay_turn(tip: &mut TipModel, positive: bool) {
     tip.set_direction(Motor::Head, positive);
     for step in 0..3200 {
         let at = if positive { step } else { 3199 - step };
@@ -64,7 +64,7 @@ fn lay_turn(tip: &mut Tip, positive: bool) {
 
 #[test]
 fn instant_preheat_applies_when_the_heater_is_switched_on() {
-    let mut tip = Tip::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
+    let mut tip = TipModel::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.preheat_instantly(190.0);
     wait(&mut tip, 1.0);
     assert!(tip.nozzle_c() < 30.0);
@@ -101,7 +101,7 @@ fn the_index_passes_once_a_turn() {
 
 #[test]
 fn disabled_motors_do_not_move() {
-    let mut tip = Tip::new(robot(), 17, Variation::default());
+    let mut tip = TipModel::new(robot(), 17, Variation::default());
     tip.step(Motor::Head);
     tip.step(Motor::Feed);
     assert_eq!((tip.head_position(), tip.feed_steps()), (17, 0));
@@ -109,7 +109,7 @@ fn disabled_motors_do_not_move() {
 
 #[test]
 fn a_cold_nozzle_lays_nothing_and_holds_the_filament() {
-    let mut tip = Tip::new(robot(), 0, Variation::default());
+    let mut tip = TipModel::new(robot(), 0, Variation::default());
     tip.set_enabled(Motor::Feed, true);
     tip.set_direction(Motor::Feed, true);
     tip.step(Motor::Feed);
@@ -234,7 +234,7 @@ fn flowing_filament_and_fan_cool_the_nozzle() {
 #[test]
 fn the_tip_does_not_depend_on_the_sampling() {
     let run = |every: u64| {
-        let mut tip = Tip::new(robot(), 0, Variation::default());
+        let mut tip = TipModel::new(robot(), 0, Variation::default());
         tip.set_enabled(Motor::Feed, true);
         tip.set_direction(Motor::Feed, true);
         tip.set_heater(1.0, true);
@@ -264,7 +264,7 @@ fn the_tip_does_not_depend_on_the_sampling() {
 #[test]
 fn the_encoder_turns_with_the_filament_and_not_with_the_feed() {
     let mut tip = hot_tip();
-    let pulses = |tip: &mut Tip| {
+    let pulses = |tip: &mut TipModel| {
         let mut level = tip.encoder();
         let rises = (0..1125).filter(|_| {
             feed(tip, 1);
@@ -301,7 +301,7 @@ fn the_emulated_board_computes_the_same_encoder_level() {
 
 /// Returns a tip that has laid this many turns, and the distance that its encoder was turned after each, mm of
 /// filament.
-fn laid(turns: u32, imperfection: &ErrorModel) -> (Tip, Vec<f64>) {
+fn laid(turns: u32, imperfection: &ErrorModel) -> (TipModel, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);
     let mut turned = Vec::new();

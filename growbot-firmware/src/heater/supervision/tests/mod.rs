@@ -49,7 +49,7 @@ const fn by(change: f32) -> Change {
     Change { prompt: change, late: change, late_rate: 0.0 }
 }
 
-/// Returns an earlier moment, from which all changes count.
+/// Returns a checkpoint of this age and reading, at which no model has changed.
 fn mark(age_s: f32, reading_c: f32) -> Checkpoint {
     Checkpoint { age_s, reading_c, lower: by(0.0), nominal: by(0.0), upper: by(0.0), fall_c: 0.0 }
 }

@@ -17,7 +17,7 @@ use time::OffsetDateTime;
 
 use super::body::ScreenPoint;
 use super::keys::KEYS;
-use super::model::{Model, explanation};
+use super::model::{ConsoleModel, explanation};
 use crate::cli::console::commands::hint;
 
 /// Smallest screen that has room for pictures: columns and rows.
@@ -39,7 +39,7 @@ const KEY: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD.unio
 
 /// Draws the whole screen. Names and messages of a board must not control the terminal, so control characters become
 /// spaces.
-pub fn screen(frame: &mut Frame, model: &Model) {
+pub fn screen(frame: &mut Frame, model: &ConsoleModel) {
     draw(frame, model);
     for cell in &mut frame.buffer_mut().content {
         if cell.symbol().contains(is_control) {
@@ -48,7 +48,7 @@ pub fn screen(frame: &mut Frame, model: &Model) {
     }
 }
 
-fn draw(frame: &mut Frame, model: &Model) {
+fn draw(frame: &mut Frame, model: &ConsoleModel) {
     let area = frame.area();
     let [head, state, trouble, heater, tip, pictures, log, keys] = Layout::vertical([
         Constraint::Length(1),
@@ -81,7 +81,7 @@ fn draw(frame: &mut Frame, model: &Model) {
     draw_keys(frame, keys, model);
 }
 
-fn draw_pictures(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_pictures(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let [charts, body] = Layout::horizontal([Constraint::Percentage(54), Constraint::Fill(1)]).areas(area);
     let [above, below] = Layout::vertical([Constraint::Fill(1), Constraint::Fill(1)]).areas(charts);
     draw_temperature(frame, above, model);
@@ -89,7 +89,7 @@ fn draw_pictures(frame: &mut Frame, area: Rect, model: &Model) {
     draw_body(frame, body, model);
 }
 
-fn head_line(model: &Model, width: u16) -> Line<'static> {
+fn head_line(model: &ConsoleModel, width: u16) -> Line<'static> {
     let left = format!("{} on {}", model.robot.name(), model.port);
     let up = model.status.as_ref().map(|status| format!("up {}", clock(status.uptime_ms as f64 / 1000.0)));
     let speed = model.speed.map(|speed| format!("{speed} x real time (+ -)"));
@@ -99,7 +99,7 @@ fn head_line(model: &Model, width: u16) -> Line<'static> {
     Line::from(vec![Span::styled(left, TITLE), Span::raw(" ".repeat(gap.max(1))), Span::styled(right, DIM)])
 }
 
-fn state_line(model: &Model) -> Line<'static> {
+fn state_line(model: &ConsoleModel) -> Line<'static> {
     let Some(status) = &model.status else { return Line::styled("waiting for the board", WORKING) };
     let style = match status.state {
         State::Fault | State::EmergencyStop => BAD,
@@ -116,7 +116,7 @@ fn state_line(model: &Model) -> Line<'static> {
 }
 
 /// Returns the progress of a job and its remaining time as text.
-fn progress(model: &Model, status: &Status) -> String {
+fn progress(model: &ConsoleModel, status: &Status) -> String {
     let share = 100.0 * f64::from(status.layers_laid) / f64::from(status.layer_count.max(1));
     let left =
         f64::from(status.layer_count.saturating_sub(status.layers_laid)) * model.robot.description().layer.period_s;
@@ -128,7 +128,7 @@ fn progress(model: &Model, status: &Status) -> String {
     finish.map_or(text.clone(), |finish| format!("{text}, done at {}", local_clock_text(finish)))
 }
 
-fn heater_line(model: &Model) -> Line<'static> {
+fn heater_line(model: &ConsoleModel) -> Line<'static> {
     let Some(status) = &model.status else { return Line::default() };
     let celsius = |centi: i32| f64::from(centi) / 100.0;
     let nozzle = status.temperature_centi_c.map_or("no reading".to_owned(), |t| format!("{:.1} C", celsius(t)));
@@ -149,7 +149,7 @@ fn heater_line(model: &Model) -> Line<'static> {
 }
 
 /// Returns the line about the tip's pose.
-fn tip_line(model: &Model) -> Line<'static> {
+fn tip_line(model: &ConsoleModel) -> Line<'static> {
     // The numbers have tenths, and zero has no sign.
     let [x, y, z, heading, pitch] = model.body.tip().to_degrees().map(|number| (number * 10.0).round() / 10.0 + 0.0);
     let late = match model.body.first() {
@@ -166,7 +166,7 @@ fn tip_line(model: &Model) -> Line<'static> {
 }
 
 /// Returns a text about a lost connection or a fault. `None` without either.
-fn problem_text(model: &Model) -> Option<String> {
+fn problem_text(model: &ConsoleModel) -> Option<String> {
     if let Some(why) = &model.link_error {
         return Some(format!("NO RESPONSE: {why}"));
     }
@@ -190,7 +190,7 @@ fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
     (0..area.width).all(|x| buffer.cell((x, rows)).is_none_or(|cell| cell.symbol() == " "))
 }
 
-fn draw_temperature(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_temperature(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let block = Block::bordered().title(Span::styled(" nozzle, C ", TITLE));
     let readings = &model.readings;
     let (Some((from, to)), Some((min, max))) = (readings.span(), readings.range()) else {
@@ -203,7 +203,7 @@ fn draw_temperature(frame: &mut Frame, area: Rect, model: &Model) {
     frame.render_widget(chart(sets, [from, to], [low, high], 0).block(block), area);
 }
 
-fn draw_layers(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_layers(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let lost = match model.body.unreported() {
         0 => String::new(),
         lost => format!("({lost} not reported) "),
@@ -251,7 +251,7 @@ fn nothing_yet(frame: &mut Frame, area: Rect, block: Block, what: &'static str) 
 }
 
 /// Draws the body from the side, seen along y and along x, at one scale.
-fn draw_body(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_body(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let points = || model.body.points().iter().chain(model.body.planned_points());
     let range = |axis: usize, seen: f64| {
@@ -310,7 +310,7 @@ fn beside(dot: f64, each: f64, dots: f64) -> f64 {
     (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)
 }
 
-fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_log(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let shown = usize::from(area.height);
     let lines = model.log.iter().skip(model.log.len().saturating_sub(shown)).map(|line| {
         let style = if line.is_error { BAD } else { Style::new() };
@@ -322,7 +322,7 @@ fn draw_log(frame: &mut Frame, area: Rect, model: &Model) {
     frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()), area);
 }
 
-fn draw_keys(frame: &mut Frame, area: Rect, model: &Model) {
+fn draw_keys(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let Some(prompt) = &model.prompt else {
         let spans = KEYS.iter().flat_map(|(key, what)| {
             let style = if what.chars().all(|c| !c.is_lowercase()) { BAD } else { Style::new() };
@@ -362,7 +362,7 @@ mod tests {
     use ratatui::backend::TestBackend;
 
     /// Returns the screen as text, line by line.
-    fn drawn(model: &Model, width: u16, height: u16) -> Vec<String> {
+    fn drawn(model: &ConsoleModel, width: u16, height: u16) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| screen(frame, model)).unwrap();
         let buffer = terminal.backend().buffer();
@@ -372,7 +372,7 @@ mod tests {
     }
 
     /// Returns a model with 40 of 100 layers laid.
-    fn growing() -> Model {
+    fn growing() -> ConsoleModel {
         let mut model = model();
         for second in 0..60 {
             model.apply_status(Status {

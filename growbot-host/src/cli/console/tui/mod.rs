@@ -42,7 +42,7 @@ use super::script::{is_active, still_active_text};
 use crate::cli::{Failure, SelectedPort};
 use body::TrackedBody;
 use keys::Action;
-use model::Model;
+use model::ConsoleModel;
 use poller::BoardPoller;
 use prompt::{Prompt, PromptAction};
 
@@ -81,7 +81,7 @@ pub fn run(
     // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().open_session()?;
     let place = format!("{}{}", port.text(), port.simulated_suffix());
-    let mut model = Model::new(robot, &place, start, watch.speed());
+    let mut model = ConsoleModel::new(robot, &place, start, watch.speed());
     if hello.robot_hash != model.robot.hash() {
         model.log_error(&format!(
             "the board's robot is {}, but the limits shown are for {}: choose the board's robot with --robot",
@@ -146,7 +146,7 @@ impl Drop for Screen {
 /// A session on the whole screen.
 struct TuiApp {
     watch: BoardPoller,
-    model: Model,
+    model: ConsoleModel,
     /// True if the robot is simulated.
     simulated: bool,
     presets: MaterialPresets,
@@ -199,7 +199,7 @@ impl TuiApp {
         };
         match action {
             None => {}
-            Some(Action::Ask(what)) => self.ask(&what),
+            Some(Action::Ask(what)) => self.send_and_show(&what),
             Some(Action::Prompt(begun)) => self.model.prompt = Some(Prompt::new(begun)),
             Some(Action::Faster) => self.change_speed(true),
             Some(Action::Slower) => self.change_speed(false),
@@ -225,10 +225,10 @@ impl TuiApp {
             Err(why) => self.model.log_error(&why),
             Ok(ConsoleCommand::Nothing) => {}
             Ok(ConsoleCommand::Board(BoardRequest::Plan(goal))) => drop(self.plan(&goal.into())),
-            Ok(ConsoleCommand::Board(what)) => self.ask(&what),
+            Ok(ConsoleCommand::Board(what)) => self.send_and_show(&what),
             Ok(ConsoleCommand::Grow(goal)) => {
                 if self.plan(&goal) {
-                    self.ask(&BoardRequest::Start);
+                    self.send_and_show(&BoardRequest::Start);
                 }
             }
             Ok(ConsoleCommand::Wait(_)) => {
@@ -244,7 +244,7 @@ impl TuiApp {
         send(client, &self.model.robot, self.simulated, &self.presets, &self.start, what, &permit)
     }
 
-    fn ask(&mut self, what: &BoardRequest) {
+    fn send_and_show(&mut self, what: &BoardRequest) {
         let answer = self.send(what);
         self.show_response(answer);
     }
@@ -314,7 +314,7 @@ mod tests {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut watch = BoardPoller::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
         watch.client().open_session().unwrap();
-        let model = Model::new(robot, "sim", start, watch.speed());
+        let model = ConsoleModel::new(robot, "sim", start, watch.speed());
         TuiApp {
             watch,
             model,

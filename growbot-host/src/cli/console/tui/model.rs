@@ -15,7 +15,7 @@ use super::temperature_history::TemperatureHistory;
 const LOG: usize = 200;
 
 /// Everything that the screen shows.
-pub struct Model {
+pub struct ConsoleModel {
     /// The robot.
     pub robot: Robot,
     /// The port's name.
@@ -53,7 +53,7 @@ pub struct LogEntry {
     pub is_error: bool,
 }
 
-impl Model {
+impl ConsoleModel {
     /// Creates the model of a robot whose state is not known yet. Its bodies begin at `start`.
     pub fn new(robot: Robot, port: &str, start: Pose, speed: Option<f64>) -> Self {
         Self {

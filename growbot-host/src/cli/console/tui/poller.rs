@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
 
-use super::model::Model;
+use super::model::ConsoleModel;
 use crate::cli::growth_monitor::clock_drift_failure;
 
 /// Interval of status requests to a real board.
@@ -67,7 +67,7 @@ impl BoardPoller {
     }
 
     /// Updates the model after this much real time.
-    pub fn follow(&mut self, model: &mut Model, passed: Duration) {
+    pub fn follow(&mut self, model: &mut ConsoleModel, passed: Duration) {
         let due = |last_request: Option<Instant>, every| last_request.is_none_or(|at| at.elapsed() >= every);
         if model.link_error.is_some() && !due(self.last_request, LOST) {
             return;
@@ -89,7 +89,7 @@ impl BoardPoller {
         }
     }
 
-    fn listen(&mut self, model: &mut Model, ask: bool) -> Result<(), ClientError> {
+    fn listen(&mut self, model: &mut ConsoleModel, ask: bool) -> Result<(), ClientError> {
         let began = Instant::now();
         while let Some(event) = self.client.event(EVENT)? {
             model.apply_event(&event);
@@ -97,12 +97,12 @@ impl BoardPoller {
                 break;
             }
         }
-        if ask { self.ask(model).map(drop) } else { Ok(()) }
+        if ask { self.poll_status(model).map(drop) } else { Ok(()) }
     }
 
-    fn let_pass(&mut self, model: &mut Model, time: Duration) -> Result<(), ClientError> {
+    fn let_pass(&mut self, model: &mut ConsoleModel, time: Duration) -> Result<(), ClientError> {
         let began = Instant::now();
-        let mut now = self.ask(model)?;
+        let mut now = self.poll_status(model)?;
         let until = now.saturating_add(time.as_millis() as u64);
         let step = VIRTUAL_STEP.max(time / LOOKS);
         while now < until && began.elapsed() < COMPUTE {
@@ -110,7 +110,7 @@ impl BoardPoller {
                 model.apply_event(&event);
             }
             let before = now;
-            now = self.ask(model)?;
+            now = self.poll_status(model)?;
             if now < before {
                 // The board has restarted, and its clock with it.
                 break;
@@ -120,7 +120,7 @@ impl BoardPoller {
     }
 
     /// Requests the board's status and applies it. Returns the board's clock, ms.
-    fn ask(&mut self, model: &mut Model) -> Result<u64, ClientError> {
+    fn poll_status(&mut self, model: &mut ConsoleModel) -> Result<u64, ClientError> {
         self.last_request = Some(Instant::now());
         let mut status = self.client.status()?;
         if status.uptime_ms < self.latest_ms {

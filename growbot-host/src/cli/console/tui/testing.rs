@@ -6,12 +6,12 @@ use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::message::{LayerLaid, Message, PauseCause, State, Status};
 use growbot_core::pose::Pose;
 
-use super::model::Model;
+use super::model::ConsoleModel;
 
 /// Returns the model of a simulated robot A whose state is not known yet.
-pub fn model() -> Model {
+pub fn model() -> ConsoleModel {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
-    Model::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
+    ConsoleModel::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
 }
 
 /// Returns the status of a board with a job of 100 layers, none of them laid, at 200 C with a target of 210 C.
@@ -33,7 +33,7 @@ pub fn status(state: State, uptime_s: f64) -> Status {
     }
 }
 
-/// Returns the report of a layer of that job. The layer leans a little.
+/// Returns the report of a layer that leans a little.
 pub fn laid(index: u32) -> Message {
     let layer = Layer { alpha: 0.5, height: 0.7, tilt: 0.005 };
     let as_built = LayerEncoder::default().encode(&layer);
