@@ -182,20 +182,39 @@ impl Plan {
         goal: &G,
         search: &PlanOptions,
     ) -> Result<Self, PlanError> {
+        Self::through_waypoints_while(robot, start, via, goal, search, &|| Ok(()))
+    }
+
+    /// Like [`Plan::through_waypoints`], but calls `check` before each leg and each step of the search. An error of
+    /// `check` ends the planning.
+    ///
+    /// # Errors
+    /// Like [`Plan::new`], and the error of `check`.
+    pub fn through_waypoints_while<G: Copy + Into<Goal>, E: From<PlanError>>(
+        robot: &Robot,
+        start: &Pose,
+        via: &[G],
+        goal: &G,
+        search: &PlanOptions,
+        check: &dyn Fn() -> Result<(), E>,
+    ) -> Result<Self, E> {
         let goals: Vec<Goal> = via.iter().chain([goal]).map(|goal| (*goal).into()).collect();
-        let plan = Self::leg_by_leg(robot, start, &goals, search)?;
-        Ok(waypoints::optimize_directions(&plan, robot, &goals, search).unwrap_or(plan))
+        let plan = Self::leg_by_leg(robot, start, &goals, search, check)?;
+        let shorter = waypoints::optimize_directions(&plan, robot, &goals, search, check)?;
+        Ok(shorter.unwrap_or(plan))
     }
 
     /// Plans each leg on its own. The direction at a position is the one that makes this leg the shortest.
-    pub(crate) fn leg_by_leg(
+    pub(crate) fn leg_by_leg<E: From<PlanError>>(
         robot: &Robot,
         start: &Pose,
         goals: &[Goal],
         search: &PlanOptions,
-    ) -> Result<Self, PlanError> {
+        check: &dyn Fn() -> Result<(), E>,
+    ) -> Result<Self, E> {
         Self::by_legs(robot, start, goals, search, |from, goal, body, roll| {
-            plan_leg(robot, from, goal, search, body, roll)
+            check()?;
+            Ok(plan_leg(robot, from, goal, search, body, roll)?)
         })
     }
 

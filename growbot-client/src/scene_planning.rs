@@ -241,11 +241,28 @@ pub fn plan(
     search: &PlanOptions,
     through: &SceneOptions,
 ) -> Result<Plan, ScenePlanError> {
+    plan_while(robot, start, goals, search, through, &|| Ok(()))
+}
+
+/// Like [`plan`], but calls `check` before each leg. An error of `check` ends the planning.
+///
+/// # Errors
+/// Like [`plan`], and the error of `check`.
+pub fn plan_while<E: From<ScenePlanError>>(
+    robot: &Robot,
+    start: &Pose,
+    goals: &[Goal],
+    search: &PlanOptions,
+    through: &SceneOptions,
+    check: &dyn Fn() -> Result<(), E>,
+) -> Result<Plan, E> {
     let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
     let legs_left = Cell::new(goals.len() as u32);
     let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
-    let mut plan =
-        Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| leg.plan(from, goal, body, roll))?;
+    let mut plan = Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| {
+        check()?;
+        Ok::<_, E>(leg.plan(from, goal, body, roll)?)
+    })?;
     let (file, hash) = (through.file.to_owned(), through.loaded.hash);
     // If time runs out, use the clearance that every leg of the plan was proven to have.
     let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
@@ -630,6 +647,33 @@ mod tests {
         // A plan that had no time reports only the clearance that it was made for.
         assert_eq!(within(0.0), 5.0 + CLEARANCE_TOLERANCE_MM);
         assert!(within(0.0) < within(600.0));
+    }
+
+    #[test]
+    fn planning_ends_at_the_first_error_of_its_check() {
+        let fixture = PlanFixture::new();
+        let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());
+        let through = SceneOptions {
+            file: &file,
+            loaded: &loaded,
+            margin: 5.0,
+            grown: None,
+            effort: 1,
+            deadline: None,
+            first_only: false,
+            max_length: MAX_LENGTH_MM,
+        };
+        let goals = [pose("300,0,300,0,0"), pose("900,0,300,0,0")];
+        for allowed in 0..3 {
+            let calls = Cell::new(0);
+            let check = || {
+                calls.set(calls.get() + 1);
+                if calls.get() > allowed { Err(NoPathError::NotFound.into()) } else { Ok::<_, ScenePlanError>(()) }
+            };
+            let planned = plan_while(&fixture.robot, &fixture.start, &goals, &fixture.search, &through, &check);
+            // It is called before each of the two legs.
+            assert_eq!((planned.is_ok(), calls.get()), (allowed == 2, 2.min(allowed + 1)));
+        }
     }
 
     #[test]

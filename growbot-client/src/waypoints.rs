@@ -19,7 +19,7 @@
 //! A leg takes some 10 us, and a start of a chain of 8 positions some 2,500 legs (docs/measurements.md).
 
 use growbot_core::path;
-use growbot_core::plan::Planner;
+use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::shortest::{Candidates, PathProblem, candidates};
@@ -43,26 +43,35 @@ const NO_GAIN: f64 = 1e-9;
 const MAX_SWEEPS: usize = 200;
 
 /// Returns a plan that is shorter than this one, which was planned leg by leg, and has the same goals. `None` if none
-/// is found.
-pub(crate) fn optimize_directions(plan: &Plan, robot: &Robot, goals: &[Goal], search: &PlanOptions) -> Option<Plan> {
-    let on_the_way = goals.split_last()?.1;
-    if !on_the_way.iter().any(Goal::is_free) {
-        return None;
+/// is found. An error of `check`, which is called again and again, ends the search.
+pub(crate) fn optimize_directions<E: From<PlanError>>(
+    plan: &Plan,
+    robot: &Robot,
+    goals: &[Goal],
+    search: &PlanOptions,
+    check: &dyn Fn() -> Result<(), E>,
+) -> Result<Option<Plan>, E> {
+    if !goals.split_last().is_some_and(|(_, on_the_way)| on_the_way.iter().any(Goal::is_free)) {
+        return Ok(None);
     }
     let chain = WaypointChain { start: plan.start, goals, search };
     let mut best: Option<(f64, Vec<Pose>)> = None;
-    for poses in [plan.via(), chain.reversed(robot), chain.bisectors()] {
-        let found = chain.refined(poses);
+    for poses in [plan.via(), chain.reversed(robot, check)?, chain.bisectors()] {
+        let found = chain.refined(poses, check)?;
         if best.as_ref().is_none_or(|(length, _)| found.0 < *length) {
             best = Some(found);
         }
     }
-    let directed: Vec<Goal> = best?.1.into_iter().map(Goal::Pose).chain(goals.last().copied()).collect();
-    let mut shorter = Plan::leg_by_leg(robot, &plan.start, &directed, search).ok()?;
+    let poses = best.map(|(_, poses)| poses).unwrap_or_default();
+    let directed: Vec<Goal> = poses.into_iter().map(Goal::Pose).chain(goals.last().copied()).collect();
+    let planned = Plan::leg_by_leg(robot, &plan.start, &directed, search, check);
+    check()?;
+    let Ok(mut shorter) = planned else { return Ok(None) };
     shorter.free_directions.clone_from(&plan.free_directions);
     let runs_into_itself = |plan: &Plan| plan.warnings.iter().any(|warning| warning.code == SELF_COLLISION);
     let worse = search.avoid_self_collision && runs_into_itself(&shorter) && !runs_into_itself(plan);
-    (!worse && shorter.requirements.length < plan.requirements.length - NO_GAIN * search.radius).then_some(shorter)
+    let is_shorter = shorter.requirements.length < plan.requirements.length - NO_GAIN * search.radius;
+    Ok((!worse && is_shorter).then_some(shorter))
 }
 
 /// A chain of goals, some of which have no direction.
@@ -74,8 +83,8 @@ struct WaypointChain<'a> {
 
 impl WaypointChain<'_> {
     /// Returns the waypoints as planned from the goal backwards, leg by leg, each with the direction of its arrival.
-    fn reversed(&self, robot: &Robot) -> Vec<Pose> {
-        let Some((last, on_the_way)) = self.goals.split_last() else { return Vec::new() };
+    fn reversed<E: From<PlanError>>(&self, robot: &Robot, check: &dyn Fn() -> Result<(), E>) -> Result<Vec<Pose>, E> {
+        let Some((last, on_the_way)) = self.goals.split_last() else { return Ok(Vec::new()) };
         let before = on_the_way.last().map_or(self.start.position(), Goal::position);
         let end = match last {
             Goal::Pose(pose) => *pose,
@@ -83,11 +92,13 @@ impl WaypointChain<'_> {
         };
         let goals: Vec<Goal> = on_the_way.iter().rev().map(turned_back_goal).collect();
         let search = PlanOptions { avoid_self_collision: false, ..*self.search };
-        match Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search) {
+        let planned = Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search, check);
+        check()?;
+        Ok(match planned {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
             // This start is then left out.
             Err(_) => self.bisectors(),
-        }
+        })
     }
 
     /// Returns the waypoints with directions half-way between the one to the position and the one from it.
@@ -103,7 +114,7 @@ impl WaypointChain<'_> {
     }
 
     /// Optimizes these waypoints by steps downhill. Returns the length and the poses.
-    fn refined(&self, mut poses: Vec<Pose>) -> (f64, Vec<Pose>) {
+    fn refined<E>(&self, mut poses: Vec<Pose>, check: &dyn Fn() -> Result<(), E>) -> Result<(f64, Vec<Pose>), E> {
         let mut steps: Vec<f64> =
             self.goals.iter().zip(&poses).map(|(goal, _)| if goal.is_free() { FIRST_STEP } else { 0.0 }).collect();
         let mut length = self.length(&poses);
@@ -113,6 +124,7 @@ impl WaypointChain<'_> {
             }
             let before = poses.clone();
             for (index, step) in steps.iter_mut().enumerate().filter(|(_, step)| **step >= MIN_STEP) {
+                check()?;
                 if !self.step(&mut poses, index, *step) {
                     *step *= 0.5;
                 }
@@ -121,7 +133,7 @@ impl WaypointChain<'_> {
             let (swept, beyond) = (self.length(&poses), self.length(&further));
             (length, poses) = if beyond < swept { (beyond, further) } else { (swept, poses) };
         }
-        (length, poses)
+        Ok((length, poses))
     }
 
     /// Turns the direction at one position to the best of four sides, if that makes the path shorter. Returns true if
@@ -231,6 +243,7 @@ mod tests {
     use crate::robot_file;
     use growbot_core::pose::Position;
     use growbot_core::random::Rng;
+    use std::cell::Cell;
     use std::time::Instant;
 
     const RADIUS: f64 = 100.0;
@@ -264,7 +277,31 @@ mod tests {
         let (robot, search) = (robot(), search(planner));
         let (last, via) = goals.split_last().unwrap();
         let plan = |via: &[Goal], last: &Goal| Plan::through_waypoints(&robot, &up(), via, last, &search).unwrap();
-        (Plan::leg_by_leg(&robot, &up(), goals, &search).unwrap(), plan(via, last))
+        let by_legs = Plan::leg_by_leg::<PlanError>(&robot, &up(), goals, &search, &|| Ok(()));
+        (by_legs.unwrap(), plan(via, last))
+    }
+
+    #[test]
+    fn planning_ends_at_the_first_error_of_its_check() {
+        let goals = chain(1, 4);
+        let (last, via) = goals.split_last().unwrap();
+        let calls = Cell::new(0_u32);
+        let plan = |allowed: u32| {
+            calls.set(0);
+            let check = || {
+                calls.set(calls.get() + 1);
+                if calls.get() > allowed { Err(PlanError::NoPath) } else { Ok(()) }
+            };
+            Plan::through_waypoints_while(&robot(), &up(), via, last, &search(Planner::Shortest), &check)
+        };
+        assert!(plan(u32::MAX).is_ok());
+        let all = calls.get();
+        assert!(all > 100, "{all}: each leg and each step of the three searches");
+        for allowed in 0..all {
+            assert_eq!(plan(allowed), Err(PlanError::NoPath));
+            // Where a search may do without a plan, it is called once more.
+            assert!(calls.get() <= allowed + 2, "{} {allowed}", calls.get());
+        }
     }
 
     /// Compares lengths along the chain, and prints them as in docs/measurements.md.

@@ -31,6 +31,7 @@ mod serve_latency;
 mod serve_limits;
 mod serve_load;
 mod serve_notify;
+mod serve_roles;
 mod serve_scenes;
 mod serve_stops;
 mod settings;

@@ -130,7 +130,7 @@ impl Attacker<'_> {
             }
             2 => (body.replace(':', r#":{"a":"#).replace('}', "}}").into_bytes(), &[422]),
             3 => (body.replacen('{', r#"{"unknown":1,"#, 1).into_bytes(), &[422]),
-            4 => ("[".repeat(1 + at * 1000).into_bytes(), &[400, 422]),
+            4 => ("[".repeat(1 + at * 1000).into_bytes(), &[400, 413, 422]),
             5 => (self.of(&["null", "0", "[]", "{}", "\"\"", "1e999"]).as_bytes().to_vec(), &[400, 422]),
             _ => {
                 let kind = self.of(&["text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""]);

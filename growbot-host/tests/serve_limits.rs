@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 /// Number of half-open connections.
 const MANY: usize = 1500;
-/// Limits of growbot-host/src/serve/limits.rs.
+/// Limits of growbot-host/src/serve/connections.rs and limits.rs.
 const CONNECTIONS: usize = 256;
 const STREAMS: usize = 64;
 const STOP: &str = r#"{"command":"emergency-stop"}"#;
@@ -107,9 +107,9 @@ fn status_of(mut stream: TcpStream, request: &str) -> u16 {
     answer.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0)
 }
 
-/// Returns the head of an order.
+/// Returns the head of a request for a job.
 fn post(lab: &Lab, length: &str) -> String {
-    let path = lab.at("/robots/lab/commands");
+    let path = lab.at("/robots/lab/jobs");
     format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{length}\r\n\r\n")
 }
 
@@ -135,7 +135,7 @@ fn long_requests_are_refused_and_do_not_block_commands() {
     let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
     assert_eq!(status_of(lab.page(), &(post(&lab, "transfer-encoding: chunked") + &chunk)), 413);
     assert_eq!(status_of(lab.page(), &post(&lab, "content-length: 17000000")), 413);
-    // The service reads two long requests at a time and refuses the next one. Orders are short, so they do not wait.
+    // The service handles two long requests at a time and refuses the next one. Commands are short, so they do not wait.
     let long = post(&lab, "transfer-encoding: chunked\r\nexpect: 100-continue");
     let read: Vec<_> = (0..2).map(|_| status_of_kept(&lab, &long)).collect();
     assert!(read.iter().all(|(_, status)| *status == 100));

@@ -20,6 +20,7 @@ use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job_store::{Job, JobState};
 use growbot_host::serve::{RobotState, RobotStatus};
 use growbot_host::settings;
+use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -154,7 +155,7 @@ impl ServiceRobot {
     ) -> Result<(), Failure> {
         let written = PlanFile::with_robot(plan, robot);
         let wanted = GrowRequest {
-            plan: Some(serde_json::to_value(written).map_err(Failure::bad_input)?),
+            plan: Some(to_raw_value(&written).map_err(Failure::bad_input)?),
             scene,
             feedback: options.feedback,
             force: options.force,

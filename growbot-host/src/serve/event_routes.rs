@@ -15,6 +15,8 @@ use super::problem::Problem;
 
 /// Maximum length of a client's message on a WebSocket, bytes. Such messages are ignored.
 const MAX_HEARD: usize = 1024;
+/// Length of the buffer for messages of a client, bytes.
+const READ_BUFFER: usize = 4096;
 
 /// Start of a stream of events.
 #[derive(Debug, Deserialize)]
@@ -69,7 +71,8 @@ fn socket(
     permit: StreamPermit,
     events: impl Stream<Item = StreamEvent> + Send + 'static,
 ) -> Response {
-    upgrade.max_message_size(MAX_HEARD).on_upgrade(|socket| async move {
+    let upgrade = upgrade.max_message_size(MAX_HEARD).max_frame_size(MAX_HEARD).read_buffer_size(READ_BUFFER);
+    upgrade.on_upgrade(|socket| async move {
         event_stream::on_socket(socket, events).await;
         drop(permit);
     })

@@ -16,6 +16,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt, unfold};
 use growbot_client::sanitize::json_line;
 use tokio::sync::watch;
+use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
 use super::Service;
@@ -26,7 +27,7 @@ const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
 /// Interval at which a log is read even if no change was reported.
 const LOG_POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of bytes that are read from a log at a time.
-const CHUNK: u64 = 1 << 20;
+const CHUNK: u64 = 64 << 10;
 
 /// Version of the messages on a WebSocket.
 const VERSION: u32 = 1;
@@ -107,10 +108,16 @@ pub fn job_events(service: Arc<Service>, id: String, after: u64) -> impl Stream<
                 let event = StreamEvent { event: "log", id: Some(number), data: line };
                 return Some((event, (service, id, changes, lines)));
             }
-            let is_active = service.job(&id).is_some_and(|job| job.state == JobState::Active);
             changes.mark_unchanged();
-            // The log contains all lines by now that were written before the job ended.
-            let more = lines.read().unwrap_or(false);
+            let (context, job) = (Arc::clone(&service), id.clone());
+            let read = spawn_blocking(move || {
+                let is_active = context.job(&job).is_some_and(|job| job.state == JobState::Active);
+                // The log contains all lines by now that were written before the job ended.
+                let more = lines.read().unwrap_or(false);
+                (lines, is_active, more)
+            });
+            let (back, is_active, more) = read.await.ok()?;
+            lines = back;
             if !more && !is_active {
                 return None;
             }

@@ -9,31 +9,42 @@ use growbot_client::pose_text::{parse_goal, parse_pose};
 use growbot_client::sanitize::json_line;
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::hash::Hasher;
+use growbot_core::job::MAX_JOB_LAYERS;
 use growbot_core::plan::Planner;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use serde_json::value::RawValue;
 
 use super::api::Access;
 use super::audit::CommandSource;
+use super::limits::Computation;
 use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::scene_store;
+
+/// Maximum number of waypoints. Planning takes some seconds with as many.
+const MAX_VIA: usize = 100;
+/// Maximum length of the name of a job, characters.
+const MAX_NAME: usize = 512;
 
 /// A request to grow or to plan.
 #[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct GrowRequest {
     /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
-    pub plan: Option<Value>,
+    #[schemars(with = "Option<Value>")]
+    pub plan: Option<Box<RawValue>>,
     /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
     pub to: Option<String>,
     /// Start pose. The default is `0,0,0,0,90`.
     pub from: Option<String>,
     /// Poses or positions that the path passes through, in order.
     #[serde(default)]
+    #[schemars(length(max = 100))]
     pub via: Vec<String>,
     /// Radius of the bends, mm. The default is the robot's planning radius.
     pub radius_mm: Option<f64>,
@@ -55,7 +66,27 @@ pub struct GrowRequest {
     #[serde(default)]
     pub ignore_scene: bool,
     /// Name of the job for users.
+    #[schemars(length(max = 512))]
     pub name: Option<String>,
+}
+
+/// The parts of a plan that are needed before it is read.
+#[derive(Default, Deserialize)]
+struct PlanOutline {
+    layers: Option<u64>,
+    scene: Option<SceneOutline>,
+}
+
+#[derive(Deserialize)]
+struct SceneOutline {
+    file: Option<String>,
+}
+
+impl PlanOutline {
+    /// Returns the outline of a plan. It is empty if the plan cannot be read.
+    fn of(plan: &RawValue) -> Self {
+        serde_json::from_str(plan.get()).unwrap_or_default()
+    }
 }
 
 /// A plan, and the scene that it keeps clear of.
@@ -75,24 +106,47 @@ impl GrowRequest {
     }
 
     /// Returns the plan. `robot` is the robot that is to grow it.
-    pub fn resolve(&self, robot: &Robot, places: &ServicePaths, access: Access) -> Result<PlanInScene, Problem> {
+    pub fn resolve(
+        &self,
+        robot: &Robot,
+        places: &ServicePaths,
+        access: Access,
+        computation: &Computation,
+    ) -> Result<PlanInScene, Problem> {
+        self.check_lengths()?;
         let scene = self.scene_file(places, access)?;
-        match (&self.plan, &self.to) {
-            (Some(_), Some(_)) => Err(Problem::bad("both plan and to are given: remove one of them")),
-            (None, None) => Err(Problem::bad("there is nothing to grow: give plan, or to")),
-            (Some(plan), None) => self.given(plan, robot, scene.as_deref()),
-            (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref()),
+        let resolved = match (&self.plan, &self.to) {
+            (Some(_), Some(_)) => return Err(Problem::bad("both plan and to are given: remove one of them")),
+            (None, None) => return Err(Problem::bad("there is nothing to grow: give plan, or to")),
+            (Some(plan), None) => self.given(plan, robot, scene.as_deref())?,
+            (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref(), computation)?,
+        };
+        ensure_storable(resolved.plan.requirements.layers as u64)?;
+        computation.check()?;
+        Ok(resolved)
+    }
+
+    /// Returns an error if a part of the request is too long.
+    fn check_lengths(&self) -> Result<(), Problem> {
+        let via = self.via.len();
+        if via > MAX_VIA {
+            return Err(Problem::bad(format!("via has {via} waypoints: give {MAX_VIA} at most")));
         }
+        let name = self.name.as_ref().map_or(0, |name| name.chars().count());
+        if name > MAX_NAME {
+            return Err(Problem::bad(format!("name has {name} characters: give {MAX_NAME} at most")));
+        }
+        Ok(())
     }
 
     /// Returns the path of the scene's file. Only growbot's commands on this machine can name any file.
     fn scene_file(&self, places: &ServicePaths, access: Access) -> Result<Option<PathBuf>, Problem> {
-        let named_by_plan = || self.plan.as_ref()?.pointer("/scene/file")?.as_str();
-        let Some(name) = self.scene.as_deref().or_else(named_by_plan) else { return Ok(None) };
-        if access == Access::Control(CommandSource::Socket) && Path::new(name).is_absolute() {
+        let named_by_plan = || PlanOutline::of(self.plan.as_deref()?).scene?.file;
+        let Some(name) = self.scene.clone().or_else(named_by_plan) else { return Ok(None) };
+        if access == Access::Control(CommandSource::Socket) && Path::new(&name).is_absolute() {
             return Ok(Some(PathBuf::from(name)));
         }
-        scene_store::find(places, name).map(Some)
+        scene_store::find(places, &name).map(Some)
     }
 
     /// Loads a scene, with the margin of the request if there is one.
@@ -107,8 +161,10 @@ impl GrowRequest {
         Ok(loaded)
     }
 
-    fn given(&self, plan: &Value, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
-        let opened = plan_file::read_in_scene(&plan.to_string(), "the plan", None, scene);
+    fn given(&self, plan: &RawValue, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
+        // A plan whose number of layers does not match its segments is refused before its clearance is proven.
+        ensure_storable(PlanOutline::of(plan).layers.unwrap_or(0))?;
+        let opened = plan_file::read_in_scene(plan.get(), "the plan", None, scene);
         let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
         if of.hash() != robot.hash() {
             return Err(Problem::conflict(format!(
@@ -132,18 +188,27 @@ impl GrowRequest {
         Ok(PlanInScene { plan, scene: Some(loaded) })
     }
 
-    fn to_goal(&self, goal: &str, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
+    fn to_goal(
+        &self,
+        goal: &str,
+        robot: &Robot,
+        scene: Option<&Path>,
+        computation: &Computation,
+    ) -> Result<PlanInScene, Problem> {
         let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
         let start = parse_pose(self.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
         let via: Result<Vec<_>, _> = self.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
         let via = via.map_err(Problem::bad)?;
+        let goals: Vec<Goal> = via.iter().copied().chain([goal]).collect();
+        ensure_storable(min_layers(robot, &start, &goals))?;
         let search = PlanOptions {
             radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
             planner: Planner::Shortest,
             avoid_self_collision: true,
         };
         let Some(file) = scene else {
-            let plan = Plan::through_waypoints(robot, &start, &via, &goal, &search).map_err(Problem::bad)?;
+            let check = || computation.check();
+            let plan = Plan::through_waypoints_while(robot, &start, &via, &goal, &search, &check)?;
             return Ok(PlanInScene { plan, scene: None });
         };
         let loaded = self.load(file)?;
@@ -153,12 +218,30 @@ impl GrowRequest {
             margin: planning_margin_mm(robot, &loaded),
             grown: None,
             effort: EFFORT,
-            deadline: None,
+            deadline: Some(computation.deadline()),
             max_length: MAX_LENGTH_MM,
             first_only: false,
         };
-        let goals: Vec<Goal> = via.into_iter().chain([goal]).collect();
-        let plan = scene_planning::plan(robot, &start, &goals, &search, &through).map_err(Problem::bad)?;
+        let check = || computation.check();
+        let plan = scene_planning::plan_while(robot, &start, &goals, &search, &through, &check)?;
         Ok(PlanInScene { plan, scene: Some(loaded) })
     }
+}
+
+/// Returns an error if no board can store a job of this many layers.
+fn ensure_storable(layers: u64) -> Result<(), Problem> {
+    if layers <= u64::from(MAX_JOB_LAYERS) {
+        return Ok(());
+    }
+    Err(Problem::conflict(format!(
+        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or a robot with \
+         higher layers"
+    )))
+}
+
+/// Returns the number of layers of straight lines through these goals, of the greatest height. No path has fewer.
+fn min_layers(robot: &Robot, start: &Pose, goals: &[Goal]) -> u64 {
+    let positions: Vec<_> = [start.position()].into_iter().chain(goals.iter().map(Goal::position)).collect();
+    let length: f64 = positions.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
+    (length / robot.description().layer.height_max_mm) as u64
 }

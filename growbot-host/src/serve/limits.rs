@@ -1,202 +1,224 @@
-//! Limits of a client's use of the service, so that no client blocks another one or delays a command to a robot.
+//! Limits of what the clients of one role use at a time, so that no client blocks one of another role or delays a
+//! command to a robot. The roles are read-only pages, pages that can send commands, and growbot's commands.
 
-use std::collections::BTreeMap;
-use std::io;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread;
+use std::time::{Duration, Instant};
 
-use axum::Router;
 use axum::body::{Body, HttpBody, to_bytes};
-use axum::extract::{Request, State};
+use axum::extract::{Extension, Request, State};
 use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
-use axum::serve::Listener;
 use http_body_util::{BodyExt, LengthLimitError};
-use hyper::body::Incoming;
-use hyper::server::conn::http1;
-use hyper::service::{Service as _, service_fn};
-use hyper_util::rt::{TokioIo, TokioTimer};
-use hyper_util::service::TowerToHyperService;
-use tokio::io::AsyncWriteExt;
-use tokio::sync::{OwnedSemaphorePermit, Semaphore};
-use tokio::task::AbortHandle;
+use rustix::process::setpriority_process;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio::time::timeout;
-use tokio_io_timeout::TimeoutStream;
 
+use super::api::Access;
+use super::connections::ConnectionLimiter;
 use super::problem::Problem;
 
-/// Maximum number of open connections, for pages and for growbot's commands separately.
-pub const CONNECTIONS: usize = 256;
-/// Maximum number of open streams of events, for pages and for growbot's commands separately.
-pub const STREAMS: usize = 64;
-/// Maximum length of a request's body, bytes.
+/// Maximum number of open streams of events of a role.
+const STREAMS: usize = 64;
+/// Maximum length of the body of an upload of a scene, bytes.
 pub const MAX_BODY: usize = 16 << 20;
-/// Length up to which the number of bodies that are read at a time is not limited, bytes.
-const SHORT_BODY: u64 = 64 << 10;
+/// Maximum length of the body of any other request, bytes.
+const MAX_JSON: usize = 1 << 20;
+/// Maximum length of the body of a command to a robot, bytes.
+const MAX_COMMAND: usize = 4 << 10;
+/// Maximum length of the body of a request by a read-only client, bytes. The number of bodies up to this length is not
+/// limited, nor is that of responses.
+const SHORT: usize = 64 << 10;
+/// Maximum number of longer bodies of a role that are read or handled at a time.
 const LONG_BODIES: usize = 2;
-/// Maximum number of plans and pages that are computed at a time, because they load the processor.
-const MAX_CONCURRENT_RENDERS: usize = 4;
-/// Time after which a connection is closed if the client does not read a response.
-const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
+/// Maximum numbers of plans and pages that are computed at a time, for read-only clients and for each other role.
+const COMPUTATIONS: [usize; 2] = [2, 4];
+/// Maximum numbers of long responses that are sent at a time, for read-only clients and for each other role.
+const DOWNLOADS: [usize; 2] = [8, 16];
+/// Maximum duration of a computation.
+const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
-/// Returns the HTTP response to a connection beyond the limit.
-fn too_many() -> Vec<u8> {
-    let problem = Problem::busy(&format!("{CONNECTIONS} connections are already open"));
-    let body = serde_json::to_string(&problem).unwrap_or_default();
-    format!(
-        "HTTP/1.1 503 Service Unavailable\r\nconnection: close\r\nretry-after: 1\r\ncontent-type: \
-         application/problem+json\r\ncontent-length: {}\r\n\r\n{body}",
-        body.len()
-    )
-    .into_bytes()
+/// Priority of a computation. Robots and stops come first, with 0.
+const NICENESS: i32 = 10;
+
+/// Kind of a request, by which its limits differ.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RequestKind {
+    /// A stop or an emergency stop. It needs no body, and no place.
+    Stop,
+    /// A command to a robot, for example a stop in a body.
+    Command,
+    /// A stream of events.
+    Stream,
+    /// Any other request.
+    Other,
 }
 
-/// The connections of one listener.
-pub struct ConnectionLimiter {
-    open: Mutex<BTreeMap<u64, OpenConnection>>,
-    streams: Arc<Semaphore>,
-    long_bodies: Arc<Semaphore>,
-    computed: Arc<Semaphore>,
-    /// Timeout of a request's body. Its head, and the pause before the next request, have half of it.
-    request: Duration,
-}
+impl RequestKind {
+    /// Returns the kind of a request.
+    pub fn of(request: &Request) -> Self {
+        let last = request.uri().path().rsplit('/').next();
+        match (request.method(), last) {
+            (&Method::POST, Some("stop" | "emergency-stop")) => Self::Stop,
+            (&Method::POST, Some("commands")) => Self::Command,
+            (&Method::GET, Some("events" | "ws" | "updates")) => Self::Stream,
+            _ => Self::Other,
+        }
+    }
 
-/// An open connection.
-struct OpenConnection {
-    /// True if the connection has sent an authenticated request.
-    authenticated: bool,
-    task: Option<AbortHandle>,
-}
+    /// Reports whether the request may be a stop. Such a request is handled without waiting for any other.
+    pub fn is_urgent(self) -> bool {
+        matches!(self, Self::Stop | Self::Command)
+    }
 
-/// Reference to a connection, which its requests carry.
-#[derive(Clone)]
-pub struct ConnectionHandle {
-    door: Arc<ConnectionLimiter>,
-    number: u64,
-}
-
-impl ConnectionHandle {
-    /// Marks the connection as authenticated. New connections never replace it.
-    pub fn mark_authenticated(&self) {
-        if let Some(open) = self.door.open().get_mut(&self.number) {
-            open.authenticated = true;
+    /// Returns the maximum length of the body, bytes.
+    fn max_body(self, access: Access, path: &str) -> usize {
+        match (self, access) {
+            (Self::Stop, _) => 0,
+            (Self::Command, _) => MAX_COMMAND,
+            (_, Access::View) => SHORT,
+            _ if path.ends_with("/scenes") => MAX_BODY,
+            _ => MAX_JSON,
         }
     }
 }
 
-/// Removes the connection from its listener when dropped.
-struct ConnectionGuard(ConnectionHandle);
-
-impl Drop for ConnectionGuard {
-    fn drop(&mut self) {
-        self.0.door.open().remove(&self.0.number);
-    }
+/// Limits of one role.
+pub struct RoleLimits {
+    access: Access,
+    streams: Arc<Semaphore>,
+    long_bodies: Arc<Semaphore>,
+    computations: Arc<Semaphore>,
+    downloads: Arc<Semaphore>,
 }
 
 /// Permit for a stream of events. It is released when its last clone is dropped.
 #[derive(Clone)]
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
-impl ConnectionLimiter {
-    /// Creates the limits of two listeners, for pages and for growbot's commands, so that one being full does not close
-    /// the other. They share the limit of computations.
-    pub fn two(request: Duration) -> [Arc<Self>; 2] {
-        let computed = Arc::new(Semaphore::new(MAX_CONCURRENT_RENDERS));
-        [(); 2].map(|()| {
-            Arc::new(Self {
-                open: Mutex::default(),
-                streams: Arc::new(Semaphore::new(STREAMS)),
-                long_bodies: Arc::new(Semaphore::new(LONG_BODIES)),
-                computed: Arc::clone(&computed),
-                request,
-            })
+impl RoleLimits {
+    /// Creates the limits of clients with these rights.
+    pub fn new(access: Access) -> Arc<Self> {
+        let of_role = usize::from(access != Access::View);
+        let places = |count: usize| Arc::new(Semaphore::new(count));
+        Arc::new(Self {
+            access,
+            streams: places(STREAMS),
+            long_bodies: places(LONG_BODIES),
+            computations: places(COMPUTATIONS[of_role]),
+            downloads: places(DOWNLOADS[of_role]),
         })
     }
 
-    fn open(&self) -> MutexGuard<'_, BTreeMap<u64, OpenConnection>> {
-        self.open.lock().unwrap_or_else(PoisonError::into_inner)
+    /// Returns a permit for a long response. It is held until the response has been sent.
+    pub fn permit_download(&self) -> Result<OwnedSemaphorePermit, Problem> {
+        let permit = Arc::clone(&self.downloads).try_acquire_owned();
+        permit.map_err(|_| {
+            let count = DOWNLOADS[usize::from(self.access != Access::View)];
+            Problem::busy(&format!("{count} long responses are already being sent"))
+        })
     }
 
-    /// Adds a connection. If the limit is reached, it replaces the oldest connection that has not authenticated. `None`
-    /// if all have.
-    fn admit(self: &Arc<Self>, number: u64) -> Option<ConnectionGuard> {
-        let mut open = self.open();
-        if open.len() >= CONNECTIONS {
-            let (&eldest, _) = open.iter().find(|(_, open)| !open.authenticated)?;
-            if let Some(task) = open.remove(&eldest).and_then(|open| open.task) {
-                task.abort();
-            }
-        }
-        open.insert(number, OpenConnection { authenticated: false, task: None });
-        Some(ConnectionGuard(ConnectionHandle { door: Arc::clone(self), number }))
-    }
-
-    /// Accepts and serves connections until the process ends.
-    pub async fn serve<L>(self: Arc<Self>, mut listener: L, router: Router) -> io::Result<()>
-    where
-        L: Listener<Io: Unpin>,
-    {
-        let too_many = too_many();
-        let mut number = 0;
-        loop {
-            let (mut stream, _) = listener.accept().await;
-            number += 1;
-            let Some(inside) = self.admit(number) else {
-                // The response is short. If the socket does not take it at once, it is dropped.
-                let _ = timeout(Duration::from_millis(10), stream.write_all(&too_many)).await;
-                continue;
-            };
-            let task = tokio::spawn(attend(stream, inside, router.clone()));
-            if let Some(open) = self.open().get_mut(&number) {
-                open.task = Some(task.abort_handle());
-            }
-        }
+    /// Waits for its turn, then runs a computation on a thread of its own. The computation ends when it is late or when
+    /// the returned future is dropped because the requester has gone, as far as it calls [`Computation::check`].
+    pub async fn compute<T: Send + 'static>(
+        &self,
+        what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,
+    ) -> Result<T, Problem> {
+        let turn = Arc::clone(&self.computations).acquire_owned().await.map_err(Problem::internal)?;
+        let requester = Requester::default();
+        let computation = Computation::new(&requester.0);
+        let (reply, computed) = oneshot::channel();
+        let run = move || {
+            let _turn = turn;
+            // Without a lower priority the computation only slows down others.
+            let _ = setpriority_process(None, NICENESS);
+            // The requester may have gone.
+            let _ = reply.send(what(&computation));
+        };
+        thread::Builder::new().name("computation".to_owned()).spawn(run).map_err(Problem::internal)?;
+        computed.await.unwrap_or_else(|_| Err(Problem::internal("a computation of the service has failed")))
     }
 }
 
-/// Serves one connection until it is closed.
-async fn attend<S>(stream: S, inside: ConnectionGuard, router: Router)
-where
-    S: tokio::io::AsyncRead + tokio::io::AsyncWrite + Unpin + Send + 'static,
-{
-    let service = TowerToHyperService::new(router);
-    let service = service_fn(|mut request: hyper::Request<Incoming>| {
-        request.extensions_mut().insert(inside.0.clone());
-        service.call(request)
-    });
-    let mut stream = TimeoutStream::new(stream);
-    stream.set_write_timeout(Some(WRITE_TIMEOUT));
-    let mut server = http1::Builder::new();
-    server.timer(TokioTimer::new()).header_read_timeout(inside.0.door.request / 2);
-    // A client that disconnects or sends invalid HTTP has received an error if that was possible.
-    let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
+/// A computation for a requester.
+pub struct Computation {
+    deadline: Instant,
+    is_abandoned: Arc<AtomicBool>,
 }
 
-/// Reads the whole body of a request before it is handled. Rejects a body that is too long or too slow.
-pub async fn buffer_body(State(door): State<Arc<ConnectionLimiter>>, request: Request, next: Next) -> Response {
+impl Computation {
+    /// Starts the time of a computation. It is abandoned once the flag is set.
+    pub fn new(is_abandoned: &Arc<AtomicBool>) -> Self {
+        Self { deadline: Instant::now() + COMPUTATION_TIME, is_abandoned: Arc::clone(is_abandoned) }
+    }
+
+    /// Returns the time at which the computation has to end.
+    pub fn deadline(&self) -> Instant {
+        self.deadline
+    }
+
+    /// Returns an error if the computation has to end.
+    pub fn check(&self) -> Result<(), Problem> {
+        if self.is_abandoned.load(Ordering::Relaxed) {
+            return Err(Problem::conflict("its requester has gone"));
+        }
+        if Instant::now() >= self.deadline {
+            return Err(Problem::bad(format!(
+                "no plan was found within {} s: give fewer waypoints, or plan with `growbot plan` and send the plan",
+                COMPUTATION_TIME.as_secs()
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// The requester of a computation. It is dropped when the connection closes.
+#[derive(Default)]
+struct Requester(Arc<AtomicBool>);
+
+impl Drop for Requester {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Reads the whole body of a request before it is handled. Rejects a body that is too long or too slow. The body of a
+/// stop is ignored.
+pub async fn buffer_body(
+    State(connections): State<Arc<ConnectionLimiter>>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let kind = RequestKind::of(&request);
+    let max = kind.max_body(limits.access, request.uri().path());
     let (parts, body) = request.into_parts();
     let length = HttpBody::size_hint(&body);
-    if length.exact() == Some(0) {
+    if kind == RequestKind::Stop || length.exact() == Some(0) {
         return next.run(Request::from_parts(parts, Body::empty())).await;
     }
-    if length.lower() > MAX_BODY as u64 {
-        return Problem::too_long(MAX_BODY).into_response();
+    if length.lower() > max as u64 {
+        return Problem::too_long(max).into_response();
     }
     let mut _place = None;
-    if length.upper().is_none_or(|length| length > SHORT_BODY) {
-        match Arc::clone(&door.long_bodies).try_acquire_owned() {
+    if max > SHORT && length.upper().is_none_or(|length| length > SHORT as u64) {
+        match Arc::clone(&limits.long_bodies).try_acquire_owned() {
             Ok(place) => _place = Some(place),
             Err(_) => {
-                return Problem::busy(&format!("{LONG_BODIES} long requests are already being read")).into_response();
+                return Problem::busy(&format!("{LONG_BODIES} long requests are already being handled"))
+                    .into_response();
             }
         }
     }
-    match timeout(door.request, to_bytes(body, MAX_BODY)).await {
+    let limit = connections.request_timeout();
+    match timeout(limit, to_bytes(body, max)).await {
         Ok(Ok(bytes)) => next.run(Request::from_parts(parts, bytes.into())).await,
-        Ok(Err(error)) if is_too_long(&error) => Problem::too_long(MAX_BODY).into_response(),
+        Ok(Err(error)) if is_too_long(&error) => Problem::too_long(max).into_response(),
         Ok(Err(error)) => Problem::bad(format!("the request was interrupted: {error}")).into_response(),
-        Err(_) => Problem::too_slow(door.request).into_response(),
+        Err(_) => Problem::too_slow(limit).into_response(),
     }
 }
 
@@ -204,58 +226,105 @@ fn is_too_long(error: &axum::Error) -> bool {
     std::error::Error::source(error).is_some_and(<dyn std::error::Error>::is::<LengthLimitError>)
 }
 
-/// Queues requests that load the processor. Gives each stream of events a permit, or rejects it.
+/// Gives each stream of events and each long response a permit, or rejects it.
 pub async fn limit_concurrency(
-    State(door): State<Arc<ConnectionLimiter>>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
     mut request: Request,
     next: Next,
 ) -> Response {
-    let path = request.uri().path();
-    let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
-    if is(&["/events", "/events/ws", "/updates"]) {
-        let Ok(place) = Arc::clone(&door.streams).try_acquire_owned() else {
+    if RequestKind::of(&request) == RequestKind::Stream {
+        let Ok(place) = Arc::clone(&limits.streams).try_acquire_owned() else {
             return Problem::busy(&format!("{STREAMS} event streams are already open")).into_response();
         };
         let permit = StreamPermit(Arc::new(place));
         request.extensions_mut().insert(permit.clone());
-        return next.run(request).await.map(|body| {
-            Body::new(body.map_frame(move |frame| {
-                let _held = &permit;
-                frame
-            }))
-        });
+        return holding(permit, next.run(request).await);
     }
-    let computes = match *request.method() {
-        Method::POST => is(&["/plans", "/jobs"]),
-        _ => is(&["/view", "/live/"]),
-    };
-    if !computes {
-        return next.run(request).await;
+    let response = next.run(request).await;
+    if HttpBody::size_hint(response.body()).exact().is_none_or(|length| length <= SHORT as u64) {
+        return response;
     }
-    let turn = Arc::clone(&door.computed).acquire_owned().await;
-    // The client may disconnect, but the computation keeps its permit until it has ended.
-    let computed = tokio::spawn(async move {
-        let _turn = turn;
-        next.run(request).await
-    });
-    computed.await.unwrap_or_else(|error| Problem::internal(error).into_response())
+    match limits.permit_download() {
+        Ok(permit) => holding(permit, response),
+        Err(problem) => problem.into_response(),
+    }
+}
+
+/// Returns the response with a permit that is held until it has been sent.
+pub fn holding<P: Send + Sync + 'static>(permit: P, response: Response) -> Response {
+    let permit = Arc::new(permit);
+    response.map(|body| {
+        Body::new(body.map_frame(move |frame| {
+            let _held = &permit;
+            frame
+        }))
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::serve::audit::CommandSource;
+    use std::future::Future;
+    use std::sync::mpsc;
+    use std::task::{Context, Waker};
+
+    fn runtime() -> tokio::runtime::Runtime {
+        tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()
+    }
 
     #[test]
-    fn unauthenticated_connections_are_dropped_first() {
-        let [door, other] = ConnectionLimiter::two(Duration::from_secs(1));
-        let all: Vec<_> = (0..CONNECTIONS as u64).map(|number| door.admit(number).unwrap()).collect();
-        all[0].0.mark_authenticated();
-        let one_more = door.admit(1000).unwrap();
-        let is_open = |number: u64| door.open().contains_key(&number);
-        assert_eq!((is_open(0), is_open(1), is_open(1000), door.open().len()), (true, false, true, CONNECTIONS));
-        all.iter().chain([&one_more]).for_each(|inside| inside.0.mark_authenticated());
-        assert!(door.admit(1001).is_none() && other.admit(1001).is_some());
-        drop(all);
-        assert!(door.admit(1002).is_some());
+    fn computations_of_one_role_do_not_hold_up_those_of_another() {
+        let (view, control) = (RoleLimits::new(Access::View), RoleLimits::new(Access::Control(CommandSource::Web)));
+        runtime().block_on(async {
+            let (ends, begun) = (mpsc::channel::<()>(), mpsc::channel());
+            let held = Arc::new(std::sync::Mutex::new(ends.1));
+            let mut computing = tokio::task::JoinSet::new();
+            for _ in 0..4 {
+                let (view, begun, held) = (Arc::clone(&view), begun.0.clone(), Arc::clone(&held));
+                computing.spawn(async move {
+                    let wait = move |_: &Computation| {
+                        begun.send(()).unwrap();
+                        // It computes until the test ends.
+                        let _ = held.lock().unwrap().recv();
+                        Ok(())
+                    };
+                    view.compute(wait).await
+                });
+            }
+            let begun = tokio::task::spawn_blocking(move || (begun.1.recv(), begun.1.recv(), begun.1)).await.unwrap();
+            assert_eq!(control.compute(|_| Ok(7)).await, Ok(7));
+            assert!(begun.2.try_recv().is_err(), "two at a time");
+            drop(ends.0);
+            while let Some(computed) = computing.join_next().await {
+                computed.unwrap().unwrap();
+            }
+        });
+    }
+
+    #[test]
+    fn a_computation_ends_with_its_requester() {
+        let limits = RoleLimits::new(Access::View);
+        let runtime = runtime();
+        let _entered = runtime.enter();
+        let ((begins, begun), (ends, ended)) = (mpsc::channel(), mpsc::channel());
+        let mut computing = Box::pin(limits.compute(move |computation| {
+            computation.check()?;
+            begins.send(()).unwrap();
+            let problem = std::iter::repeat_with(|| computation.check()).find_map(Result::err).unwrap();
+            ends.send(problem.detail.clone()).unwrap();
+            Err::<(), _>(problem)
+        }));
+        assert!(computing.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
+        begun.recv().unwrap();
+        drop(computing);
+        assert_eq!(ended.recv().unwrap(), "its requester has gone");
+    }
+
+    #[test]
+    fn a_computation_ends_at_its_deadline() {
+        let computation = Computation { deadline: Instant::now(), is_abandoned: Arc::default() };
+        let problem = computation.check().unwrap_err();
+        assert!(problem.detail.contains("no plan was found within 30 s"), "{}", problem.detail);
     }
 }

@@ -5,30 +5,36 @@
 //!   `connector` the ways to reach it. `robot_stops` are its stops, `stopper` sends the emergency stops, and `stop_file`
 //!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
-//! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
-//! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
-//!   resources that clients can use.
+//! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi` completes its OpenAPI document.
+//! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `connections` bounds the
+//!   connections and `limits` the other resources that clients of each role can use. `workers` is the thread on which
+//!   requests other than commands are handled.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
 //! - [`client`] is the client of that socket.
 
 pub mod api;
 mod audit;
 pub mod client;
+mod command_routes;
 pub mod commands;
 pub mod config;
+mod connections;
 mod connector;
 mod event_routes;
 mod event_stream;
 #[cfg(test)]
 mod fake_board;
 pub mod grow_request;
+mod job_routes;
 mod job_run;
 pub mod job_store;
+mod json_body;
 mod limits;
 pub mod notification;
 mod notifier;
 mod openapi;
 mod paths;
+mod plan_routes;
 pub mod port_lease;
 mod problem;
 mod robot_stops;
@@ -39,10 +45,12 @@ mod stop_file;
 #[cfg(test)]
 mod stop_model;
 mod stopper;
+mod workers;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
+use axum::body::Bytes;
 use growbot_client::stop_signal::Permit;
 use tokio::sync::watch;
 
@@ -97,7 +105,7 @@ const MAX_PREVIEWS: usize = 8;
 #[derive(Default)]
 struct Previews {
     latest: u64,
-    pages: VecDeque<(u64, String)>,
+    pages: VecDeque<(u64, Bytes)>,
 }
 
 /// State that the threads of all robots and the server share.
@@ -115,7 +123,7 @@ struct ServiceContext {
 
 impl ServiceContext {
     /// Keeps the page of a plan, in place of the oldest one if there are too many. Returns the page's number.
-    fn keep_preview(&self, page: String) -> u64 {
+    fn keep_preview(&self, page: Bytes) -> u64 {
         let mut previews = self.previews.lock().unwrap_or_else(PoisonError::into_inner);
         previews.latest += 1;
         let number = previews.latest;
@@ -126,7 +134,7 @@ impl ServiceContext {
         number
     }
 
-    fn preview(&self, number: u64) -> Option<String> {
+    fn preview(&self, number: u64) -> Option<Bytes> {
         let previews = self.previews.lock().unwrap_or_else(PoisonError::into_inner);
         previews.pages.iter().find(|(of, _)| *of == number).map(|(_, page)| page.clone())
     }

@@ -8,6 +8,8 @@ use aide::openapi::{Operation, Response as Described};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{Method, StatusCode};
 use axum::response::{IntoResponse, Response};
+use growbot_client::scene_planning::ScenePlanError;
+use growbot_core::plan::PlanError;
 use schemars::JsonSchema;
 use serde::Serialize;
 
@@ -102,6 +104,18 @@ impl Problem {
     /// The service has failed.
     pub fn internal(detail: impl ToString) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error", detail)
+    }
+}
+
+impl From<PlanError> for Problem {
+    fn from(error: PlanError) -> Self {
+        Self::bad(error)
+    }
+}
+
+impl From<ScenePlanError> for Problem {
+    fn from(error: ScenePlanError) -> Self {
+        Self::bad(error)
     }
 }
 

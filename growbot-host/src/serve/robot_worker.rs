@@ -31,7 +31,7 @@ use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
 
 /// Time between two status requests to a board without a job. A request to the robot waits at most this long.
-const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(100);
+const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
 /// State of the robot's connection: disconnected, ready or busy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]

@@ -3,6 +3,7 @@
 //! The service never deletes them, because jobs refer to them. A resumed body is kept clear of the scene of its job.
 
 use std::fs;
+use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 
 use growbot_client::atomic_file::write_atomic;
@@ -56,7 +57,11 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
     match scene_file::load(&path) {
         Ok(loaded) => Ok((kept, loaded.bounding_box())),
         Err(error) => {
-            fs::remove_file(&path).map_err(Problem::internal)?;
+            // Another request with the same bytes may have removed it.
+            fs::remove_file(&path).or_else(|error| match error.kind() {
+                ErrorKind::NotFound => Ok(()),
+                _ => Err(Problem::internal(error)),
+            })?;
             Err(Problem::bad(error.to_string().replace(&path.display().to_string(), name)))
         }
     }

@@ -18,11 +18,14 @@ use axum::routing::get;
 use axum::{Json, Router};
 use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener, UnixStream};
+use tokio::runtime::Handle;
 
 use super::api::{self, Access, PageUrls};
 use super::audit::CommandSource;
-use super::limits::{ConnectionHandle, ConnectionLimiter, buffer_body, limit_concurrency};
+use super::connections::{ConnectionLimiter, require_place};
+use super::limits::{RoleLimits, buffer_body, limit_concurrency};
 use super::problem::Problem;
+use super::workers::{self, handle_request};
 use super::{Service, ServicePaths};
 use crate::watch::origin_check::{not_found, require_same_origin};
 use crate::watch::random_token;
@@ -146,10 +149,12 @@ impl Server {
         let _ = service.addresses.set(PageUrls { control_url: operate, view_url: look });
         let (router, document) = api::routes();
         let document = Arc::new(document);
+        let workers = workers::start()?;
         let site = |access, door: &Arc<ConnectionLimiter>| {
-            site(router.clone(), Arc::clone(&document), access, door, &service).with_state(Arc::clone(&service))
+            let site = site(router.clone(), Arc::clone(&document), access, door, &service, &workers);
+            site.with_state(Arc::clone(&service))
         };
-        let [page_door, command_door] = ConnectionLimiter::two(request);
+        let [page_door, command_door] = [(); 2].map(|()| ConnectionLimiter::new(request));
         let pages = Router::new()
             .nest(&format!("/{}/", self.tokens.operate), site(Access::Control(CommandSource::Web), &page_door))
             .nest(&format!("/{}/", self.tokens.read), site(Access::View, &page_door))
@@ -169,19 +174,18 @@ fn site(
     access: Access,
     door: &Arc<ConnectionLimiter>,
     service: &Arc<Service>,
+    workers: &Handle,
 ) -> Router<Arc<Service>> {
     let openapi = move || {
         let document = Arc::clone(&document);
         async move { Json(Value::clone(&document)) }
     };
-    let service = Arc::clone(service);
+    let (service, limits) = (Arc::clone(service), RoleLimits::new(access));
     let insert = move |mut request: Request| {
-        let permits = service.permits();
+        let (permits, limits) = (service.permits(), Arc::clone(&limits));
         async move {
             request.extensions_mut().insert(permits);
-            if let Some(visitor) = request.extensions().get::<ConnectionHandle>() {
-                visitor.mark_authenticated();
-            }
+            request.extensions_mut().insert(limits);
             request.extensions_mut().insert(access);
             request
         }
@@ -193,8 +197,10 @@ fn site(
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
         .fallback(api::unknown_route)
-        .layer(from_fn_with_state(Arc::clone(door), limit_concurrency))
+        .layer(from_fn_with_state(workers.clone(), handle_request))
+        .layer(from_fn(limit_concurrency))
         .layer(from_fn_with_state(Arc::clone(door), buffer_body))
+        .layer(from_fn(require_place))
         .layer(map_request(insert))
         .layer(map_response(as_problem))
 }

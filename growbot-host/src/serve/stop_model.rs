@@ -10,19 +10,23 @@ use std::task::{Context, Waker};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant};
 
+use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
-use axum::{Extension, Json};
 use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
+use growbot_core::robot::Robot;
 
-use super::api::{Access, Order, make_job, new_job};
+use super::api::Access;
 use super::audit::{Audit, CommandSource};
 use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
 use super::grow_request::GrowRequest;
+use super::job_routes::{Order, make_job, new_job};
 use super::job_store::{Job, JobState, JobStore};
+use super::json_body::JsonBody;
+use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
 use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
 use super::{Service, ServiceContext, ServicePaths};
@@ -207,7 +211,9 @@ impl<'a> Case<'a> {
                 let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
                 let access = Access::Control(CommandSource::Socket);
                 let order = Order { permit, claim: Claim::default() };
-                let made = make_job(self.service, &self.worker, &wanted, access, order, None);
+                let computation = Computation::new(&Arc::default());
+                let plan = |robot: &Robot| wanted.resolve(robot, self.service.places(), access, &computation);
+                let made = make_job(self.service, &self.worker, &wanted, plan, order, None);
                 return made.map(drop).map_err(|problem| problem.detail);
             }
             Step::Resume => {
@@ -349,7 +355,8 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
     let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
     let robot = worker.description().unwrap();
     let access = Access::Control(CommandSource::Socket);
-    let plan = wanted.resolve(&robot, &service.places, access).unwrap_or_else(|_| panic!("no plan")).plan;
+    let computation = Computation::new(&Arc::default());
+    let plan = wanted.resolve(&robot, &service.places, access, &computation).unwrap_or_else(|_| panic!("no plan")).plan;
     let job = Job {
         id: "20261123T014500123_lab".to_owned(),
         robot: "lab".to_owned(),
@@ -436,9 +443,10 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
             State(Arc::clone(&service)),
             Extension(Access::Control(CommandSource::Socket)),
             Extension(service.permits()),
+            Extension(RoleLimits::new(Access::Control(CommandSource::Socket))),
             Path("lab".to_owned()),
             HeaderMap::new(),
-            Json(wanted),
+            JsonBody(wanted),
         ));
         assert!(order.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
         drop(order);

@@ -1,0 +1,140 @@
+//! Commands to a robot over HTTP. Stops and the other commands are handled on the thread that accepts connections.
+
+use std::sync::Arc;
+
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use growbot_client::growth::Command;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::api::{Access, ApiResult, ServiceState, find_robot, found_job, require_control, run_blocking};
+use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
+use super::problem::Problem;
+use super::robot_worker::{RobotRequest, RobotStatus, RobotWorker};
+use super::{ArrivalPermits, Service};
+use crate::watch::server as watch;
+
+pub async fn send_command(
+    state: ServiceState,
+    access: Extension<Access>,
+    permits: Extension<ArrivalPermits>,
+    name: Path<String>,
+    Json(CommandRequest { command }): Json<CommandRequest>,
+) -> ApiResult<RobotStatus> {
+    command_robot(state, access, permits, name, command).await
+}
+
+pub async fn stop(
+    state: ServiceState,
+    access: Extension<Access>,
+    permits: Extension<ArrivalPermits>,
+    name: Path<String>,
+) -> ApiResult<RobotStatus> {
+    command_robot(state, access, permits, name, RobotCommand::Stop).await
+}
+
+pub async fn emergency_stop(
+    state: ServiceState,
+    access: Extension<Access>,
+    permits: Extension<ArrivalPermits>,
+    name: Path<String>,
+) -> ApiResult<RobotStatus> {
+    command_robot(state, access, permits, name, RobotCommand::EmergencyStop).await
+}
+
+/// Sends a command to a robot, and returns the robot's state after it.
+async fn command_robot(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
+    Path(name): Path<String>,
+    command: RobotCommand,
+) -> ApiResult<RobotStatus> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    let permit = permits.of(&name)?.clone();
+    run_blocking(move || {
+        let given = run_command(&keeper, command, &permit);
+        service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
+        given.map_err(Problem::conflict)?;
+        Ok(Json(keeper.status()))
+    })
+    .await
+}
+
+/// A maintenance task, as `growbot maintain` runs it.
+#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MaintenanceRequest {
+    /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
+    pub task: String,
+    /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
+    #[serde(default)]
+    pub value: String,
+}
+
+pub async fn maintain(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
+    Path(name): Path<String>,
+    Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
+) -> ApiResult<RobotStatus> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    let permit = permits.of(&name)?.clone();
+    run_blocking(move || {
+        let robot = keeper.description().map_err(Problem::conflict)?;
+        let understood = keeper.presets().task(&task, &value, &robot);
+        let outcome = match (understood, keeper.status().job) {
+            (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
+            (Some(Err(why)), _) => return Err(Problem::bad(why)),
+            (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
+            (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
+        };
+        service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
+        Ok(Json(keeper.status()))
+    })
+    .await
+}
+
+pub async fn send_live_command(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
+    Path((id, order)): Path<(String, String)>,
+) -> Result<Response, Problem> {
+    let by = require_control(access)?;
+    let keeper = find_robot_of_job(&service, &id).await?;
+    let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
+    let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
+        let live = keeper.live(&id).ok_or_else(|| Problem::conflict(format!("job {id} is not active")))?;
+        let answer = watch::send_command(&live, &order).await;
+        if answer.status().is_success() {
+            service.shared.audit.note(by, &keeper.name, &order, None);
+        }
+        return Ok(answer);
+    };
+    let permit = permits.of(&keeper.name)?.clone();
+    run_blocking(move || {
+        let given = run_command(&keeper, stop, &permit);
+        service.shared.audit.note(by, &keeper.name, &order, given.as_ref().err().map(String::as_str));
+        given.map_err(Problem::conflict)
+    })
+    .await?;
+    Ok(StatusCode::ACCEPTED.into_response())
+}
+
+/// Returns the robot of a job. A stop of the active job does not wait for the list of jobs.
+async fn find_robot_of_job(service: &Arc<Service>, id: &str) -> Result<Arc<RobotWorker>, Problem> {
+    if let Some(worker) = service.robots.values().find(|worker| worker.lock_state().job.as_deref() == Some(id)) {
+        return Ok(Arc::clone(worker));
+    }
+    let (list, id) = (Arc::clone(service), id.to_owned());
+    let job = run_blocking(move || found_job(&list, &id)).await?;
+    find_robot(service, &job.robot).cloned()
+}

@@ -1,0 +1,312 @@
+//! Jobs over HTTP: their start, their list, their logs and their pages.
+
+use std::convert::Infallible;
+use std::fs::File;
+use std::io::{self, Read};
+use std::sync::Arc;
+use std::time::Duration;
+
+use axum::body::Body;
+use axum::extract::{Path, Query, State};
+use axum::http::StatusCode;
+use axum::http::header::{CONTENT_TYPE, HeaderMap};
+use axum::response::sse::{Event, Sse};
+use axum::response::{Html, IntoResponse, Response};
+use axum::{Extension, Json};
+use futures_util::stream::unfold;
+use growbot_client::feedback::can_measure;
+use growbot_client::run_log::{RecordedRun, utc_now};
+use growbot_client::stop_signal::Permit;
+use growbot_client::warning::BLOCKING;
+use growbot_core::job::{job_layers, plan_id};
+use growbot_core::robot::Robot;
+use growbot_pictures::view::{Subject, page};
+use schemars::JsonSchema;
+use serde::Deserialize;
+use tokio::task::spawn_blocking;
+use tokio::time::sleep;
+
+use super::api::{Access, ApiResult, ServiceState, find_robot, found_job, require_control, run_blocking};
+use super::commands::COMMAND_TIMEOUT;
+use super::grow_request::{GrowRequest, PlanInScene};
+use super::job_store::{Job, JobState};
+use super::json_body::JsonBody;
+use super::limits::{RoleLimits, holding};
+use super::problem::Problem;
+use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
+use super::{ArrivalPermits, Service};
+use crate::watch::LiveGrowth;
+use crate::watch::server::updates_of;
+
+/// Delay before the page of a disconnected robot's job has to request updates again.
+const AWAY: Duration = Duration::from_secs(2);
+/// Maximum number of jobs that are listed.
+const MAX_JOBS: u32 = 1000;
+/// Length of the parts in which a run log is sent, bytes.
+const LOG_PART: u64 = 64 << 10;
+
+pub async fn new_job(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Path(name): Path<String>,
+    headers: HeaderMap,
+    JsonBody(wanted): JsonBody<GrowRequest>,
+) -> Result<(StatusCode, Json<Job>), Problem> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    let order = Order { permit: permits.of(&name)?.clone(), claim: Claim::default() };
+    let requester = Requester(order.claim.clone());
+    let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
+    let made = limits.compute(move |computation| {
+        let plan = |robot: &Robot| wanted.resolve(robot, service.places(), access, computation);
+        let made = make_job(&service, &keeper, &wanted, plan, order, key.as_deref());
+        let refused = made.as_ref().err().map(|problem| problem.detail.clone());
+        let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
+        service.shared.audit.note(by, &name, order, refused.as_deref());
+        made
+    });
+    let made = made.await;
+    drop(requester);
+    made
+}
+
+/// An order that arrived: its permit, and whether its requester is still there.
+pub(super) struct Order {
+    pub permit: Permit,
+    pub claim: Claim,
+}
+
+/// The requester of an order. The server drops it when the connection closes. An order that the robot's thread has not
+/// taken by then does not begin.
+struct Requester(Claim);
+
+impl Drop for Requester {
+    fn drop(&mut self) {
+        self.0.take();
+    }
+}
+
+pub(super) fn make_job(
+    service: &Service,
+    keeper: &RobotWorker,
+    wanted: &GrowRequest,
+    plan: impl FnOnce(&Robot) -> Result<PlanInScene, Problem>,
+    order: Order,
+    key: Option<&str>,
+) -> Result<(StatusCode, Json<Job>), Problem> {
+    let hash = wanted.hash();
+    let before = || {
+        let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
+        match found {
+            Some((job, _)) if job.robot != keeper.name => Err(Problem::bad(format!(
+                "the idempotency key was used for job {} on robot {}: use a new key for each job",
+                job.id, job.robot
+            ))),
+            Some((job, of)) if of != hash => Err(Problem::conflict(format!(
+                "the idempotency key was used for job {}, whose request was another: use a new key for each job",
+                job.id
+            ))),
+            found => Ok(found.map(|(job, _)| job)),
+        }
+    };
+    if let Some(job) = before()? {
+        return Ok((StatusCode::OK, Json(job)));
+    }
+    let robot = keeper.description().map_err(Problem::conflict)?;
+    if wanted.feedback && !can_measure(&robot) {
+        return Err(Problem::conflict(format!(
+            "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, or \
+             remove feedback",
+            robot.name()
+        )));
+    }
+    let PlanInScene { plan, scene } = plan(&robot)?;
+    let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
+    if let Some(warning) = preventing.filter(|_| !wanted.force) {
+        return Err(Problem::conflict(format!(
+            "not grown because of {}: {}; change the plan, or set force",
+            warning.code, warning.message
+        )));
+    }
+    let _begins = keeper.lock_job_start();
+    // Another request with the same key may have created the job in the meantime.
+    if let Some(job) = before()? {
+        return Ok((StatusCode::OK, Json(job)));
+    }
+    keeper.ensure_idle().and_then(|()| order.claim.check()).map_err(Problem::conflict)?;
+    let layers: Vec<_> = job_layers(&plan.path, &robot).collect();
+    let id = service.shared.jobs().new_id(&keeper.name);
+    let job = Job {
+        robot: keeper.name.clone(),
+        name: wanted.name.clone().unwrap_or_else(|| wanted.to.clone().unwrap_or_else(|| "a plan".to_owned())),
+        state: JobState::Active,
+        plan_id: format!("{:016x}", plan_id(&robot, &layers)),
+        layers: u32::try_from(layers.len()).unwrap_or(u32::MAX),
+        laid: 0,
+        length_mm: plan.requirements.length,
+        simulated: keeper.is_simulated(),
+        ignore_scene: scene.is_some() && wanted.ignore_scene,
+        created_utc: utc_now(),
+        ended_utc: None,
+        reason: None,
+        id,
+    };
+    service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
+    let scene = scene.filter(|_| !wanted.ignore_scene);
+    let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback, permit: order.permit };
+    let grow = RobotRequest::Grow(Box::new(new));
+    if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
+        // A job that has started after the timeout keeps the state that its robot reports.
+        if !service.shared.jobs_to_read().log_path(&job.id).exists() {
+            service.shared.jobs().mark_rejected(&job.id, &why).map_err(Problem::internal)?;
+        }
+        return Err(Problem::conflict(why));
+    }
+    Ok((StatusCode::CREATED, Json(job)))
+}
+
+pub async fn resume(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(permits): Extension<ArrivalPermits>,
+    Path(id): Path<String>,
+) -> ApiResult<Job> {
+    let by = require_control(access)?;
+    let job = found_job(&service, &id)?;
+    let keeper = Arc::clone(find_robot(&service, &job.robot)?);
+    let permit = permits.of(&job.robot)?.clone();
+    run_blocking(move || {
+        let begins = keeper.lock_job_start();
+        let outcome = keeper
+            .ensure_idle()
+            .and_then(|()| ensure_resumable(&job))
+            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), COMMAND_TIMEOUT));
+        drop(begins);
+        service.shared.audit.note(by, &job.robot, "resume", outcome.as_ref().err().map(String::as_str));
+        outcome.map_err(Problem::conflict)?;
+        found_job(&service, &id).map(Json)
+    })
+    .await
+}
+
+/// Returns an error if the job cannot be resumed.
+fn ensure_resumable(job: &Job) -> Result<(), String> {
+    match job.state {
+        JobState::Active | JobState::Interrupted => Ok(()),
+        JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
+        JobState::Failed => Err(format!("job {} ended before it started: grow its plan again", job.id)),
+    }
+}
+
+/// Limit of a list of jobs.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct JobListQuery {
+    /// Maximum number of jobs. The default is 100, and the service lists at most 1000.
+    #[schemars(range(max = 4_294_967_295_u32))]
+    limit: Option<u32>,
+}
+
+pub async fn jobs(
+    State(service): ServiceState,
+    Query(JobListQuery { limit: max }): Query<JobListQuery>,
+) -> ApiResult<Vec<Job>> {
+    let max = max.unwrap_or(100).min(MAX_JOBS);
+    service.shared.jobs_to_read().latest(max).map(Json).map_err(Problem::internal)
+}
+
+pub async fn job(State(service): ServiceState, Path(id): Path<String>) -> ApiResult<Job> {
+    found_job(&service, &id).map(Json)
+}
+
+pub async fn job_log(
+    State(service): ServiceState,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Path(id): Path<String>,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    let permit = limits.permit_download()?;
+    let path = service.shared.jobs_to_read().log_path(&job.id);
+    let unread = |error| Problem::conflict(format!("its run log cannot be read: {error}"));
+    let file = run_blocking(move || File::open(path).map_err(unread)).await?;
+    let body = Body::from_stream(unfold(Some(file), |file| async { next_part(file?).await }));
+    Ok(holding(permit, ([(CONTENT_TYPE, "application/jsonl")], body).into_response()))
+}
+
+/// Returns the next part of a file, and the file unless reading has failed. `None` at its end.
+async fn next_part(mut file: File) -> Option<(io::Result<Vec<u8>>, Option<File>)> {
+    let read = spawn_blocking(move || {
+        let mut part = Vec::new();
+        let read = file.by_ref().take(LOG_PART).read_to_end(&mut part);
+        read.map(|_| (part, file))
+    });
+    match read.await.unwrap_or_else(|error| Err(io::Error::other(error))) {
+        Ok((part, _)) if part.is_empty() => None,
+        Ok((part, file)) => Some((Ok(part), Some(file))),
+        Err(error) => Some((Err(error), None)),
+    }
+}
+
+/// Returns the page that follows an active job. For any other job the page shows its run log.
+pub async fn live(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Path(id): Path<String>,
+) -> Result<Html<String>, Problem> {
+    let job = found_job(&service, &id)?;
+    let is_live = find_robot(&service, &job.robot).is_ok_and(|keeper| keeper.live(&id).is_some());
+    page_of(&service, &limits, job, is_live.then_some(access != Access::View)).await
+}
+
+fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
+    let live = find_robot(service, &job.robot)?.live(&job.id);
+    live.ok_or_else(|| Problem::conflict(format!("job {} is not active", job.id)))
+}
+
+pub async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    match live_of(&service, &job) {
+        Ok(live) => Ok(updates_of(live).into_response()),
+        // The robot is disconnected. A browser reconnects to a stream that ends, but not to one that is rejected.
+        Err(_) if job.state == JobState::Active => Ok(Sse::new(unfold((), |()| async {
+            sleep(AWAY).await;
+            None::<(Result<Event, Infallible>, ())>
+        }))
+        .into_response()),
+        Err(problem) => Err(problem),
+    }
+}
+
+pub async fn job_view(
+    State(service): ServiceState,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Path(id): Path<String>,
+) -> Result<Html<String>, Problem> {
+    page_of(&service, &limits, found_job(&service, &id)?, None).await
+}
+
+/// Returns the page of a job's run log. For an active job, `control` is true if the page can send commands.
+async fn page_of(
+    service: &Service,
+    limits: &RoleLimits,
+    job: Job,
+    control: Option<bool>,
+) -> Result<Html<String>, Problem> {
+    let path = service.shared.jobs_to_read().log_path(&job.id);
+    let computed = limits.compute(move |_| {
+        let record = RecordedRun::open(&path).map_err(Problem::conflict)?;
+        let robot = record.own_robot().map_err(Problem::conflict)?;
+        let plan = record.plan(&robot).map_err(Problem::conflict)?;
+        let name = format!("{} on {}", job.name, job.robot);
+        let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene: None };
+        let page = match control {
+            Some(control) => page::render_live(&of(None), control),
+            None => page::render(&of(Some(&record))),
+        };
+        page.map(Html).map_err(Problem::bad)
+    });
+    computed.await
+}

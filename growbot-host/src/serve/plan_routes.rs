@@ -1,0 +1,98 @@
+//! Plans, their pages and the scenes that they avoid, over HTTP.
+
+use std::sync::Arc;
+
+use axum::body::Bytes;
+use axum::extract::{Path, Query, State};
+use axum::response::Html;
+use axum::{Extension, Json};
+use growbot_client::plan_file::PlanFile;
+use growbot_pictures::view::{NamedScene, Subject, page};
+use growbot_scene::scene_file::SceneBox;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::api::{Access, ApiResult, ServiceState, find_robot, require_control};
+use super::grow_request::{GrowRequest, PlanInScene};
+use super::json_body::JsonBody;
+use super::limits::RoleLimits;
+use super::problem::Problem;
+use super::scene_store;
+
+/// The robot to plan for.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct PlanQuery {
+    /// Name of the robot in the service.
+    robot: String,
+}
+
+/// A plan and its page.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct PlanResponse {
+    /// The plan, in the format of `growbot plan --json`.
+    plan: Value,
+    /// Path of its page, relative to the address of this interface. The service keeps only the latest pages.
+    view_path: String,
+}
+
+pub async fn new_plan(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Query(PlanQuery { robot }): Query<PlanQuery>,
+    JsonBody(wanted): JsonBody<GrowRequest>,
+) -> ApiResult<PlanResponse> {
+    let keeper = Arc::clone(find_robot(&service, &robot)?);
+    let computed = limits.compute(move |computation| {
+        let robot = keeper.description().map_err(Problem::conflict)?;
+        let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access, computation)?;
+        let file = plan.scene.as_ref().map_or("", |scene| scene.file.rsplit('/').next().unwrap_or_default());
+        let scene = scene.as_ref().map(|loaded| NamedScene { file, scene: &loaded.scene });
+        let subject = Subject { name: "preview", robot: &robot, plan: &plan, run: None, laid: None, scene };
+        let page = page::render(&subject).map_err(Problem::bad)?;
+        let view = format!("plans/{}/view", service.shared.keep_preview(page.into()));
+        let plan = serde_json::to_value(PlanFile::with_robot(&plan, &robot)).map_err(Problem::internal)?;
+        Ok(Json(PlanResponse { plan, view_path: view }))
+    });
+    computed.await
+}
+
+/// Name of a scene's file.
+#[derive(Debug, Deserialize, JsonSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SceneUploadQuery {
+    /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
+    name: String,
+}
+
+/// A scene that the service has stored.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct SceneUploadResponse {
+    /// Name of the scene, for the field `scene` of a plan or job request.
+    scene: String,
+    /// Box that holds everything but half spaces, as it was read. `null` if there is nothing else.
+    #[serde(rename = "box")]
+    bounds: Option<SceneBox>,
+}
+
+pub async fn new_scene(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Query(SceneUploadQuery { name }): Query<SceneUploadQuery>,
+    bytes: Bytes,
+) -> ApiResult<SceneUploadResponse> {
+    require_control(access)?;
+    let stored = limits.compute(move |_| {
+        let (scene, bounds) = scene_store::store(service.places(), &name, &bytes)?;
+        Ok(Json(SceneUploadResponse { scene, bounds }))
+    });
+    stored.await
+}
+
+pub async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<Bytes>, Problem> {
+    let page = service.shared.preview(number);
+    page.map(Html).ok_or_else(|| Problem::not_found("preview any more, of", &number.to_string()))
+}
