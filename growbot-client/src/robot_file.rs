@@ -57,7 +57,7 @@ pub enum RobotFileError {
         line: usize,
         /// Column, from 1, in characters.
         column: usize,
-        /// Error at that position.
+        /// Message of the TOML parser, with the likely key if one is misspelt.
         reason: String,
     },
     /// The description is complete, but the robot would not work.

@@ -146,7 +146,7 @@ pub enum SceneError {
         file: String,
         /// Line, from 1.
         line: usize,
-        /// Error at that position.
+        /// Message of the TOML parser.
         reason: String,
     },
     /// The scene has another format version.

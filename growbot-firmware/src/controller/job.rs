@@ -51,7 +51,8 @@ pub(super) struct ActiveJob {
     pub journal_failed: bool,
     /// Carry from the layers that are laid to the next layers.
     pub carry: journal::RoundingCarry,
-    /// Planner of turns, after the layers handed to the engine: what rounding left over, and the speeds at their end.
+    /// Planner of the next turns. It holds the rounding errors of the layers handed to the engine, and the speeds at
+    /// their end.
     pub material: TurnPlanner,
     /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
     pub carries: Deque<journal::LayerRecord, MAX_LAYERS_IN_FLIGHT>,

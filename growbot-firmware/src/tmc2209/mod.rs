@@ -140,7 +140,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
         self.read(first, now);
     }
 
-    /// Ends the turn of a driver.
+    /// Ends the exchange with a driver, and begins that with the other one or waits for the next period.
     fn end(&mut self, now: u64) {
         if self.active_motor == Motor::Head {
             self.active_motor = Motor::Feed;

@@ -134,9 +134,8 @@ impl Subject<'_> {
         })
     }
 
-    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path if all plastic lay as commanded, mm, after the
-    /// start.
-    /// `None` unless the plastic is known to lie otherwise.
+    /// Returns the path that the tip would have taken without errors, mm: the start and up to [`MAX_POLYLINE_POINTS`]
+    /// further points. `None` unless it is known where the plastic lies.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
         let mut tip = self.plan.start.frame();

@@ -38,7 +38,8 @@ impl<T: Precision> Seed<T> {
         ClosedFormCurve::new(self.narrowness.exponential(), self.twist.exponential())
     }
 
-    /// Returns the arc after a step, which changes both logarithms and the lengths before and after the neck.
+    /// Returns the arc after a step of the refinement, which changes narrowness, twist, and the lengths before and after
+    /// the neck.
     pub(super) fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
         Self {
             narrowness: self.narrowness + step[0],
