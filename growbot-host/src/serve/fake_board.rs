@@ -13,8 +13,8 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
 use growbot_core::link::message::{
-    Accepted, BoardInfo, Empty, Fault, MaintenanceTask, Message, PauseCause, Refusal, Refused, ResetCause, SCHEMA_HASH,
-    State, Status,
+    Accepted, BoardInfo, Empty, Fault, MaintenanceTask, Message, PauseCause, Refusal, RefusalResponse, ResetCause,
+    SCHEMA_HASH, State, Status,
 };
 use growbot_core::robot::Robot;
 use growbot_sim::port::{OpenError, OpenPort};
@@ -162,7 +162,8 @@ impl FakeBoard {
             _ if frame.header.session != self.session => Err(Refusal::NoSession),
             request => self.carry_out(request),
         };
-        let answer = answer.unwrap_or_else(|refusal| Message::Refused(Refused { kind: frame.header.kind, refusal }));
+        let answer =
+            answer.unwrap_or_else(|refusal| Message::Refused(RefusalResponse { kind: frame.header.kind, refusal }));
         let header = FrameHeader { kind: answer.kind(), session: frame.header.session, seq: 0, ack: frame.header.seq };
         self.transmit(&header, &answer);
     }

@@ -15,7 +15,6 @@ use serde::{Deserialize, Serialize};
 
 pub use self::effect::{Effect, EnergizingRequest, PassiveRequest};
 pub use self::requests::*;
-pub use self::responses::RefusalResponse as Refused;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
 pub use super::fault::Fault;
