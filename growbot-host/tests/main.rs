@@ -34,6 +34,7 @@ mod serve_notify;
 mod serve_scenes;
 mod serve_stops;
 mod settings;
+mod settings_of_others;
 mod simulate_command;
 mod view_command;
 mod view_pictures;

@@ -8,7 +8,7 @@ use growbot_host::output::print;
 use growbot_host::serve::config::{PRACTICE, RobotEntry, practice};
 use growbot_host::serve::server::Server;
 use growbot_host::serve::{Service, ServicePaths};
-use growbot_host::settings::{Key, Setting, load_service};
+use growbot_host::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
 
 use super::{Failure, settings};
 
@@ -39,7 +39,7 @@ const PAGE_PORT: u16 = 8017;
 
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> Result<(), Failure> {
-    let (robots, serve) = load_service()?;
+    let ServiceSettings { robots, serve, origin } = load_service(InvalidFiles::Refuse)?;
     let robots = if robots.is_empty() { practising()? } else { robots };
     let places = ServicePaths::for_user().ok_or_else(|| {
         Failure::bad_input(
@@ -53,6 +53,9 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
         let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
         let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
         let [operate, read] = bound.page_urls().map_err(Failure::bad_input)?;
+        if let SettingOrigin::Nearest(file) | SettingOrigin::User(file) = &origin {
+            growbot_host::note!("settings of {}", file.display());
+        }
         for (name, entry) in &robots {
             growbot_host::note!("robot {name} at {}", entry.port);
         }

@@ -19,7 +19,7 @@ use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job_store::{Job, JobState};
 use growbot_host::serve::{RobotState, RobotStatus};
-use growbot_host::settings;
+use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
@@ -57,12 +57,12 @@ pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
 }
 
 /// Returns the port of the robot with this name: of one in the settings, otherwise of one that the service owns.
-pub fn port_of_robot(name: &str) -> Option<String> {
-    let configured = settings::load_service().ok().and_then(|(mut robots, _)| robots.remove(name));
-    configured.map(|entry| entry.port).or_else(|| {
+pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
+    let configured = settings::load_service(invalid)?.robots.remove(name);
+    Ok(configured.map(|entry| entry.port).or_else(|| {
         let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
         Some(owned.port)
-    })
+    }))
 }
 
 /// Returns all robots of the user's service, for an emergency. The list is empty if no service responds at once.

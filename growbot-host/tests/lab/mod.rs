@@ -36,10 +36,11 @@ impl Lab {
         ))
     }
 
-    /// Starts a service with this `growbot.toml`.
+    /// Starts a service of a user with this `growbot.toml`.
     pub fn configured(settings: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
-        fs::write(directory.path().join("growbot.toml"), settings).unwrap();
+        fs::create_dir(directory.path().join("growbot")).unwrap();
+        fs::write(directory.path().join("growbot/growbot.toml"), settings).unwrap();
         fs::create_dir(directory.path().join("run")).unwrap();
         let mut lab = Self { directory, service: None, pages: None };
         lab.start();
@@ -49,6 +50,7 @@ impl Lab {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = command(PROGRAM);
         command.current_dir(self.directory.path());
+        command.env("XDG_CONFIG_HOME", self.directory.path());
         command.env("XDG_STATE_HOME", self.directory.path().join("state"));
         command.env("XDG_RUNTIME_DIR", self.directory.path().join("run"));
         command.args(args).stdin(Stdio::null());
