@@ -26,6 +26,7 @@ mod running;
 mod scene_files;
 mod schemas;
 mod serve;
+mod serve_access;
 mod serve_attacks;
 mod serve_latency;
 mod serve_limits;

@@ -18,7 +18,7 @@ const OTHER_USER: u32 = 54_321;
 struct Place {
     root: TempDir,
     users_robot: FakeBoard,
-    /// Port of the robot in the project's file. Nobody has connected to it if nothing waits to be accepted.
+    /// Port of the robot in the project's file. No program has connected to it if nothing waits to be accepted.
     projects_robot: TcpListener,
 }
 
@@ -139,5 +139,9 @@ fn only_the_users_file_names_commands_and_webhooks() {
     place.write("lab/growbot.toml", "[robots.lab]\nport = \"sim:lab\"\n");
     place.write("conf/growbot/growbot.toml", "[serve.notify]\nevents = [\"dance\"]\n");
     let ran = place.run(&["serve", "--page-port", "0"]);
-    assert!(ran.code == Some(2) && ran.err.contains("conf/growbot/growbot.toml") && ran.err.contains("dance"), "{}", ran.err);
+    assert!(
+        ran.code == Some(2) && ran.err.contains("conf/growbot/growbot.toml") && ran.err.contains("dance"),
+        "{}",
+        ran.err
+    );
 }

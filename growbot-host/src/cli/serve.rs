@@ -6,9 +6,13 @@ use std::sync::Arc;
 use clap::Args;
 use growbot_host::output::print;
 use growbot_host::serve::config::{PRACTICE, RobotEntry, practice};
+use growbot_host::serve::page_listener::take_handed_over;
 use growbot_host::serve::server::Server;
 use growbot_host::serve::{Service, ServicePaths};
 use growbot_host::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
+
+use rustix::fs::Mode;
+use rustix::process::umask;
 
 use super::{Failure, settings};
 
@@ -46,11 +50,14 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
             "neither XDG_STATE_HOME nor HOME is set: set one, because the service needs a directory for its files",
         )
     })?;
+    // Other users cannot read what the service writes.
+    umask(Mode::RWXG | Mode::RWXO);
     places.create().map_err(Failure::bad_input)?;
+    let handed_over = take_handed_over().map_err(Failure::bad_input)?;
     let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
     let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(Failure::bad_input)?;
     runtime.block_on(async {
-        let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
+        let bound = Server::bind(&places, handed_over, port).await.map_err(Failure::bad_input)?;
         let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
         let [operate, read] = bound.page_urls().map_err(Failure::bad_input)?;
         if let SettingOrigin::Nearest(file) | SettingOrigin::User(file) = &origin {
@@ -60,7 +67,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
             growbot_host::note!("robot {name} at {}", entry.port);
         }
         print(&format!("control  {operate}\nview     {read}\n"))?;
-        bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::request_failed)
+        bound.serve(Arc::new(service), &serve).await.map_err(Failure::request_failed)
     })
 }
 

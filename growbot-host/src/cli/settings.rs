@@ -19,7 +19,7 @@ use super::Failure;
 /// it.
 ///
 /// A growbot.toml is refused if another user can have written it: it and all folders above it must belong to you or to
-/// root, and nobody else may have write permission.
+/// root, and no other user may have write permission.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:

@@ -6,8 +6,9 @@
 //!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
 //! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
-//! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
-//!   resources that clients can use.
+//! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks the
+//!   tokens, and [`page_listener`] takes a socket from the service manager. `limits` bounds the resources that clients
+//!   can use. `state_lock` keeps a second service from the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
 //! - [`client`] is the client of that socket.
 
@@ -28,6 +29,8 @@ mod limits;
 pub mod notification;
 mod notifier;
 mod openapi;
+mod page_access;
+pub mod page_listener;
 mod paths;
 pub mod port_lease;
 mod problem;
@@ -35,10 +38,12 @@ mod robot_stops;
 mod robot_worker;
 mod scene_store;
 pub mod server;
+mod state_lock;
 mod stop_file;
 #[cfg(test)]
 mod stop_model;
 mod stopper;
+mod tokens;
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
