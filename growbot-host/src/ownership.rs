@@ -68,6 +68,16 @@ pub enum OwnershipError {
     },
 }
 
+/// Owner and permissions of a file or folder.
+#[derive(Debug, Clone, Copy)]
+struct Access {
+    owner: u32,
+    mode: u32,
+    is_folder: bool,
+    /// True if no user but the own one and root is in its group.
+    has_private_group: bool,
+}
+
 /// Property that makes a file or folder unsafe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Weakness {
@@ -76,17 +86,38 @@ enum Weakness {
 }
 
 /// Returns what is wrong with a file or folder for this user. A folder with the sticky bit, such as `/tmp`, protects
-/// the files of its users from each other.
-fn weakness(user: u32, owner: u32, mode: u32, is_folder: bool, protection: Protection) -> Option<Weakness> {
+/// the files of its users from each other. So does a group of the user alone, which many systems give each user.
+fn weakness(user: u32, found: Access, protection: Protection) -> Option<Weakness> {
     let forbidden = match protection {
-        Protection::Write if is_folder && mode & STICKY != 0 => 0,
+        Protection::Write if found.is_folder && found.mode & STICKY != 0 => 0,
+        Protection::Write if found.has_private_group => 0o002,
         Protection::Write => 0o022,
         Protection::Access => 0o077,
     };
-    if !is_trusted_user(user, owner) {
+    if !is_trusted_user(user, found.owner) {
         return Some(Weakness::Owner);
     }
-    (mode & forbidden != 0).then_some(Weakness::Mode)
+    (found.mode & forbidden != 0).then_some(Weakness::Mode)
+}
+
+/// Returns whether a group has no member but this user and root, by the texts of `/etc/passwd` and `/etc/group`. A group
+/// that is not in the text may have others.
+fn is_private_group(group: u32, user: u32, passwd: &str, groups: &str) -> bool {
+    let users: Vec<(&str, Option<u32>, Option<u32>)> = passwd
+        .lines()
+        .map(|line| {
+            let field = |index| line.split(':').nth(index);
+            let number = |index| field(index).and_then(|text| text.parse().ok());
+            (field(0).unwrap_or_default(), number(2), number(3))
+        })
+        .collect();
+    let is_trusted = |number: Option<u32>| number.is_some_and(|number| is_trusted_user(user, number));
+    let is_trusted_name = |name: &str| users.iter().any(|&(of, number, _)| of == name && is_trusted(number));
+    let by_default =
+        { users.iter() }.filter(|&&(_, _, own)| own == Some(group)).all(|&(_, number, _)| is_trusted(number));
+    let line = groups.lines().find(|line| line.split(':').nth(2) == Some(&*group.to_string()));
+    let members = line.map(|line| line.split(':').nth(3).unwrap_or_default());
+    by_default && members.is_some_and(|names| names.split(',').filter(|name| !name.is_empty()).all(is_trusted_name))
 }
 
 /// Returns whether processes of this user trust another one.
@@ -109,7 +140,10 @@ pub fn check_one(path: &Path, protection: Protection) -> Result<(), OwnershipErr
     let found = fs::symlink_metadata(path).map_err(unknown)?;
     let (user, owner) = (geteuid().as_raw(), found.uid());
     let mode = if found.is_symlink() { 0 } else { found.mode() & PERMISSIONS };
-    match weakness(user, owner, mode, found.is_dir(), protection) {
+    let read = |path| fs::read_to_string(path).unwrap_or_default();
+    let has_private_group =
+        mode & 0o020 != 0 && is_private_group(found.gid(), user, &read("/etc/passwd"), &read("/etc/group"));
+    match weakness(user, Access { owner, mode, is_folder: found.is_dir(), has_private_group }, protection) {
         None => Ok(()),
         Some(Weakness::Owner) => Err(OwnershipError::Owner { path: path.to_path_buf(), owner, user }),
         Some(Weakness::Mode) => Err(OwnershipError::Mode { path: path.to_path_buf(), mode, protection }),
@@ -149,7 +183,7 @@ mod tests {
 
     #[test]
     fn files_of_the_user_and_of_root_that_others_cannot_write_are_safe() {
-        use Protection::{Access, Write};
+        use Protection::{Access as All, Write};
         let folder = true;
         for (user, owner, mode, is_folder, protection, expected) in [
             (1000, 1000, 0o644, false, Write, None),
@@ -165,16 +199,34 @@ mod tests {
             (1000, 1001, 0o1777, folder, Write, Some(Weakness::Owner)),
             // The sticky bit protects nothing on a file.
             (1000, 1000, 0o1666, false, Write, Some(Weakness::Mode)),
-            (1000, 1000, 0o700, folder, Access, None),
-            (1000, 1000, 0o600, false, Access, None),
-            (1000, 1001, 0o700, folder, Access, Some(Weakness::Owner)),
-            (1000, 1000, 0o710, folder, Access, Some(Weakness::Mode)),
-            (1000, 1000, 0o640, false, Access, Some(Weakness::Mode)),
-            (1000, 0, 0o1777, folder, Access, Some(Weakness::Mode)),
+            (1000, 1000, 0o700, folder, All, None),
+            (1000, 1000, 0o600, false, All, None),
+            (1000, 1001, 0o700, folder, All, Some(Weakness::Owner)),
+            (1000, 1000, 0o710, folder, All, Some(Weakness::Mode)),
+            (1000, 1000, 0o640, false, All, Some(Weakness::Mode)),
+            (1000, 0, 0o1777, folder, All, Some(Weakness::Mode)),
         ] {
-            let found = weakness(user, owner, mode, is_folder, protection);
+            let access = Access { owner, mode, is_folder, has_private_group: false };
+            let found = weakness(user, access, protection);
             assert_eq!(found, expected, "user {user}, owner {owner}, mode {mode:o}, {protection:?}");
         }
+        let of_group = |mode, protection| {
+            weakness(1000, Access { owner: 1000, mode, is_folder: false, has_private_group: true }, protection)
+        };
+        assert_eq!(of_group(0o664, Write), None);
+        assert_eq!(of_group(0o666, Write), Some(Weakness::Mode));
+        assert_eq!(of_group(0o660, All), Some(Weakness::Mode));
+    }
+
+    #[test]
+    fn a_private_group_has_no_other_members() {
+        let passwd = "root:x:0:0::/root:/bin/sh\nann:x:1000:1000::/home/ann:/bin/sh\nbob:x:1001:1001::/home/bob:/bin/sh\n\
+                      eve:x:1002:100::/home/eve:/bin/sh\n";
+        let groups = "root:x:0:\nusers:x:100:\nann:x:1000:\nbob:x:1001:ann\nlab:x:50:ann,bob\nown:x:51:ann,root\nold:x:52:gone\n";
+        let private: Vec<u32> = (0..2000).filter(|&group| is_private_group(group, 1000, passwd, groups)).collect();
+        assert_eq!(private, [0, 51, 1000]);
+        assert!(!is_private_group(1000, 1001, passwd, groups));
+        assert!(!is_private_group(1000, 1000, passwd, ""));
     }
 
     #[test]

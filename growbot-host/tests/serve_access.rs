@@ -31,7 +31,7 @@ fn serve_again(lab: &Lab) -> (Option<i32>, String) {
     (code, in_lines(&said))
 }
 
-/// Checks that commands do not ask the service for this reason, and that the emergency stop goes to the robot itself.
+/// Checks that commands do not use the service for this reason, and that the emergency stop goes to the robot itself.
 fn check_not_asked(lab: &Lab, reason: &str) {
     for args in [&["status"][..], &["pause"], &["grow", "--to", GOAL]] {
         let (code, said) = lab.run(args);

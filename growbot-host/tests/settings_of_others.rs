@@ -129,11 +129,10 @@ fn only_the_users_file_names_commands_and_webhooks() {
     for receiver in ["command = [\"touch\", \"ran\"]", "webhook = \"https://hooks.example/\""] {
         place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.notify]\n{receiver}\n"));
         let ran = place.run(&["serve", "--page-port", "0"]);
-        let expected = format!(
-            "lab/growbot.toml: [serve.notify] is for your own settings only, because it names a command to run"
-        );
+        let expected =
+            "lab/growbot.toml: [serve.notify] is for your own settings only, because it names a command to run";
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
-        assert!(ran.err.contains(&expected) && ran.err.contains(&format!("move it to {users_file}")), "{}", ran.err);
+        assert!(ran.err.contains(expected) && ran.err.contains(&format!("move it to {users_file}")), "{}", ran.err);
     }
     // The user's receivers apply to the robots of a project. An invalid one shows that they are read.
     place.write("lab/growbot.toml", "[robots.lab]\nport = \"sim:lab\"\n");

@@ -17,7 +17,7 @@ import { Service, watchRequests } from "./service.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
-const TIMEOUT_MS = Number(process.env.T ?? 600_000);
+const TIMEOUT_MS = 600_000;
 const errors = [];
 
 const directory = await mkdtemp(join(tmpdir(), "growbot-robots-"));

@@ -24,7 +24,8 @@ use super::{Failure, settings};
 /// continues.
 ///
 /// The pages are available only on this machine. Their address contains a secret: anyone who knows it may send
-/// commands. From another machine: ssh -L 8017:localhost:8017.
+/// commands. Each start has a new secret, unless systemd holds the port (growbot.socket). From another machine:
+/// ssh -L 8017:localhost:8017.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ServeArgs {

@@ -11,7 +11,7 @@ use serde::Deserialize;
 #[schemars(with = "String")]
 pub struct Origin(String);
 
-/// Error of a text that is no origin.
+/// Error of a text that is not an origin.
 #[derive(Debug, thiserror::Error)]
 #[error("{0:?} is not the origin of a page: write scheme and host, without a path, for example https://robots.example")]
 pub struct OriginError(String);
