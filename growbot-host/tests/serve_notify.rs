@@ -294,8 +294,8 @@ fn invalid_notification_settings_are_refused_at_startup() {
         fs::create_dir(directory.path().join("growbot")).unwrap();
         fs::write(directory.path().join("growbot/growbot.toml"), format!("[serve.notify]\n{settings}\n")).unwrap();
         let mut serve = running::command(running::PROGRAM);
-        serve.env("XDG_CONFIG_HOME", directory.path()).env("XDG_STATE_HOME", directory.path());
-        serve.env("XDG_RUNTIME_DIR", directory.path()).args(["serve", "--page-port", "0"]);
+        serve.env("XDG_CONFIG_HOME", directory.path()).env("XDG_STATE_HOME", directory.path().join("state"));
+        serve.env("XDG_RUNTIME_DIR", directory.path().join("state")).args(["serve", "--page-port", "0"]);
         let output = serve.output().unwrap();
         let said = running::in_lines(&String::from_utf8(output.stderr).unwrap());
         assert!(output.status.code() == Some(2) && said.contains(wanted), "{settings}: {said}");
