@@ -16,6 +16,7 @@
 //! - [`crash`]: source locations of a firmware crash
 //! - [`progress`]: display of progress
 //! - [`output`]: results on standard output
+//! - [`ownership`]: files and folders that no other user can change
 //! - [`messages`]: messages on standard error
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in all texts and files. Names carry the unit.
@@ -27,6 +28,7 @@ pub mod clock_text;
 pub mod crash;
 pub mod messages;
 pub mod output;
+pub mod ownership;
 pub mod progress;
 pub mod reproduce;
 pub mod robot_questions;

@@ -2,7 +2,8 @@
 //!
 //! An option overrides the environment. The environment overrides the nearest `growbot.toml`, which is searched from
 //! the working directory upwards. That file overrides the one in the user's configuration. A file is read only when a
-//! command needs it, so an invalid file does not stop other commands.
+//! command needs it, so an invalid file does not stop other commands. A file that another user can have written is
+//! refused ([`crate::ownership`]). Only the user's file can name what is run or called for a notification.
 
 use std::collections::BTreeMap;
 use std::env::{self, VarError};
@@ -15,7 +16,8 @@ use growbot_client::suggest::did_you_mean;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
-use crate::serve::config::{RobotEntry, ServeEntry};
+use crate::ownership::{self, OwnershipError};
+use crate::serve::config::{NotifyEntry, RobotEntry, ServeEntry};
 
 /// Name of the settings files.
 pub const FILE_NAME: &str = "growbot.toml";
@@ -30,7 +32,7 @@ pub enum Key {
 }
 
 /// Origin of a value.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum SettingOrigin {
     /// A variable of the environment.
     Environment(&'static str),
@@ -39,6 +41,7 @@ pub enum SettingOrigin {
     /// The file in the user's configuration.
     User(PathBuf),
     /// The built-in default.
+    #[default]
     BuiltIn,
 }
 
@@ -91,6 +94,25 @@ pub enum SettingsError {
     /// A file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
+    /// Another user can have written a file.
+    #[error("settings file {file} is refused, because another user can have written it: {error}")]
+    Ownership {
+        /// Name of the file.
+        file: String,
+        /// Unsafe file or folder.
+        error: OwnershipError,
+    },
+    /// A project's file has receivers of notifications.
+    #[error(
+        "{file}: [serve.notify] is for your own settings only, because it names a command to run or an address to \
+         call: move it to {user_file}"
+    )]
+    ProjectNotify {
+        /// Name of the file.
+        file: String,
+        /// Name of the user's file.
+        user_file: String,
+    },
     /// A file is not TOML, or contains an unknown setting.
     #[error(transparent)]
     Toml(#[from] RobotFileError),
@@ -211,6 +233,14 @@ impl Setting {
     /// # Errors
     /// [`SettingsError`] of a variable or file that had to be read.
     pub fn load(key: Key) -> Result<Self, SettingsError> {
+        Self::load_from_files(key, InvalidFiles::Refuse)
+    }
+
+    /// Like [`Setting::load`], but with this treatment of invalid files.
+    ///
+    /// # Errors
+    /// [`SettingsError`] of a variable, or of a file that had to be read.
+    pub fn load_from_files(key: Key, invalid: InvalidFiles) -> Result<Self, SettingsError> {
         match env::var(key.variable()) {
             Ok(value) if !value.is_empty() => {
                 return Ok(Self { value, origin: SettingOrigin::Environment(key.variable()) });
@@ -220,14 +250,11 @@ impl Setting {
                 return Err(SettingsError::NotText { variable: key.variable(), text });
             }
         }
-        let places = [
-            nearest().map(|file| (file.clone(), SettingOrigin::Nearest(file))),
-            user_file().map(|file| (file.clone(), SettingOrigin::User(file))),
-        ];
-        for (file, origin) in places.into_iter().flatten().filter(|(file, _)| file.is_file()) {
-            if let Some(value) = value_in(&file, key)? {
-                return Ok(Self { value, origin });
-            }
+        let found = find_in_files(invalid, |file, origin| {
+            Ok(value_in(file, key)?.map(|value| Self { value, origin: origin.clone() }))
+        })?;
+        if let Some(found) = found {
+            return Ok(found);
         }
         Ok(Self { value: key.built_in().to_owned(), origin: SettingOrigin::BuiltIn })
     }
@@ -239,14 +266,22 @@ fn is_name(name: &str) -> bool {
     (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_letter)
 }
 
-/// Robots of the service, by name, with the settings of the service.
-pub type ServiceSettings = (BTreeMap<String, RobotEntry>, ServeEntry);
+/// Robots and settings of the service.
+#[derive(Debug, Clone, Default)]
+pub struct ServiceSettings {
+    /// Robots by name.
+    pub robots: BTreeMap<String, RobotEntry>,
+    /// Settings of the service itself.
+    pub serve: ServeEntry,
+    /// File that they come from.
+    pub origin: SettingOrigin,
+}
 
 /// Returns the robots and the service's settings in a text. Messages refer to the text as `file`.
 ///
 /// # Errors
 /// [`SettingsError::Toml`] or [`SettingsError::RobotName`].
-pub fn parse_service(text: &str, file: &str) -> Result<ServiceSettings, SettingsError> {
+pub fn parse_service(text: &str, file: &str) -> Result<(BTreeMap<String, RobotEntry>, ServeEntry), SettingsError> {
     let SettingsToml { robots, serve, .. } = robot_file::from_toml(text, file)?;
     match robots.keys().find(|name| !is_name(name)) {
         None => Ok((robots, serve)),
@@ -255,26 +290,91 @@ pub fn parse_service(text: &str, file: &str) -> Result<ServiceSettings, Settings
 }
 
 /// Returns the robots that the service owns, with the service's settings. They come from the nearest file if it has any
-/// of them, otherwise from the file in the user's configuration.
+/// of them, otherwise from the file in the user's configuration. The receivers of notifications always come from the
+/// user's file.
 ///
 /// # Errors
 /// [`SettingsError`] of the files that had to be read.
-pub fn load_service() -> Result<ServiceSettings, SettingsError> {
-    for file in [nearest(), user_file()].into_iter().flatten().filter(|file| file.is_file()) {
-        let (robots, serve) = parse_service(&input::read_text(&file)?, &input::display_name(&file))?;
-        if !robots.is_empty() || serve != ServeEntry::default() {
-            let directory = file.parent().unwrap_or(Path::new(""));
-            let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
-            return Ok((robots.collect(), serve.in_directory(directory)));
+pub fn load_service(mut invalid: InvalidFiles) -> Result<ServiceSettings, SettingsError> {
+    let found = find_in_files(invalid.reborrow(), |file, origin| {
+        let (robots, serve) = service_in(file)?;
+        let is_users = matches!(origin, SettingOrigin::User(_));
+        if !is_users && serve.notify != NotifyEntry::default() {
+            let user_file =
+                user_file().map_or_else(|| "your own settings".to_owned(), |file| input::display_name(&file));
+            return Err(SettingsError::ProjectNotify { file: input::display_name(file), user_file });
+        }
+        let is_set = !robots.is_empty() || serve != ServeEntry::default();
+        Ok(is_set.then(|| ServiceSettings { robots, serve, origin: origin.clone() }))
+    })?;
+    let mut settings = found.unwrap_or_default();
+    if let SettingOrigin::Nearest(_) = settings.origin {
+        let notify = find_in_files(invalid, |file, origin| match origin {
+            SettingOrigin::User(_) => service_in(file).map(|(_, serve)| Some(serve.notify)),
+            _ => Ok(None),
+        })?;
+        settings.serve.notify = notify.unwrap_or_default();
+    }
+    Ok(settings)
+}
+
+/// Returns the robots and the service's settings in a file, with their paths resolved.
+fn service_in(file: &Path) -> Result<(BTreeMap<String, RobotEntry>, ServeEntry), SettingsError> {
+    let (robots, serve) = parse_service(&read_safe(file)?, &input::display_name(file))?;
+    let directory = file.parent().unwrap_or(Path::new(""));
+    let robots = robots.into_iter().map(|(name, entry)| (name, entry.in_directory(directory)));
+    Ok((robots.collect(), serve.in_directory(directory)))
+}
+
+/// Treatment of settings files that cannot be used.
+pub enum InvalidFiles<'a> {
+    /// The command fails.
+    Refuse,
+    /// The file is left out, and its error is collected. This is for stops, which no file may prevent.
+    Skip(&'a mut Vec<SettingsError>),
+}
+
+impl InvalidFiles<'_> {
+    /// Returns the same treatment for another search.
+    pub fn reborrow(&mut self) -> InvalidFiles<'_> {
+        match self {
+            Self::Refuse => InvalidFiles::Refuse,
+            Self::Skip(errors) => InvalidFiles::Skip(errors),
         }
     }
-    Ok((BTreeMap::new(), ServeEntry::default()))
+}
+
+/// Returns what `pick` finds in the nearest file, otherwise in the user's file.
+fn find_in_files<T>(
+    mut invalid: InvalidFiles,
+    pick: impl Fn(&Path, &SettingOrigin) -> Result<Option<T>, SettingsError>,
+) -> Result<Option<T>, SettingsError> {
+    let user = user_file().filter(|file| file.is_file());
+    let is_users =
+        |file: &PathBuf| user.as_ref().is_some_and(|user| user.canonicalize().ok() == file.canonicalize().ok());
+    let nearest = nearest().filter(|file| !is_users(file)).map(SettingOrigin::Nearest);
+    for origin in nearest.into_iter().chain(user.clone().map(SettingOrigin::User)) {
+        let (SettingOrigin::Nearest(file) | SettingOrigin::User(file)) = &origin else { continue };
+        match (pick(file, &origin), &mut invalid) {
+            (Ok(None), _) => {}
+            (Ok(found), _) => return Ok(found),
+            (Err(error), InvalidFiles::Refuse) => return Err(error),
+            (Err(error), InvalidFiles::Skip(errors)) => errors.push(error),
+        }
+    }
+    Ok(None)
+}
+
+/// Reads a settings file, if no other user can have written it.
+fn read_safe(file: &Path) -> Result<String, SettingsError> {
+    ownership::check_path(file).map_err(|error| SettingsError::Ownership { file: input::display_name(file), error })?;
+    Ok(input::read_text(file)?)
 }
 
 /// Returns the value of a setting in a file. `None` if the file does not set it.
 fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
     let name = input::display_name(file);
-    let written: SettingsToml = robot_file::from_toml(&input::read_text(file)?, &name)?;
+    let written: SettingsToml = robot_file::from_toml(&read_safe(file)?, &name)?;
     for (key, value) in [(Key::Robot, &written.robot), (Key::Port, &written.port)] {
         if value.as_ref().is_some_and(String::is_empty) {
             return Err(SettingsError::Empty { file: name, key: key.name() });

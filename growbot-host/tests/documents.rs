@@ -106,7 +106,7 @@ fn every_block_has_a_known_language_and_known_needs() {
         for block in document.blocks() {
             let known = match block.language.as_deref() {
                 Some("console" | "sh") => block.needs.iter().all(|need| NEEDS.contains(&need.as_str())),
-                Some("toml" | "rust" | "text" | "python") => block.needs.is_empty(),
+                Some("toml" | "rust" | "text" | "python" | "nginx") => block.needs.is_empty(),
                 _ => false,
             };
             if !known || (block.is("console") && block.steps().is_empty()) {
@@ -144,9 +144,10 @@ fn every_toml_block_is_valid_in_a_robot_file_or_settings() {
     for document in for_users() {
         for block in document.blocks().iter().filter(|block| block.is("toml")) {
             let place = format!("{}:{}", document.path.display(), block.line);
-            if ["[robots.", "[serve."].iter().any(|table| block.text.contains(table)) {
+            if ["[robots.", "[serve.", "[serve]"].iter().any(|table| block.text.contains(table)) {
                 let (robots, serve) = settings::parse_service(&block.text, &place).unwrap();
-                assert!(robots.len() > 1 || serve.notify.webhook.is_some(), "{place}");
+                let is_read = robots.len() > 1 || serve.notify.webhook.is_some() || !serve.origins.is_empty();
+                assert!(is_read, "{place}");
                 continue;
             }
             let mut whole: toml::Table = robot_a.parse().unwrap();

@@ -124,6 +124,7 @@ fn plans_match_their_schema_and_errors_do_not() {
 fn settings_and_notices_match_their_schemas_and_errors_do_not() {
     let settings = schema("settings");
     let text = "port = \"sim\"\n[robots.lab]\nport = \"sim:lab\"\npace = 60.0\n[serve]\nport = 9000\nrequest_s = 60\n\
+                origins = [\"https://robots.example\"]\n\
                 [serve.notify]\nwebhook = \"https://hooks.example/\"\ncommand = [\"./tell.sh\"]\nevents = [\"finish\"]\n";
     let written: Value = serde_json::to_value(toml::from_str::<toml::Table>(text).unwrap()).unwrap();
     assert_eq!(faults(&settings, &written, ""), [""; 0]);

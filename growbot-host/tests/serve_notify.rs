@@ -240,7 +240,7 @@ fn an_unresponsive_receiver_does_not_delay_robots() {
 
 #[test]
 fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
-    let lab_settings = "[serve.notify]\ncommand = [\"./tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
+    let lab_settings = "[serve.notify]\ncommand = [\"../tell.sh\", \"told\"]\nevents = [\"finish\", \"interrupted\"]\n";
     let mut lab = Lab::with(100.0, lab_settings);
     let path = |name: &str| lab.directory.path().join(name);
     let script = "#!/bin/sh\ncd \"$(dirname \"$0\")\"\n[ -e tried ] || { touch tried; exit 3; }\n\
@@ -291,10 +291,11 @@ fn invalid_notification_settings_are_refused_at_startup() {
         ("webhok = \"http://localhost/\"", "webhok"),
     ] {
         let directory = tempfile::tempdir().unwrap();
-        fs::write(directory.path().join("growbot.toml"), format!("[serve.notify]\n{settings}\n")).unwrap();
+        fs::create_dir(directory.path().join("growbot")).unwrap();
+        fs::write(directory.path().join("growbot/growbot.toml"), format!("[serve.notify]\n{settings}\n")).unwrap();
         let mut serve = running::command(running::PROGRAM);
-        serve.current_dir(directory.path()).env("XDG_STATE_HOME", directory.path());
-        serve.env("XDG_RUNTIME_DIR", directory.path()).args(["serve", "--page-port", "0"]);
+        serve.env("XDG_CONFIG_HOME", directory.path()).env("XDG_STATE_HOME", directory.path().join("state"));
+        serve.env("XDG_RUNTIME_DIR", directory.path().join("state")).args(["serve", "--page-port", "0"]);
         let output = serve.output().unwrap();
         let message = running::in_lines(&String::from_utf8(output.stderr).unwrap());
         assert!(output.status.code() == Some(2) && message.contains(wanted), "{settings}: {message}");

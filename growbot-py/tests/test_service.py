@@ -108,6 +108,44 @@ def test_the_service_grows_in_the_scene_that_is_given(lab: Path, monkeypatch: py
         assert board.grow(plan).wait()["outcome"] == "done"
 
 
+def test_a_service_that_another_user_can_replace_is_not_used(lab: Path) -> None:
+    folder = lab / "run" / "growbot"
+    folder.chmod(0o755)
+    with pytest.raises(growbot.BoardError, match="has mode 0755.*chmod go-rwx"):
+        growbot.connect("sim:lab")
+    folder.chmod(0o700)
+    # Only root can give the folder away, and have a program of another user in it.
+    if os.geteuid() != 0:
+        return
+    os.chown(folder, OTHER_USER, -1)
+    with pytest.raises(growbot.BoardError, match=f"belongs to user {OTHER_USER}"):
+        growbot.connect("sim:lab")
+    os.chown(folder, 0, -1)
+    path = folder / "serve.sock"
+    path.unlink()
+    with subprocess.Popen(
+        [sys.executable, "-c", FALSE_SERVICE, str(path), str(OTHER_USER)], stdout=subprocess.PIPE
+    ) as service:
+        assert service.stdout is not None and service.stdout.readline() == b"listening\n"
+        with pytest.raises(growbot.BoardError, match=f"listens on .* belongs to user {OTHER_USER}"):
+            growbot.connect("sim:lab")
+        service.kill()
+
+
+#: User number that no process of the tests has.
+OTHER_USER = 54_321
+
+#: A program that gives up its rights before it listens, as one that another user has started.
+FALSE_SERVICE = """
+import os, socket, sys, time
+listener = socket.socket(socket.AF_UNIX)
+listener.bind(sys.argv[1])
+os.setuid(int(sys.argv[2]))
+listener.listen()
+print("listening", flush=True)
+time.sleep(3600)
+"""
+
 INTERRUPTED = f"""
 import growbot
 with growbot.connect("sim:lab") as board:

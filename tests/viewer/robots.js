@@ -8,14 +8,12 @@
 // or the value of CHROMIUM.
 
 import assert from "node:assert/strict";
-import { spawn, spawnSync } from "node:child_process";
-import { once } from "node:events";
 import { mkdir, mkdtemp, rm, writeFile } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
-import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 import { environment } from "./environment.js";
+import { Service, watchRequests } from "./service.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
@@ -31,26 +29,8 @@ const ball = 'format = "growbot-scene/1"\n[[ball]]\ncenter_mm = [0, 0, 200]\nrad
 await writeFile(join(directory, "ball.toml"), ball);
 await writeFile(join(directory, "wrong.toml"), "a ball");
 
-/** Starts the service on a port. Returns its process and the URLs that it prints. */
-async function serve(port) {
-  const args = ["serve", "--page-port", String(port)];
-  const service = spawn(growbot, args, { ...spawnOptions, stdio: ["ignore", "pipe", "ignore"] });
-  const urls = {};
-  for await (const line of createInterface({ input: service.stdout })) {
-    const [kind, url] = line.split(/ +/);
-    urls[kind] = url;
-    const { control: controlUrl, view: viewUrl } = urls;
-    if (controlUrl && viewUrl) return { service, controlUrl, viewUrl };
-  }
-  throw new Error("the service ended before it printed its URLs");
-}
-
-async function kill(service) {
-  service.kill("SIGKILL");
-  await once(service, "exit");
-}
-
-let { service, controlUrl, viewUrl } = await serve(0);
+const service = new Service(growbot, spawnOptions);
+const { control: controlUrl, view: viewUrl } = await service.nextUrls();
 const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 
@@ -58,10 +38,7 @@ async function open(pageUrl, options) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 900 }, colorScheme: "light", ...options });
   page.setDefaultTimeout(TIMEOUT_MS);
   page.on("pageerror", (error) => errors.push(error.stack));
-  page.on("request", (request) => {
-    const url = request.url();
-    if (!url.startsWith(pageUrl) && !/^(data|about|blob):/.test(url)) errors.push(`requested ${url}`);
-  });
+  watchRequests(page, pageUrl, pageUrl === controlUrl ? "control" : "view", errors);
   await page.goto(pageUrl);
   return page;
 }
@@ -124,10 +101,9 @@ try {
 
   // The service is killed. The robot continues, and the page connects to the next service.
   const before = await laidLayers();
-  const port = new URL(controlUrl).port;
-  await kill(service);
+  service.kill();
   await page.getByText("Connection lost").waitFor();
-  ({ service, controlUrl, viewUrl } = await serve(port));
+  assert.deepEqual(await service.nextUrls(), { control: controlUrl, view: viewUrl });
   await page.locator("#connection", { hasText: /^connected$/ }).waitFor();
   await waitForState("growing");
   await checkGrows();
@@ -172,7 +148,6 @@ try {
   console.log("the page of all robots: planned, grew, paused, reconnected and stopped");
 } finally {
   await browser.close();
-  await kill(service);
-  spawnSync(growbot, ["power", "off", "--port", "sim:lab"], spawnOptions);
+  await service.end("sim:lab");
   await rm(directory, { recursive: true });
 }

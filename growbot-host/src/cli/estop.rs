@@ -1,6 +1,5 @@
 //! `growbot estop`: the emergency stop.
 
-use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::process::ExitCode;
 use std::thread::{self, ScopedJoinHandle, sleep};
@@ -10,7 +9,7 @@ use clap::Args;
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
-use growbot_host::settings;
+use growbot_host::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
 use super::service_robot::{owner_in_emergency, robots_in_emergency};
@@ -63,35 +62,45 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     if failed.is_empty() { Ok(()) } else { Err(unacknowledged(failed.join("; "))) }
 }
 
-/// Returns the given port, or those of all robots: of the service, of the settings, and the default one.
+/// Returns the given port, or those of all robots: of the service, of the settings, and the default one. A settings
+/// file that cannot be used is left out with a warning.
 fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
+    let mut skipped = Vec::new();
+    let found = ports_from_files(given, InvalidFiles::Skip(&mut skipped));
+    if let (Err(_), [error, ..]) = (&found, &skipped[..]) {
+        return Err(Failure::bad_input(error));
+    }
+    for error in &skipped {
+        growbot_host::warning!(
+            "settings are ignored for this stop, and robots that only they name are not stopped: {error}"
+        );
+    }
+    found
+}
+
+fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Result<Vec<SelectedPort>, Failure> {
     if given.is_given() {
-        return Ok(vec![given.resolve()?]);
+        return Ok(vec![given.resolve_from_files(invalid)?]);
     }
     let owned = robots_in_emergency().into_iter().map(|robot| robot.port);
-    let (configured, problem) = match settings::load_service() {
-        Ok((robots, _)) => (robots, None),
-        Err(error) => (BTreeMap::default(), Some(error)),
-    };
+    let settings = settings::load_service(invalid.reborrow()).unwrap_or_default();
+    if let (SettingOrigin::Nearest(file) | SettingOrigin::User(file), false) =
+        (&settings.origin, settings.robots.is_empty())
+    {
+        growbot_host::note!("stopping the robots of {} and of the service", file.display());
+    }
+    let default = given.resolve_from_files(invalid);
     let mut ports: Vec<SelectedPort> = Vec::new();
     let owned: Vec<_> = owned.filter_map(|port| given.at(port).ok()).collect();
-    let configured = configured.into_values().filter_map(|entry| given.at(entry.port).ok()).chain(given.resolve().ok());
+    let configured = settings.robots.into_values().filter_map(|entry| given.at(entry.port).ok());
     // A simulated robot without a service ends with the program that runs it.
-    let configured = configured.filter(|port| !port.is_in_process());
+    let configured = configured.chain(default.as_ref().ok().cloned()).filter(|port| !port.is_in_process());
     for port in owned.into_iter().chain(configured) {
         if ports.iter().all(|other| other.text() != port.text()) {
             ports.push(port);
         }
     }
-    match (ports.is_empty(), problem) {
-        (true, Some(error)) => Err(Failure::bad_input(error)),
-        (true, None) => given.resolve().map(|port| vec![port]),
-        (false, Some(error)) => {
-            growbot_host::warning!("robots of the settings are not stopped, because they cannot be read: {error}");
-            Ok(ports)
-        }
-        (false, None) => Ok(ports),
-    }
+    if ports.is_empty() { default.map(|port| vec![port]) } else { Ok(ports) }
 }
 
 /// Stops one robot. Returns the reason if its board did not acknowledge the stop.

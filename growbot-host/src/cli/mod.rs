@@ -72,7 +72,7 @@ use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
-use growbot_host::settings::{FILE_NAME, Key, Setting, SettingOrigin, SettingsError};
+use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsError};
 use growbot_host::sim_process::SimProcessError;
 use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
@@ -380,9 +380,14 @@ impl RequiredPortArg {
 
     /// Returns the given port, or the configured one. Returns an error if neither is set.
     fn resolve(&self) -> Result<SelectedPort, Failure> {
+        self.resolve_from_files(InvalidFiles::Refuse)
+    }
+
+    /// Like [`RequiredPortArg::resolve`], but with this treatment of invalid settings files.
+    fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => match Setting::load(Key::Port)? {
+            None => match Setting::load_from_files(Key::Port, invalid.reborrow())? {
                 Setting { origin: SettingOrigin::BuiltIn, .. } => {
                     return Err(Failure::bad_input(format!(
                         "no port given: pass --port PORT, set {}, or set `port` in {FILE_NAME}",
@@ -392,17 +397,22 @@ impl RequiredPortArg {
                 setting => settings::log_setting(Key::Port, setting),
             },
         };
-        self.link.at(text)
+        self.link.at_from_files(text, invalid)
     }
 }
 
 impl LinkArgs {
     /// Returns the port with this name: a port, or a robot of the settings or of the user's service.
     fn at(self, text: String) -> Result<SelectedPort, Failure> {
+        self.at_from_files(text, InvalidFiles::Refuse)
+    }
+
+    /// Like [`LinkArgs::at`], but with this treatment of invalid settings files.
+    fn at_from_files(self, text: String, invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let (text, name) = match text.parse::<PortName>() {
             Ok(name) => (text, name),
             Err(unknown) => {
-                let port = service_robot::port_of_robot(&text).ok_or(unknown)?;
+                let port = service_robot::port_of_robot(&text, invalid)?.ok_or(unknown)?;
                 let name = port.parse()?;
                 (port, name)
             }
@@ -529,11 +539,20 @@ impl RobotArg {
         Ok(robot_file::load(&self.name()?)?)
     }
 
+    /// Like [`RobotArg::load`], but with this treatment of invalid settings files.
+    fn load_from_files(&self, invalid: InvalidFiles) -> Result<Robot, Failure> {
+        Ok(robot_file::load(&self.name_from_files(invalid)?)?)
+    }
+
     /// Returns the name or the file of the robot.
     fn name(&self) -> Result<PathBuf, Failure> {
+        self.name_from_files(InvalidFiles::Refuse)
+    }
+
+    fn name_from_files(&self, invalid: InvalidFiles) -> Result<PathBuf, Failure> {
         match &self.robot {
             Some(robot) => Ok(robot.clone()),
-            None => Ok(settings::log_setting(Key::Robot, Setting::load(Key::Robot)?).into()),
+            None => Ok(settings::log_setting(Key::Robot, Setting::load_from_files(Key::Robot, invalid)?).into()),
         }
     }
 

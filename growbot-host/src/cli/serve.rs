@@ -9,9 +9,13 @@ use std::sync::Arc;
 use clap::Args;
 use growbot_host::output::print;
 use growbot_host::serve::config::{PRACTICE, RobotEntry, practice};
+use growbot_host::serve::page_listener::take_handed_over;
 use growbot_host::serve::server::Server;
 use growbot_host::serve::{Service, ServicePaths};
-use growbot_host::settings::{Key, Setting, load_service};
+use growbot_host::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
+
+use rustix::fs::Mode;
+use rustix::process::umask;
 
 use super::{Failure, settings};
 
@@ -23,7 +27,8 @@ use super::{Failure, settings};
 /// continues.
 ///
 /// The pages are available only on this machine. Their address contains a secret: anyone who knows it may send
-/// commands. From another machine: ssh -L 8017:localhost:8017.
+/// commands. Each start has a new secret, unless systemd holds the port (growbot.socket). From another machine:
+/// ssh -L 8017:localhost:8017.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct ServeArgs {
@@ -50,14 +55,17 @@ const TRIM_THRESHOLD: &str = "MALLOC_TRIM_THRESHOLD_";
 /// Runs the command.
 pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     restart_with_small_heap();
-    let (robots, serve) = load_service()?;
+    let ServiceSettings { robots, serve, origin } = load_service(InvalidFiles::Refuse)?;
     let robots = if robots.is_empty() { practising()? } else { robots };
     let places = ServicePaths::for_user().ok_or_else(|| {
         Failure::bad_input(
             "neither XDG_STATE_HOME nor HOME is set: set one, because the service needs a directory for its files",
         )
     })?;
+    // Other users cannot read what the service writes.
+    umask(Mode::RWXG | Mode::RWXO);
     places.create().map_err(Failure::bad_input)?;
+    let handed_over = take_handed_over().map_err(Failure::bad_input)?;
     let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
     let runtime = tokio::runtime::Builder::new_current_thread()
         .max_blocking_threads(COMMAND_THREADS)
@@ -65,14 +73,17 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
         .build()
         .map_err(Failure::bad_input)?;
     runtime.block_on(async {
-        let bound = Server::bind(&places, port).await.map_err(Failure::bad_input)?;
+        let bound = Server::bind(&places, handed_over, port).await.map_err(Failure::bad_input)?;
         let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
         let [operate, read] = bound.page_urls().map_err(Failure::bad_input)?;
+        if let SettingOrigin::Nearest(file) | SettingOrigin::User(file) = &origin {
+            growbot_host::note!("settings of {}", file.display());
+        }
         for (name, entry) in &robots {
             growbot_host::note!("robot {name} at {}", entry.port);
         }
         print(&format!("control  {operate}\nview     {read}\n"))?;
-        bound.serve(Arc::new(service), serve.request()).await.map_err(Failure::request_failed)
+        bound.serve(Arc::new(service), &serve).await.map_err(Failure::request_failed)
     })
 }
 

@@ -1,7 +1,7 @@
 //! Commands on a robot that a service owns: they send requests to the service.
 
 use std::io::{self, IsTerminal};
-use std::sync::Arc;
+use std::sync::{Arc, Once};
 use std::time::Duration;
 
 use clap::Args;
@@ -19,7 +19,7 @@ use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job_store::{Job, JobState};
 use growbot_host::serve::{RobotState, RobotStatus};
-use growbot_host::settings;
+use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -54,25 +54,37 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
 
 /// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
-    owner_within(port, EMERGENCY).ok().flatten()
+    owner_of(service_in_emergency()?, port, EMERGENCY).ok().flatten()
 }
 
 /// Returns the port of the robot with this name: of one in the settings, otherwise of one that the service owns.
-pub fn port_of_robot(name: &str) -> Option<String> {
-    let configured = settings::load_service().ok().and_then(|(mut robots, _)| robots.remove(name));
-    configured.map(|entry| entry.port).or_else(|| {
+pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
+    let configured = settings::load_service(invalid)?.robots.remove(name);
+    Ok(configured.map(|entry| entry.port).or_else(|| {
         let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
         Some(owned.port)
-    })
+    }))
 }
 
 /// Returns all robots of the user's service, for an emergency. The list is empty if no service responds at once.
 pub fn robots_in_emergency() -> Vec<RobotStatus> {
-    ServiceClient::find().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
+    service_in_emergency().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
+}
+
+/// Returns the user's service, for an emergency. A service that may be of another user is left out with a warning.
+fn service_in_emergency() -> Option<ServiceClient> {
+    static WARNED: Once = Once::new();
+    ServiceClient::find().unwrap_or_else(|error| {
+        WARNED.call_once(|| growbot_host::warning!("{error}"));
+        None
+    })
 }
 
 fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
-    let Some(caller) = ServiceClient::find() else { return Ok(None) };
+    ServiceClient::find()?.map_or(Ok(None), |caller| owner_of(caller, port, limit))
+}
+
+fn owner_of(caller: ServiceClient, port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
     let robot = caller.robot_at(port.text(), limit)?;
     Ok(robot.map(|robot| ServiceRobot { caller, robot }))
 }
@@ -267,8 +279,8 @@ impl ServiceRobot {
             let path = format!("/robots/{name}/commands");
             // In a thread, so that the second request need not wait for the response to the first.
             std::thread::spawn(move || {
-                let given =
-                    ServiceClient::find().map(|caller| caller.post::<Value>(&path, &CommandRequest { command: order }));
+                let given = service_in_emergency()
+                    .map(|caller| caller.post::<Value>(&path, &CommandRequest { command: order }));
                 if !matches!(given, Some(Ok(_))) {
                     growbot_host::error!(
                         "the service has not confirmed the stop: run `growbot estop`, or cut the robot's power"

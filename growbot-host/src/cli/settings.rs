@@ -5,7 +5,7 @@ use std::path::Path;
 use clap::Args;
 use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
-use growbot_host::settings::{FILE_NAME, Key, Setting, SettingOrigin, nearest, user_file};
+use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, load_service, nearest, user_file};
 use serde_json::{Map, Value, json};
 
 use super::Failure;
@@ -17,6 +17,9 @@ use super::Failure;
 /// ($XDG_CONFIG_HOME/growbot/growbot.toml, or ~/.config/growbot/growbot.toml) comes fourth. The built-in value comes
 /// last. Paths in a growbot.toml are relative to that file. A plan contains its robot, so these settings do not change
 /// it.
+///
+/// A growbot.toml is refused if another user can have written it: it and all folders above it must belong to you or to
+/// root, and no other user may have write permission.
 #[derive(Args)]
 #[command(after_help = "\
 Examples:
@@ -48,11 +51,21 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     text += &format!("\nnearest {FILE_NAME}     {}\n", there(nearest().as_deref()).unwrap_or_else(none));
     let missing = || user.as_deref().map_or_else(none, |file| format!("none ({} does not exist)", file.display()));
     text += &format!("user's configuration     {}\n", there(user.as_deref()).unwrap_or_else(missing));
+    let service = match load_service(InvalidFiles::Refuse)?.origin {
+        SettingOrigin::BuiltIn => none(),
+        origin => describe(&origin),
+    };
+    text += &format!("robots of the service    {service}\n");
     Ok(print(&text)?)
 }
 
-/// Returns the value of a setting, and prints its origin if messages are verbose.
+/// Returns the value of a setting, and prints its origin: always if a project's file chooses the robot that a command
+/// reaches, otherwise if messages are verbose.
 pub fn log_setting(key: Key, setting: Setting) -> String {
+    if let (Key::Port, SettingOrigin::Nearest(file)) = (key, &setting.origin) {
+        growbot_host::note!("port {} is from {}", setting.value, file.display());
+        return setting.value;
+    }
     growbot_host::detail!("{} {}, from: {}", key.name(), setting.value, describe(&setting.origin));
     setting.value
 }

@@ -4,6 +4,7 @@ use clap::Args;
 use growbot_client::client::ClientError;
 use growbot_core::link::message::{Empty, PassiveRequest};
 use growbot_host::output::print;
+use growbot_host::settings::InvalidFiles;
 
 use super::service_robot::find_service_robot;
 use super::{Failure, RequiredPortArg, RobotArg};
@@ -23,13 +24,18 @@ pub struct StopArgs {
 
 /// Runs the command. It sends no hello, so that it also stops a board of another release or robot.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
-    let port = args.port.resolve()?;
+    let mut skipped = Vec::new();
+    let port = args.port.resolve_from_files(InvalidFiles::Skip(&mut skipped));
+    let robot = args.robot.load_from_files(InvalidFiles::Skip(&mut skipped));
+    for error in &skipped {
+        growbot_host::warning!("settings are ignored for this stop: {error}");
+    }
+    let port = port?;
     if let Some(owned) = find_service_robot(&port)? {
         return owned.stop();
     }
     port.require_running_robot("the stop")?;
-    let robot = args.robot.load()?;
-    let mut client = port.client(&robot)?;
+    let mut client = port.client(&robot?)?;
     client.request("to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(

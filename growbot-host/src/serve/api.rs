@@ -51,8 +51,8 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
             title: "growbot serve".to_owned(),
             description: Some(
                 "Robots, their jobs, and commands to them. Lengths are in mm, angles in degrees, temperatures in C: \
-                 names carry the unit. URLs contain an access token, which `growbot serve` prints; requests on the \
-                 Unix socket in the user's runtime directory need none."
+                 names carry the unit. Requests carry the access token of the URLs that `growbot serve` prints, as \
+                 `Authorization: Bearer TOKEN`; requests on the Unix socket in the user's runtime directory need none."
                     .to_owned(),
             ),
             version: "1".to_owned(),

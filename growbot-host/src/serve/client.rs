@@ -1,6 +1,5 @@
 //! Client of the service's socket, for growbot's commands.
 
-use std::io;
 use std::path::{Path, PathBuf};
 
 use axum::body::{Body, Bytes};
@@ -20,6 +19,7 @@ use super::ServicePaths;
 use super::api::PREFIX;
 use super::port_lease::LeaseRequest;
 use super::robot_worker::RobotStatus;
+use crate::ownership::{OwnershipError, trusts_user};
 
 /// Errors of a request to the service.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +27,20 @@ pub enum ServiceError {
     /// The service does not respond.
     #[error("cannot reach the growbot service ({0}): is `growbot serve` running?")]
     Unreachable(String),
+    /// Another user can have put a socket in place of the service's.
+    #[error("the growbot service of this user is not asked, because another user can answer in its place: {0}")]
+    Ownership(#[from] OwnershipError),
+    /// Another user listens on the service's socket.
+    #[error(
+        "the program that listens on {socket} belongs to user {owner}, so it is not the growbot service of this user: \
+         remove the socket, and start `growbot serve` again"
+    )]
+    ForeignPeer {
+        /// Path of the socket.
+        socket: String,
+        /// User number of the program.
+        owner: u32,
+    },
     /// The service has rejected the request.
     #[error("{detail}")]
     Rejected {
@@ -58,19 +72,42 @@ pub struct ServiceClient {
 
 impl ServiceClient {
     /// Returns the service of this user. `None` if no service is running.
-    #[must_use]
-    pub fn find() -> Option<Self> {
-        Self::at(&ServicePaths::for_user()?.socket()).ok()
+    ///
+    /// # Errors
+    /// [`ServiceError`] if another user can answer in place of the service.
+    pub fn find() -> Result<Option<Self>, ServiceError> {
+        let Some(places) = ServicePaths::for_user() else { return Ok(None) };
+        let socket = places.socket();
+        if !socket.exists() {
+            return Ok(None);
+        }
+        places.check_runtime()?;
+        match Self::at(&socket) {
+            Err(ServiceError::Unreachable(_)) => Ok(None),
+            found => found.map(Some),
+        }
     }
 
     /// Returns the service with this socket.
     ///
     /// # Errors
-    /// No service listens on the socket.
-    pub fn at(socket: &Path) -> io::Result<Self> {
-        let runtime = tokio::runtime::Builder::new_current_thread().enable_all().build()?;
-        runtime.block_on(UnixStream::connect(socket))?;
-        Ok(Self { runtime, socket: socket.to_path_buf() })
+    /// No service of this user listens on the socket.
+    fn at(socket: &Path) -> Result<Self, ServiceError> {
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ServiceError::silent)?;
+        let client = Self { runtime, socket: socket.to_path_buf() };
+        client.runtime.block_on(client.connect())?;
+        Ok(client)
+    }
+
+    /// Connects to the socket, and checks who listens there.
+    async fn connect(&self) -> Result<UnixStream, ServiceError> {
+        let stream = UnixStream::connect(&self.socket).await.map_err(ServiceError::silent)?;
+        let owner = stream.peer_cred().map_err(ServiceError::silent)?.uid();
+        if trusts_user(owner) {
+            return Ok(stream);
+        }
+        Err(ServiceError::ForeignPeer { socket: self.socket.display().to_string(), owner })
     }
 
     /// Returns all robots of the service.
@@ -155,7 +192,7 @@ impl ServiceClient {
     }
 
     async fn send(&self, method: Method, path: &str, body: Body) -> Result<(StatusCode, Incoming), ServiceError> {
-        let stream = UnixStream::connect(&self.socket).await.map_err(ServiceError::silent)?;
+        let stream = self.connect().await?;
         let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(ServiceError::silent)?;
         tokio::spawn(connection);
         let request = Request::builder()

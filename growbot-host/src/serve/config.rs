@@ -10,6 +10,7 @@ use serde::Deserialize;
 
 use super::notification::NotificationEvent;
 use crate::settings::{port_from, robot_from};
+use crate::watch::allowed_origins::Origin;
 
 /// Pace of the practice robot's time, in multiples of real time.
 const PRACTICE_PACE: f64 = 60.0;
@@ -50,6 +51,9 @@ pub struct ServeEntry {
     pub port: Option<u16>,
     /// Timeout of a request's body, s. The default is 20. The head, and the pause before it, have half of it.
     pub request_s: Option<NonZeroU32>,
+    /// Origins of the reverse proxies that show the pages, such as https://robots.example.
+    #[serde(default)]
+    pub origins: Vec<Origin>,
     /// Receivers of notices. By default there are none.
     #[serde(default)]
     pub notify: NotifyEntry,

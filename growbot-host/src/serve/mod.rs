@@ -5,10 +5,12 @@
 //!   `connector` the ways to reach it. `robot_stops` are its stops, `stopper` sends the emergency stops, and `stop_file`
 //!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
-//! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi` completes its OpenAPI document.
-//! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `connections` bounds the
-//!   connections and `limits` the other resources that clients of each role can use. `workers` is the thread on which
-//!   requests other than commands are handled.
+//! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi`
+//!   completes its OpenAPI document.
+//! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks the
+//!   tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections and
+//!   `limits` the other resources that clients of each role can use. `workers` is the thread on which requests other than
+//!   commands are handled. `state_lock` keeps a second service from the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
 //! - [`client`] is the client of that socket.
 
@@ -33,6 +35,8 @@ mod limits;
 pub mod notification;
 mod notifier;
 mod openapi;
+mod page_access;
+pub mod page_listener;
 mod paths;
 mod plan_routes;
 pub mod port_lease;
@@ -41,10 +45,12 @@ mod robot_stops;
 mod robot_worker;
 mod scene_store;
 pub mod server;
+mod state_lock;
 mod stop_file;
 #[cfg(test)]
 mod stop_model;
 mod stopper;
+mod tokens;
 mod workers;
 
 use std::collections::{BTreeMap, VecDeque};

@@ -4,7 +4,9 @@ use std::env;
 use std::fs;
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
+
+use crate::ownership::{self, OwnershipError, Protection};
 
 /// Paths of the service's directories. Only the user can access them.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -43,6 +45,27 @@ impl ServicePaths {
         Ok(())
     }
 
+    /// Checks that no other user can access the directories and the files of the service, or take their place.
+    ///
+    /// # Errors
+    /// [`OwnershipError`] with the first file or directory that others can access.
+    pub fn check(&self) -> Result<(), OwnershipError> {
+        self.check_runtime()?;
+        for directory in [&self.state, &self.logs(), &self.scenes(), &self.stops()] {
+            check_private(directory)?;
+        }
+        let files = fs::read_dir(&self.state).into_iter().flatten().flatten();
+        { files }.try_for_each(|file| ownership::check_one(&file.path(), Protection::Access))
+    }
+
+    /// Checks that no other user can put a socket in place of the service's.
+    ///
+    /// # Errors
+    /// [`OwnershipError`] with the directory of the socket, or one above it.
+    pub fn check_runtime(&self) -> Result<(), OwnershipError> {
+        check_private(&self.runtime)
+    }
+
     /// Returns the directory of the stored state.
     #[must_use]
     pub fn state_dir(&self) -> &PathBuf {
@@ -79,10 +102,16 @@ impl ServicePaths {
         self.state.join("audit.jsonl")
     }
 
-    /// Returns the path of the tokens in the page's addresses.
+    /// Returns the path of the pages' access tokens.
     #[must_use]
     pub fn tokens(&self) -> PathBuf {
         self.state.join("tokens")
+    }
+
+    /// Returns the path of the lock that the service holds.
+    #[must_use]
+    pub fn lock(&self) -> PathBuf {
+        self.state.join("lock")
     }
 
     /// Returns the path of the webhook's secret, with which receivers check the sender of a notice.
@@ -96,4 +125,11 @@ impl ServicePaths {
     pub fn socket(&self) -> PathBuf {
         self.runtime.join("serve.sock")
     }
+}
+
+/// Checks that only this user and root can access a directory, and that no other user can move it.
+fn check_private(directory: &Path) -> Result<(), OwnershipError> {
+    ownership::check_path(directory)?;
+    let directory = directory.canonicalize().unwrap_or_else(|_| directory.to_path_buf());
+    ownership::check_one(&directory, Protection::Access)
 }

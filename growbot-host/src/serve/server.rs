@@ -2,33 +2,38 @@
 
 use std::fs;
 use std::io::{self, Write};
-use std::net::{Ipv4Addr, SocketAddr};
+use std::net::TcpListener as StdTcpListener;
 use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 use axum::body::to_bytes;
 use axum::extract::Request;
 use axum::http::HeaderValue;
 use axum::http::header::{ALLOW, CONTENT_TYPE};
-use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
+use axum::middleware::{from_fn, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde_json::Value;
-use tokio::net::{TcpListener, UnixListener, UnixStream};
+use tokio::net::{TcpListener, UnixListener};
 use tokio::runtime::Handle;
 
 use super::api::{self, Access, PageUrls};
 use super::audit::CommandSource;
+use super::config::ServeEntry;
 use super::connections::{ConnectionLimiter, require_place};
 use super::limits::{RoleLimits, buffer_body, limit_concurrency};
+use super::page_access::{PageAccess, leave_address, require_token};
+use super::page_listener::listen;
 use super::problem::Problem;
+use super::state_lock::{LockError, StateLock};
+use super::tokens::Tokens;
 use super::workers::{self, handle_request};
 use super::{Service, ServicePaths};
-use crate::watch::origin_check::{not_found, require_same_origin};
-use crate::watch::random_token;
+use crate::ownership::OwnershipError;
+use crate::watch::allowed_origins::AllowedOrigins;
+use crate::watch::origin_check::{not_found, require_allowed_origin};
 
 /// Page of all robots.
 const PAGE: &str = include_str!("page/robots.html");
@@ -52,9 +57,21 @@ pub enum ServerError {
         /// Error of the operating system.
         error: io::Error,
     },
-    /// Another service listens on the socket.
-    #[error("this user already runs `growbot serve` (socket {0}): end it first")]
-    Running(String),
+    /// The service manager hands over something else than a socket for the pages.
+    #[error(
+        "the service manager must hand over one listening TCP socket of this machine alone (127.0.0.1 or ::1), but \
+         {reason}: correct ListenStream in the socket unit"
+    )]
+    HandedOver {
+        /// Difference from such a socket.
+        reason: String,
+    },
+    /// Other users can access a file or directory of the service.
+    #[error("the service keeps its files from other users: {0}")]
+    Ownership(#[from] OwnershipError),
+    /// Another service uses the data folder.
+    #[error(transparent)]
+    Lock(#[from] LockError),
     /// A file cannot be used.
     #[error("cannot use {path}: {error}")]
     File {
@@ -63,27 +80,6 @@ pub enum ServerError {
         /// Error of the operating system.
         error: io::Error,
     },
-}
-
-/// Tokens in the addresses. They are stored, so that open pages can reconnect after a restart.
-pub struct Tokens {
-    operate: String,
-    read: String,
-}
-
-impl Tokens {
-    /// Reads the tokens from a file. A missing or invalid file is replaced by new tokens.
-    fn load_or_create(path: &Path) -> io::Result<Self> {
-        let is_token = |word: &&str| word.len() == 32 && word.bytes().all(|byte| byte.is_ascii_hexdigit());
-        if let Ok(text) = fs::read_to_string(path)
-            && let [operate, read] = text.split_whitespace().filter(is_token).collect::<Vec<_>>()[..]
-        {
-            return Ok(Self { operate: operate.to_owned(), read: read.to_owned() });
-        }
-        let tokens = Self { operate: new_token()?, read: new_token()? };
-        write_secret(path, &format!("{}\n{}\n", tokens.operate, tokens.read))?;
-        Ok(tokens)
-    }
 }
 
 /// Writes a file that only the user can read, completely or not at all.
@@ -95,39 +91,40 @@ pub(super) fn write_secret(path: &Path, text: &str) -> io::Result<()> {
     fs::rename(&aside, path)
 }
 
-fn new_token() -> io::Result<String> {
-    random_token().map_err(|error| io::Error::other(error.to_string()))
-}
-
 /// The bound listeners, before they are served.
 pub struct Server {
     tcp: TcpListener,
     unix: UnixListener,
     tokens: Tokens,
+    /// Lock of the data folder, held as long as the service runs.
+    _lock: StateLock,
 }
 
 impl Server {
-    /// Binds the address of the pages to this port (0 for any) and the socket.
+    /// Locks the data folder, and binds the socket and the address of the pages: the handed-over socket, otherwise this
+    /// port, 0 for any.
     ///
     /// # Errors
     /// [`ServerError`].
-    pub async fn bind(places: &ServicePaths, port: u16) -> Result<Self, ServerError> {
+    pub async fn bind(
+        places: &ServicePaths,
+        handed_over: Option<StdTcpListener>,
+        port: u16,
+    ) -> Result<Self, ServerError> {
         let file = |path: &Path| {
             let path = path.display().to_string();
             move |error| ServerError::File { path, error }
         };
+        places.check()?;
+        let lock = StateLock::acquire(places)?;
         let socket = places.socket();
-        if UnixStream::connect(&socket).await.is_ok() {
-            return Err(ServerError::Running(socket.display().to_string()));
-        }
         // A service that was killed leaves its socket behind.
         let _ = fs::remove_file(&socket);
         let unix = UnixListener::bind(&socket).map_err(file(&socket))?;
         fs::set_permissions(&socket, fs::Permissions::from_mode(0o600)).map_err(file(&socket))?;
-        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
-        let tcp = TcpListener::bind(address).await.map_err(|error| ServerError::Address { port, error })?;
-        let tokens = Tokens::load_or_create(&places.tokens()).map_err(file(&places.tokens()))?;
-        Ok(Self { tcp, unix, tokens })
+        let tcp = listen(handed_over, port).await?;
+        let tokens = Tokens::load_or_create(&places.tokens(), &tcp).map_err(file(&places.tokens()))?;
+        Ok(Self { tcp, unix, tokens, _lock: lock })
     }
 
     /// Returns the page's addresses: the one for sending commands, then the read-only one.
@@ -136,14 +133,14 @@ impl Server {
     /// The local address cannot be read.
     pub fn page_urls(&self) -> io::Result<[String; 2]> {
         let bound = self.tcp.local_addr()?;
-        Ok([&self.tokens.operate, &self.tokens.read].map(|token| format!("http://{bound}/{token}/")))
+        Ok([&self.tokens.control, &self.tokens.view].map(|token| format!("http://{bound}/{token}/")))
     }
 
-    /// Serves until a listener fails. A request's body has to arrive within `request`, its head within half of that.
+    /// Serves until a listener fails, with the origins and the time limit of these settings.
     ///
     /// # Errors
     /// A listener has failed.
-    pub async fn serve(self, service: Arc<Service>, request: Duration) -> io::Result<()> {
+    pub async fn serve(self, service: Arc<Service>, settings: &ServeEntry) -> io::Result<()> {
         let [operate, look] = self.page_urls()?;
         // The addresses are set once, because a server is served once.
         let _ = service.addresses.set(PageUrls { control_url: operate, view_url: look });
@@ -154,12 +151,19 @@ impl Server {
             let site = site(router.clone(), Arc::clone(&document), access, door, &service, &workers);
             site.with_state(Arc::clone(&service))
         };
-        let [page_door, command_door] = [(); 2].map(|()| ConnectionLimiter::new(request));
-        let pages = Router::new()
-            .nest(&format!("/{}/", self.tokens.operate), site(Access::Control(CommandSource::Web), &page_door))
-            .nest(&format!("/{}/", self.tokens.read), site(Access::View, &page_door))
+        let [page_door, command_door] = [(); 2].map(|()| ConnectionLimiter::new(settings.request()));
+        let origins = AllowedOrigins::new(&settings.origins);
+        let pages = |token: &str, path: &'static str, access: Access| {
+            let site = site(access, &page_door);
+            let token_access = PageAccess::new(token, path, &origins);
+            let with_header = site.clone().layer(from_fn_with_state(Arc::clone(&token_access), require_token));
+            let with_address = site.layer(from_fn_with_state(token_access, leave_address));
+            Router::new().nest(&format!("/{path}/"), with_header).nest(&format!("/{token}/"), with_address)
+        };
+        let pages = pages(&self.tokens.control, "control", Access::Control(CommandSource::Web))
+            .merge(pages(&self.tokens.view, "view", Access::View))
             .fallback(not_found)
-            .layer(from_fn(require_same_origin));
+            .layer(from_fn_with_state(origins, require_allowed_origin));
         let commands = site(Access::Control(CommandSource::Socket), &command_door);
         let tcp = page_door.serve(self.tcp, pages);
         let unix = command_door.serve(self.unix, commands);

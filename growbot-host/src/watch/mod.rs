@@ -3,13 +3,14 @@
 //! - [`WatchPage`] is the page's server and receives the growth's events.
 //! - `growth_tracker` is the state of the growth and the part that a page has not yet received.
 //! - `server` is the HTTP server, on the loopback interface only.
-//! - `origin_check` decides which requests are served.
+//! - `origin_check` decides which requests are served, also through the proxies of `allowed_origins`.
 //! - growbot-pictures/viewer/src/live.js is the client.
 //!
 //! Updates are server-sent events, at most five a second. A page that connects late or reconnects receives everything
 //! that it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of
 //! real time ([`growbot_sim::port`], `paced.rs`).
 
+pub(crate) mod allowed_origins;
 mod growth_tracker;
 pub(crate) mod origin_check;
 pub(crate) mod server;

@@ -4,11 +4,13 @@
 //! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The rejection reveals
 //! nothing.
 
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::header::{HOST, HeaderMap, HeaderValue, ORIGIN};
 use axum::http::{HeaderName, StatusCode};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+
+use super::allowed_origins::AllowedOrigins;
 
 /// Host names of the loopback interface.
 const OURSELVES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
@@ -22,9 +24,14 @@ const HEADERS: [(&str, &str); 5] = [
     ("cross-origin-resource-policy", "same-origin"),
 ];
 
-/// Handles a request if it is allowed.
+/// Handles a request if it comes from a page of the loopback interface.
 pub async fn require_same_origin(request: Request, next: Next) -> Response {
-    if !may_ask(request.headers()) {
+    require_allowed_origin(State(AllowedOrigins::default()), request, next).await
+}
+
+/// Handles a request if it comes from a page of the loopback interface, or from a page that one of these proxies shows.
+pub async fn require_allowed_origin(State(proxies): State<AllowedOrigins>, request: Request, next: Next) -> Response {
+    if !may_ask(request.headers(), &proxies) {
         return not_found().await;
     }
     let mut response = next.run(request).await;
@@ -40,15 +47,16 @@ pub async fn not_found() -> Response {
 }
 
 /// Returns whether a request comes from an allowed page. Its host must be a name of the loopback interface, with any
-/// port because it may be forwarded. No other page may have sent it.
-fn may_ask(headers: &HeaderMap) -> bool {
+/// port because it may be forwarded, or that of a proxy. No other page may have sent it.
+fn may_ask(headers: &HeaderMap, proxies: &AllowedOrigins) -> bool {
     let text = |name: &HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let Some(host) = text(&HOST) else { return false };
     let name = host.rsplit_once(':').filter(|(_, port)| port.bytes().all(|byte| byte.is_ascii_digit()));
     let is_ours = OURSELVES.contains(&name.map_or(host, |(name, _)| name));
-    let same_origin = text(&ORIGIN).is_none_or(|origin| origin.strip_prefix("http://") == Some(host));
+    let is_own = |origin: &str| (is_ours && origin.strip_prefix("http://") == Some(host)) || proxies.contains(origin);
+    let same_origin = text(&ORIGIN).is_none_or(is_own);
     let fetched_by = headers.get("sec-fetch-site").map(HeaderValue::as_bytes);
-    is_ours && same_origin && !matches!(fetched_by, Some(b"cross-site" | b"same-site"))
+    (is_ours || proxies.has_host(host)) && same_origin && !matches!(fetched_by, Some(b"cross-site" | b"same-site"))
 }
 
 #[cfg(test)]
@@ -59,7 +67,7 @@ mod tests {
     fn only_requests_of_the_page_itself_are_allowed() {
         let is_allowed = |headers: &[(&'static str, &'static str)]| {
             let pair = |&(name, value)| (HeaderName::from_static(name), HeaderValue::from_static(value));
-            may_ask(&headers.iter().map(pair).collect())
+            may_ask(&headers.iter().map(pair).collect(), &AllowedOrigins::default())
         };
         for host in ["127.0.0.1:8080", "localhost:1", "localhost", "[::1]:80"] {
             assert!(is_allowed(&[("host", host)]), "{host}");
@@ -76,5 +84,35 @@ mod tests {
         }
         assert!(!is_allowed(&[host, ("sec-fetch-site", "cross-site")]));
         assert!(!is_allowed(&[host, ("sec-fetch-site", "same-site")]));
+    }
+
+    #[test]
+    fn pages_of_the_configured_proxies_are_allowed() {
+        let origins = ["https://robots.example", "http://lab.example:8080"].map(|of| of.to_owned().try_into().unwrap());
+        let proxies = AllowedOrigins::new(&origins);
+        let is_allowed = |host: &'static str, origin: &'static str| {
+            let pairs = [(HOST, HeaderValue::from_static(host)), (ORIGIN, HeaderValue::from_static(origin))];
+            may_ask(&pairs.into_iter().collect(), &proxies)
+        };
+        for (host, origin) in [
+            ("robots.example", "https://robots.example"),
+            ("lab.example:8080", "http://lab.example:8080"),
+            // A proxy may pass its own name for the service.
+            ("127.0.0.1:8017", "https://robots.example"),
+            ("localhost", "https://robots.example"),
+        ] {
+            assert!(is_allowed(host, origin), "{host} {origin}");
+        }
+        for (host, origin) in [
+            ("robots.example", "http://robots.example"),
+            ("robots.example", "https://evil.example"),
+            ("robots.example:8080", "https://robots.example"),
+            ("evil.example", "https://robots.example"),
+            ("robots.example.evil.example", "https://robots.example"),
+            ("127.0.0.1:8017", "https://evil.example"),
+            ("robots.example", "null"),
+        ] {
+            assert!(!is_allowed(host, origin), "{host} {origin}");
+        }
     }
 }

@@ -10,6 +10,7 @@
 //! | `toml` | parsed as a part of a robot file |
 //! | `rust` | compiled and run as a documentation test |
 //! | `text` | not tested |
+//! | `nginx` | used by tests/viewer/proxy.js |
 
 use std::fs;
 use std::path::{Path, PathBuf};

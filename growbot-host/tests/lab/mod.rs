@@ -36,10 +36,11 @@ impl Lab {
         ))
     }
 
-    /// Starts a service with this `growbot.toml`.
+    /// Starts a service of a user with this `growbot.toml`.
     pub fn configured(settings: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
-        fs::write(directory.path().join("growbot.toml"), settings).unwrap();
+        fs::create_dir(directory.path().join("growbot")).unwrap();
+        fs::write(directory.path().join("growbot/growbot.toml"), settings).unwrap();
         fs::create_dir(directory.path().join("run")).unwrap();
         let mut lab = Self { directory, service: None, pages: None };
         lab.start();
@@ -49,6 +50,7 @@ impl Lab {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = command(PROGRAM);
         command.current_dir(self.directory.path());
+        command.env("XDG_CONFIG_HOME", self.directory.path());
         command.env("XDG_STATE_HOME", self.directory.path().join("state"));
         command.env("XDG_RUNTIME_DIR", self.directory.path().join("run"));
         command.args(args).stdin(Stdio::null());
@@ -62,13 +64,19 @@ impl Lab {
         (output.status.code(), String::from_utf8(text).unwrap())
     }
 
+    /// Starts the service at the port that it had before.
     pub fn start(&mut self) {
         let port = self.pages.as_ref().map_or(0, |(port, _)| *port).to_string();
+        self.start_with(self.command(&["serve", "--page-port", &port]));
+    }
+
+    /// Starts the service with this command.
+    pub fn start_with(&mut self, command: Command) {
         let output = self.directory.path().join("output");
         let out = fs::File::create(&output).unwrap();
         let heard = self.directory.path().join("heard");
         let heard = fs::File::options().create(true).append(true).open(heard).unwrap();
-        let service = self.command(&["serve", "--page-port", &port]).stdout(out).stderr(heard).spawn().unwrap();
+        let service = { command }.stdout(out).stderr(heard).spawn().unwrap();
         self.service = Some(service);
         let text = wait_for("the service says its addresses", || {
             let text = fs::read_to_string(&output).unwrap();
@@ -82,7 +90,6 @@ impl Lab {
         };
         let (port, operate) = of(addresses[0]);
         let pages = (port, [operate, of(addresses[1]).1]);
-        assert!(self.pages.as_ref().is_none_or(|before| *before == pages), "the pages are where they were");
         self.pages = Some(pages);
     }
 

@@ -6,6 +6,8 @@ import http.client
 import json
 import os
 import socket
+import stat
+import struct
 import time
 import uuid
 from pathlib import Path
@@ -35,6 +37,42 @@ class _Connection(http.client.HTTPConnection):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(self.timeout)
         self.sock.connect(str(self._path))
+        credentials = self.sock.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+        owner = _CREDENTIALS.unpack(credentials)[1]
+        if not _is_trusted(owner):
+            self.close()
+            raise BoardError(
+                f"the program that listens on {self._path} belongs to user {owner}, so it is not the growbot service "
+                "of this user: remove the socket, and start `growbot serve` again",
+                value=owner,
+            )
+
+
+#: Process, user and group of the program at the other end of a socket (struct ucred).
+_CREDENTIALS = struct.Struct("3i")
+
+
+def _is_trusted(user: int) -> bool:
+    """Returns whether this program trusts programs of another user: of its own user, or of root."""
+    return user in (os.geteuid(), 0)
+
+
+def _check_folder(folder: Path) -> None:
+    """Raises BoardError if another user can put a socket in place of the service's."""
+    found = folder.stat()
+    mode = stat.S_IMODE(found.st_mode)
+    if not _is_trusted(found.st_uid):
+        raise BoardError(
+            f"{folder} belongs to user {found.st_uid}, so another user can answer in place of the service: remove it",
+            value=found.st_uid,
+        )
+    if mode & 0o077:
+        raise BoardError(
+            f"{folder} has mode {mode:04o}, so another user can answer in place of the service: "
+            f"run `chmod go-rwx {folder}`",
+            value=f"{mode:04o}",
+            limit="0700",
+        )
 
 
 def _socket_of_user() -> Optional[Path]:
@@ -60,10 +98,11 @@ class ServiceClient:
 
     @classmethod
     def find(cls) -> Optional[ServiceClient]:
-        """Returns the running service. None if no service listens."""
+        """Returns the running service. None if no service listens. Raises BoardError if it may be another user's."""
         path = _socket_of_user()
         if path is None or not path.exists():
             return None
+        _check_folder(path.parent)
         service = cls(path)
         try:
             service._connected(_RESPONSE_TIMEOUT_S).close()

@@ -1,0 +1,80 @@
+//! Access to the pages by a token. It travels in an address once: a browser that opens `/TOKEN/` gets a cookie and the
+//! address without the token. Programs send it as `Authorization: Bearer TOKEN`, or as the first part of the path.
+
+use std::sync::Arc;
+
+use axum::extract::{Request, State};
+use axum::http::header::{ACCEPT, AUTHORIZATION, COOKIE, HOST, HeaderMap, LOCATION, SET_COOKIE};
+use axum::http::{HeaderName, Method, StatusCode};
+use axum::middleware::Next;
+use axum::response::{IntoResponse, Response};
+use base64::Engine;
+use base64::engine::general_purpose::URL_SAFE_NO_PAD;
+use ring::digest::{SHA256, digest};
+
+use super::problem::Problem;
+use crate::watch::allowed_origins::AllowedOrigins;
+
+/// Bytes of a token's hash in the name of its cookie.
+const NAME_BYTES: usize = 6;
+
+/// Rights that a token gives, and their path.
+pub struct PageAccess {
+    token: String,
+    /// First part of the path of pages without the token in their address.
+    path: &'static str,
+    /// Name of the cookie. Browsers send cookies to all ports of a machine, so each token has a name of its own.
+    cookie: String,
+    origins: AllowedOrigins,
+}
+
+impl PageAccess {
+    /// Returns the access by this token, for the pages below `/path/`.
+    pub fn new(token: &str, path: &'static str, origins: &AllowedOrigins) -> Arc<Self> {
+        let hash = digest(&SHA256, token.as_bytes());
+        let cookie = format!("growbot-{}", URL_SAFE_NO_PAD.encode(&hash.as_ref()[..NAME_BYTES]));
+        Arc::new(Self { token: token.to_owned(), path, cookie, origins: origins.clone() })
+    }
+
+    /// Returns whether a request has the token in a header.
+    fn is_in(&self, headers: &HeaderMap) -> bool {
+        let texts = |name: HeaderName| headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
+        let by_cookie = |text: &str| {
+            let pairs = text.split(';').filter_map(|pair| pair.trim().split_once('='));
+            { pairs }.any(|(name, value)| name == self.cookie && value == self.token)
+        };
+        let by_bearer = |text: &str| text.strip_prefix("Bearer ").is_some_and(|token| token.trim() == self.token);
+        texts(COOKIE).any(by_cookie) || texts(AUTHORIZATION).any(by_bearer)
+    }
+
+    /// Returns the cookie for the browser that sent this request. It is sent by HTTPS only if it is set by HTTPS.
+    fn set_cookie(&self, headers: &HeaderMap) -> String {
+        let host = headers.get(HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
+        let secure = if self.origins.is_https(host) { "; Secure" } else { "" };
+        format!("{}={}; Path=/; HttpOnly; SameSite=Strict{secure}", self.cookie, self.token)
+    }
+}
+
+/// Handles a request for a page without a token in its address, if the token is in a header.
+pub async fn require_token(State(access): State<Arc<PageAccess>>, request: Request, next: Next) -> Response {
+    if access.is_in(request.headers()) {
+        return next.run(request).await;
+    }
+    let detail = "this request has no token, or that of an earlier service: open the address that `growbot serve` \
+                  prints, or send its token as `Authorization: Bearer TOKEN`";
+    Problem::from_status(StatusCode::UNAUTHORIZED, detail).into_response()
+}
+
+/// Handles a request with the token in its address. A browser that opens a page there is led to the address without it.
+pub async fn leave_address(State(access): State<Arc<PageAccess>>, request: Request, next: Next) -> Response {
+    let accepted = request.headers().get(ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
+    if request.method() != Method::GET || !accepted.contains("text/html") {
+        return next.run(request).await;
+    }
+    let rest = request.uri().path_and_query().map_or("/", |rest| rest.as_str());
+    // A relative address also holds behind a proxy that serves the pages below another path.
+    let depth = request.uri().path().matches('/').count();
+    let location = format!("{}{}{rest}", "../".repeat(depth), access.path);
+    let headers = [(LOCATION, location), (SET_COOKIE, access.set_cookie(request.headers()))];
+    (StatusCode::SEE_OTHER, headers).into_response()
+}

@@ -1,0 +1,43 @@
+//! The listening socket of the pages: handed over by the service manager, or bound by the service itself.
+
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr, TcpListener};
+
+use listenfd::ListenFd;
+
+use super::server::ServerError;
+
+/// Takes the socket that systemd, or another service manager with its protocol (`LISTEN_FDS`), hands over. `None` if it
+/// hands over nothing. It is called before the process has threads.
+///
+/// # Errors
+/// [`ServerError::HandedOver`] if it is not one listening TCP socket of the loopback interface.
+pub fn take_handed_over() -> Result<Option<TcpListener>, ServerError> {
+    let mut given = ListenFd::from_env();
+    let refused = |reason: String| ServerError::HandedOver { reason };
+    match given.len() {
+        0 => return Ok(None),
+        1 => {}
+        count => return Err(refused(format!("there are {count}"))),
+    }
+    let listener = given.take_tcp_listener(0).map_err(|error| refused(error.to_string()))?;
+    let Some(listener) = listener else { return Ok(None) };
+    let address = listener.local_addr().map_err(|error| refused(error.to_string()))?;
+    if !address.ip().is_loopback() {
+        return Err(refused(format!("it listens at {address}, which other machines can reach")));
+    }
+    Ok(Some(listener))
+}
+
+/// Returns the handed-over socket, or binds this port, 0 for any.
+///
+/// # Errors
+/// [`ServerError::Address`].
+pub async fn listen(handed_over: Option<TcpListener>, port: u16) -> Result<tokio::net::TcpListener, ServerError> {
+    let failed = |error: io::Error| ServerError::Address { port, error };
+    let Some(listener) = handed_over else {
+        let address = SocketAddr::from((Ipv4Addr::LOCALHOST, port));
+        return tokio::net::TcpListener::bind(address).await.map_err(failed);
+    };
+    listener.set_nonblocking(true).and_then(|()| tokio::net::TcpListener::from_std(listener)).map_err(failed)
+}

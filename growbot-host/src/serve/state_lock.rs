@@ -1,0 +1,88 @@
+//! Lock of the service's data folder, so that no two services use one.
+
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::PathBuf;
+use std::process;
+
+use growbot_client::run_log::utc_now;
+use growbot_client::sanitize::one_line;
+use rustix::fs::{FlockOperation, flock};
+use rustix::process::geteuid;
+
+use super::ServicePaths;
+
+/// Maximum length of the holder's description that is shown, characters.
+const MAX_HOLDER: usize = 200;
+
+/// The lock. It ends with the process, or when this is dropped. Programs that the service starts do not inherit it.
+#[derive(Debug)]
+pub struct StateLock(#[expect(dead_code, reason = "it is held")] File);
+
+/// Errors of the lock.
+#[derive(Debug, thiserror::Error)]
+pub enum LockError {
+    /// Another service uses the folder.
+    #[error("this user already runs `growbot serve` with the data folder {folder} ({holder}): end it first",
+        folder = .folder.display())]
+    Held {
+        /// The data folder.
+        folder: PathBuf,
+        /// Description of the process that holds the lock.
+        holder: String,
+    },
+    /// The lock's file cannot be used.
+    #[error("cannot lock {path} ({error}): the service needs its own writable folder", path = .path.display())]
+    File {
+        /// Path of the file.
+        path: PathBuf,
+        /// Error of the operating system.
+        error: io::Error,
+    },
+}
+
+impl StateLock {
+    /// Locks the data folder for this process, and writes into the lock's file who holds it.
+    ///
+    /// # Errors
+    /// [`LockError`].
+    pub fn acquire(places: &ServicePaths) -> Result<Self, LockError> {
+        let path = places.lock();
+        let failed = |error| LockError::File { path: path.clone(), error };
+        let mut file =
+            File::options().create(true).truncate(false).read(true).write(true).open(&path).map_err(failed)?;
+        match flock(&file, FlockOperation::NonBlockingLockExclusive) {
+            Ok(()) => {}
+            Err(rustix::io::Errno::WOULDBLOCK) => {
+                let text = fs::read_to_string(&path).unwrap_or_default();
+                let holder: String = one_line(&text).trim().chars().take(MAX_HOLDER).collect();
+                let holder = if holder.is_empty() { "a process that is starting".to_owned() } else { holder };
+                return Err(LockError::Held { folder: places.state_dir().clone(), holder });
+            }
+            Err(error) => return Err(failed(error.into())),
+        }
+        file.set_len(0).map_err(failed)?;
+        let user = geteuid().as_raw();
+        writeln!(file, "process {} of user {user}, since {}", process::id(), utc_now()).map_err(failed)?;
+        Ok(Self(file))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_data_folder_has_one_service() {
+        let directory = tempfile::tempdir().unwrap();
+        let places = ServicePaths::in_dir(directory.path().to_path_buf());
+        let lock = StateLock::acquire(&places).unwrap();
+        let refused = StateLock::acquire(&places).unwrap_err().to_string();
+        let holder = format!("(process {} of user {}, since ", process::id(), geteuid().as_raw());
+        assert!(refused.contains("already runs `growbot serve`") && refused.contains(&holder), "{refused}");
+        drop(lock);
+        // A killed service leaves the file behind, but not the lock.
+        assert!(places.lock().exists());
+        StateLock::acquire(&places).unwrap();
+    }
+}

@@ -1,0 +1,146 @@
+//! Settings files that another user can have written: no command uses them, and no stop depends on them.
+
+use crate::fake_board::FakeBoard;
+use crate::running;
+
+use std::fs;
+use std::net::TcpListener;
+use std::os::unix::fs::{PermissionsExt, chown};
+use std::path::PathBuf;
+
+use running::{PROGRAM, Ran, command, in_lines};
+use tempfile::TempDir;
+
+/// User number that no process of the tests has.
+const OTHER_USER: u32 = 54_321;
+
+/// A project within a laboratory, and the configuration of a user who has a robot.
+struct Place {
+    root: TempDir,
+    users_robot: FakeBoard,
+    /// Port of the robot in the project's file. No program has connected to it if nothing waits to be accepted.
+    projects_robot: TcpListener,
+}
+
+impl Place {
+    fn new() -> Self {
+        let root = tempfile::tempdir().unwrap();
+        for directory in ["lab/project", "conf/growbot"] {
+            fs::create_dir_all(root.path().join(directory)).unwrap();
+        }
+        let (users_robot, projects_robot) =
+            (FakeBoard::lasting("growbot-a2"), TcpListener::bind(("127.0.0.1", 0)).unwrap());
+        projects_robot.set_nonblocking(true).unwrap();
+        // No service can start with a file as its folder, so none runs on if its settings are not refused.
+        fs::write(root.path().join("state"), "").unwrap();
+        let port = format!("tcp:{}", projects_robot.local_addr().unwrap());
+        let place = Self { root, users_robot, projects_robot };
+        let port_of_user = place.users_robot.port();
+        place.write(
+            "conf/growbot/growbot.toml",
+            &format!("port = \"{port_of_user}\"\nrobot = \"growbot-a2\"\n[robots.lab]\nport = \"{port_of_user}\"\n"),
+        );
+        place.write("lab/growbot.toml", &format!("port = \"{port}\"\n[robots.lab]\nport = \"{port}\"\n"));
+        place
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.root.path().canonicalize().unwrap().join(name)
+    }
+
+    fn write(&self, name: &str, text: &str) {
+        fs::write(self.path(name), text).unwrap();
+        self.set_mode(name, 0o644);
+    }
+
+    fn set_mode(&self, name: &str, mode: u32) {
+        fs::set_permissions(self.path(name), fs::Permissions::from_mode(mode)).unwrap();
+    }
+
+    fn run(&self, args: &[&str]) -> Ran {
+        let output = command(PROGRAM)
+            .args(args)
+            .current_dir(self.path("lab/project"))
+            .env("XDG_CONFIG_HOME", self.path("conf"))
+            .env("XDG_STATE_HOME", self.path("state"))
+            .env("XDG_RUNTIME_DIR", self.path("state"))
+            .output()
+            .unwrap();
+        let text = |bytes| String::from_utf8(bytes).unwrap();
+        Ran { code: output.status.code(), out: text(output.stdout), err: in_lines(&text(output.stderr)) }
+    }
+
+    /// Checks that commands refuse the project's file with these words, and that a stop goes to the user's robot.
+    fn check_refused(&self, words: &[&str]) {
+        for args in
+            [&["rmin"][..], &["settings"], &["status"], &["serve", "--page-port", "0"], &["pause", "--port", "lab"]]
+        {
+            let ran = self.run(args);
+            assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{args:?}: {}", ran.err);
+            for words in words.iter().chain(&["lab/growbot.toml is refused, because another user can have written it"])
+            {
+                assert!(ran.err.contains(words), "{args:?}, {words}: {}", ran.err);
+            }
+        }
+        for args in [&["estop"][..], &["estop", "--port", "lab"], &["stop"], &["stop", "--port", "lab"]] {
+            let ran = self.run(args);
+            assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
+            let is_told = ran.err.contains("settings are ignored") && words.iter().all(|words| ran.err.contains(words));
+            assert!(is_told, "{args:?}: {}", ran.err);
+        }
+        assert!(self.projects_robot.accept().is_err(), "a robot of another user was reached");
+    }
+}
+
+#[test]
+fn a_file_that_others_can_write_is_refused_but_prevents_no_stop() {
+    let place = Place::new();
+    place.set_mode("lab/growbot.toml", 0o666);
+    place.check_refused(&["has mode 0666", "`chmod go-w "]);
+    place.set_mode("lab/growbot.toml", 0o644);
+    place.set_mode("lab", 0o777);
+    place.check_refused(&["lab has mode 0777", "`chmod go-w "]);
+    // A file without weakness is used, and named.
+    place.set_mode("lab", 0o755);
+    let status = place.run(&["status"]);
+    let file = place.path("lab/growbot.toml").display().to_string();
+    assert!(status.err.contains(&format!("is from {file}")), "{}", status.err);
+    assert!(place.projects_robot.accept().is_ok());
+    assert!(place.run(&["estop"]).err.contains(&format!("stopping the robots of {file}")));
+}
+
+#[test]
+fn a_file_of_another_user_is_refused_but_prevents_no_stop() {
+    let place = Place::new();
+    // Only root can give a file away. Other users check the owner by the function alone (src/ownership.rs).
+    if chown(place.path("lab/growbot.toml"), Some(OTHER_USER), None).is_ok() {
+        place.check_refused(&["belongs to user 54321", "(chown)"]);
+    }
+    if chown(place.path("lab"), Some(OTHER_USER), None).is_ok() {
+        chown(place.path("lab/growbot.toml"), Some(0), None).unwrap();
+        place.check_refused(&["lab belongs to user 54321", "(chown)"]);
+    }
+}
+
+#[test]
+fn only_the_users_file_names_commands_and_webhooks() {
+    let place = Place::new();
+    let users_file = place.path("conf/growbot/growbot.toml").display().to_string();
+    for receiver in ["command = [\"touch\", \"ran\"]", "webhook = \"https://hooks.example/\""] {
+        place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.notify]\n{receiver}\n"));
+        let ran = place.run(&["serve", "--page-port", "0"]);
+        let expected =
+            "lab/growbot.toml: [serve.notify] is for your own settings only, because it names a command to run";
+        assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
+        assert!(ran.err.contains(expected) && ran.err.contains(&format!("move it to {users_file}")), "{}", ran.err);
+    }
+    // The user's receivers apply to the robots of a project. An invalid one shows that they are read.
+    place.write("lab/growbot.toml", "[robots.lab]\nport = \"sim:lab\"\n");
+    place.write("conf/growbot/growbot.toml", "[serve.notify]\nevents = [\"dance\"]\n");
+    let ran = place.run(&["serve", "--page-port", "0"]);
+    assert!(
+        ran.code == Some(2) && ran.err.contains("conf/growbot/growbot.toml") && ran.err.contains("dance"),
+        "{}",
+        ran.err
+    );
+}
