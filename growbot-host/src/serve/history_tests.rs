@@ -1,4 +1,4 @@
-//! What the list of jobs and the notices say about a board that is stopped, restarted, parked or disconnected.
+//! The list of jobs and the notices of a board that is stopped, restarted, parked or disconnected.
 
 use std::fs;
 

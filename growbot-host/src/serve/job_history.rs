@@ -22,8 +22,8 @@ pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> St
 }
 
 impl JobStore {
-    /// Returns the jobs of a robot that are active or interrupted, and those of this plan that the board did not have
-    /// when it was asked last. The newest comes first.
+    /// Returns the jobs of a robot that are active or interrupted, and those of this plan whose body the board did not
+    /// have. The newest comes first.
     fn unsettled(&self, robot: &str, plan_id: u64) -> Result<Vec<Job>, JobStoreError> {
         let query = format!(
             "SELECT {COLUMNS} FROM job WHERE robot = :robot AND (state IN ('active', 'interrupted') OR id = :kept OR \
