@@ -70,6 +70,10 @@ impl JobRunner<'_> {
                     if let Err(error @ ClientError::StopNotAcknowledged { .. }) = &outcome {
                         // The stop is retried, but the user should not wait for that.
                         on_event(&JobEvent::CommandFailed(error.to_string()));
+                        if matches!(self.client.event(Duration::ZERO), Err(ClientError::Port(_))) {
+                            // Only a new connection can deliver it.
+                            break;
+                        }
                     }
                     on_event(&JobEvent::NoResponse);
                     outcome = self.reconnect(orders, on_event);

@@ -29,6 +29,12 @@ fn a_stop_of_a_robot_that_is_not_reached_outlives_the_service() {
     }
 }
 
+/// A growth leaves a line that is lost while its emergency stop waits, so that a new connection delivers the stop.
+#[test]
+fn an_emergency_stop_of_a_silent_robot_is_delivered_after_its_line_is_lost() {
+    assert_eq!(run(&[Step::Grow, Step::LineSilent, Step::EmergencyStop, Step::LineLost]).0, BoardState::EmergencyStop);
+}
+
 #[test]
 fn a_pause_of_a_silent_robot_outlives_the_service() {
     let paused = (BoardState::Paused, PauseCause::Requested);
