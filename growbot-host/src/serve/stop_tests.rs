@@ -29,6 +29,20 @@ fn a_stop_of_a_robot_that_is_not_reached_outlives_the_service() {
     }
 }
 
+/// Without a stop, the board grows on. The service does not start it again by itself, but pauses it. On a silent line
+/// the stop may be on its way when it is withdrawn, and reach the board.
+#[test]
+fn a_growth_whose_stop_was_withdrawn_is_paused() {
+    for line in [Step::LineLost, Step::LineSilent] {
+        for restarts in [&[][..], &[Step::ServiceRestarts]] {
+            let steps = [&[Step::Grow, line, Step::Stop, Step::WithdrawStop], restarts].concat();
+            let end = run(&steps);
+            let is_stopped = line == Step::LineSilent && end.0 == BoardState::Stopped;
+            assert!(is_stopped || end == (BoardState::Paused, PauseCause::Requested), "{steps:?}: {end:?}");
+        }
+    }
+}
+
 /// A growth leaves a line that is lost while its emergency stop waits, so that a new connection delivers the stop.
 #[test]
 fn an_emergency_stop_of_a_silent_robot_is_delivered_after_its_line_is_lost() {
