@@ -193,6 +193,40 @@ fn undelivered_notifications_are_sent_after_a_restart() {
     assert_eq!((&finish["event"], &finish["job"]), (&json!("finish"), &json!(next)));
 }
 
+#[test]
+fn restarts_a_lost_robot_and_an_emergency_stop_are_each_notified_once() {
+    let (listener, port) = local();
+    let got = receive(listener, &[204]);
+    let mut lab = Lab::with(100.0, &webhook(port));
+    lab.wait_until_ready();
+    let job = begin(&lab, LONG_GOAL);
+    wait_for_board(&lab, "growing");
+    let next = || got.recv_timeout(PATIENCE).unwrap().notice();
+    lab.kill();
+    lab.start();
+    let notice = next();
+    assert_eq!((&notice["event"], &notice["job"]), (&json!("service-restart"), &json!(job)));
+    wait_for_board(&lab, "growing");
+    assert_eq!(lab.run(&["power", "off", "--port", "sim:lab"]).0, Some(0));
+    let notice = next();
+    assert_eq!((&notice["event"], &notice["job"]), (&json!("disconnected"), &json!(job)));
+    assert!(notice["message"].as_str().unwrap().contains("has lost its connection after layer"), "{notice}");
+    assert_eq!(lab.run(&["power", "on", "--port", "sim:lab", "--robot", "growbot-a2", "--pace", "100"]).0, Some(0));
+    let mut events = [next(), next()].map(|notice| notice["event"].as_str().unwrap().to_owned());
+    events.sort();
+    assert_eq!(events, ["board-restart", "interrupted"]);
+    lab.wait_until_ready();
+    order(&lab, "emergency-stop");
+    assert_eq!(next()["event"], "emergency-stop");
+    wait_until_all_is_told(&lab);
+    lab.kill();
+    lab.start();
+    lab.wait_until_ready();
+    order(&lab, "clear-fault");
+    order(&lab, "emergency-stop");
+    assert_eq!(next()["event"], "emergency-stop", "nothing comes twice");
+}
+
 /// A receiver without TLS gets nothing of a notice.
 #[test]
 fn https_sends_nothing_before_the_certificate_is_verified() {

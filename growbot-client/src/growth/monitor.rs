@@ -70,6 +70,10 @@ impl JobRunner<'_> {
                     if let Err(error @ ClientError::StopNotAcknowledged { .. }) = &outcome {
                         // The stop is retried, but the user should not wait for that.
                         on_event(&JobEvent::CommandFailed(error.to_string()));
+                        if matches!(self.client.event(Duration::ZERO), Err(ClientError::Port(_))) {
+                            // Only a new connection can deliver it.
+                            break;
+                        }
                     }
                     on_event(&JobEvent::NoResponse);
                     outcome = self.reconnect(orders, on_event);
@@ -116,8 +120,11 @@ impl JobRunner<'_> {
         }
         let hello = self.client.open_session_for(self.job.robot)?;
         on_event(&JobEvent::Reconnected);
-        if hello.boot_id != self.board.boot_id && is_crash(hello.reset_cause) {
-            report_crash(self.client, on_event);
+        if hello.boot_id != self.board.boot_id {
+            on_event(&JobEvent::Board(hello.clone()));
+            if is_crash(hello.reset_cause) {
+                report_crash(self.client, on_event);
+            }
         }
         if self.sent.pending.as_ref().is_some_and(|amendment| amendment.plan_id == hello.status.plan_id) {
             self.apply_amendment();
@@ -125,8 +132,9 @@ impl JobRunner<'_> {
             on_event(&JobEvent::AmendmentRejected(None));
         }
         if hello.boot_id != self.board.boot_id || hello.status.plan_id != self.job.plan_id {
-            self.built.laid = hello.status.layers_laid;
-            self.built.interrupted = hello.status.interrupted;
+            if hello.status.plan_id == self.job.plan_id {
+                (self.built.laid, self.built.interrupted) = (hello.status.layers_laid, hello.status.interrupted);
+            }
             self.board.ended_ms = hello.status.uptime_ms;
             return Ok(match outcome(hello.status.state, hello.status.fault) {
                 // A board forgets a job that is done. All of it is laid once all of it is reported.

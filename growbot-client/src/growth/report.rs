@@ -31,6 +31,8 @@ pub struct GrowthReport {
     /// Layers as built, from the first one. `None` for a layer that was interrupted and kept, because nothing is known
     /// of it. In `body` it is as planned.
     pub as_built: Vec<Option<LayerBytes>>,
+    /// Number of laid layers, as the board counts them. The reports of the last ones may be missing in `as_built`.
+    pub laid: u32,
     /// The layer in progress at the end, and how much of it was made.
     pub interrupted: Option<InterruptedLayer>,
     /// Source of the measured arrival.
@@ -125,6 +127,7 @@ impl JobRunner<'_> {
             body,
             duration_s: self.board.duration_s(),
             filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
+            laid: self.built.laid,
             as_built: self.built.as_built,
             interrupted: self.built.interrupted,
             measured_by,

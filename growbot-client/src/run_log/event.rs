@@ -105,7 +105,7 @@ pub enum RunEvent {
     },
 }
 
-/// Identity and state of the board when the session was opened.
+/// Identity and state of the board when the session was opened, or opened again after a restart of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BoardRecord {

@@ -267,7 +267,7 @@ impl RunLog {
     }
 
     /// Creates a log that writes to any output, for a body that begins at this frame.
-    fn to(out: Box<dyn Write>, file: &str, base_from_start: Frame) -> Self {
+    fn to(out: Box<dyn Write + Send>, file: &str, base_from_start: Frame) -> Self {
         Self(Some(OpenLog {
             lines: LineQueue::new(out),
             file: file.to_owned(),
@@ -355,12 +355,23 @@ impl RunLog {
         }
     }
 
-    /// Writes the result.
+    /// Writes the result. It follows all lines that wait, so in the file only the lost ones count as missing.
     ///
     /// # Errors
     /// Like [`RunLog::record`].
     pub fn end(&mut self, result: &GrowthResult) -> Result<(), RunLogError> {
-        self.write(RunEvent::End { result: Box::new(result.clone()) })
+        let lost = self.0.as_ref().map_or(0, |open| open.lines.lost());
+        let log_lines_missing = (lost > 0).then_some(lost);
+        self.write(RunEvent::End { result: Box::new(GrowthResult { log_lines_missing, ..result.clone() }) })
+    }
+
+    /// Writes all lines that could not be written before.
+    ///
+    /// # Errors
+    /// Like [`RunLog::record`].
+    pub fn write_waiting(&mut self) -> Result<(), RunLogError> {
+        let Some(open) = &mut self.0 else { return Ok(()) };
+        open.lines.drain().map_err(|error| RunLogError::Write { file: open.file.clone(), error })
     }
 
     /// Returns the number of lines that are not in the file: those that wait and those that are lost.

@@ -8,7 +8,7 @@ const MAX_WAITING: usize = 64 << 20;
 
 /// Queue of lines for a file.
 pub(super) struct LineQueue {
-    out: Box<dyn Write>,
+    out: Box<dyn Write + Send>,
     /// Lines that are not written yet, the oldest first.
     waiting: VecDeque<String>,
     /// Number of bytes in them.
@@ -21,13 +21,18 @@ pub(super) struct LineQueue {
 }
 
 impl LineQueue {
-    pub fn new(out: Box<dyn Write>) -> Self {
+    pub fn new(out: Box<dyn Write + Send>) -> Self {
         Self { out, waiting: VecDeque::new(), waiting_bytes: 0, lost: 0, torn: 0 }
     }
 
     /// Returns the number of lines that are not in the file: those that wait and those that are lost.
     pub fn missing(&self) -> usize {
         self.waiting.len() + self.lost
+    }
+
+    /// Returns the number of lines that were dropped.
+    pub fn lost(&self) -> usize {
+        self.lost
     }
 
     /// Writes the waiting lines and this line, which must end with a newline.
@@ -43,7 +48,7 @@ impl LineQueue {
 
     /// Writes the waiting lines. If a failure left a part of a line, ends it first and writes the whole line on a new
     /// one.
-    fn drain(&mut self) -> io::Result<()> {
+    pub fn drain(&mut self) -> io::Result<()> {
         while let Some(line) = self.waiting.front() {
             if self.torn > 0 {
                 self.out.write_all(b"\n")?;

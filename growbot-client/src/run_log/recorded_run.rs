@@ -14,7 +14,7 @@ use growbot_scene::scene_file::LoadedScene;
 use serde_json::Value;
 
 use super::FORMAT;
-use super::event::{LaidLayer, LayerJson, RunEvent, SimulatedLayer};
+use super::event::{BoardRecord, LaidLayer, LayerJson, RunEvent, SimulatedLayer};
 use super::header::{RunHeader, SensorNoiseJson, TipKind};
 use super::reader::{Damage, Events, LogLine};
 use super::result::{GrowthResult, OutcomeKind};
@@ -112,6 +112,8 @@ pub struct RecordedRun {
     amendments: u32,
     /// The part of the job that the latest amendment has replaced.
     replaced: Option<ReplacedLayers>,
+    /// Name of the board's latest state, if the log contains one.
+    pub board_state: Option<String>,
     /// Result of the growth, if the log contains it.
     pub result: Option<GrowthResult>,
     /// Indices of the layers whose lines are missing, in order. They were laid, but the log has lost their data.
@@ -401,6 +403,7 @@ impl RecordedRun {
             counts: Vec::new(),
             amendments: 0,
             replaced: None,
+            board_state: None,
             result: None,
             lost: Vec::new(),
             damage: Damage::default(),
@@ -410,6 +413,9 @@ impl RecordedRun {
 
     fn ingest(&mut self, event: RunEvent) {
         match event {
+            RunEvent::State { state } => self.board_state = Some(state),
+            RunEvent::Board(BoardRecord { state, .. }) => self.board_state = Some(state),
+            RunEvent::Status(status) => self.board_state = status.state.or(self.board_state.take()),
             RunEvent::Laid(laid) => self.apply_laid(&laid),
             RunEvent::Simulated(layer) => self.place(&layer),
             RunEvent::EncoderReference(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),

@@ -1,5 +1,4 @@
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex};
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
@@ -88,25 +87,25 @@ fn feedback_is_none_if_the_header_has_none() {
 
 /// A disk that is full from a number of bytes on, until space is freed.
 #[derive(Clone, Default)]
-struct Disk(Rc<RefCell<(Vec<u8>, usize)>>);
+struct Disk(Arc<Mutex<(Vec<u8>, usize)>>);
 
 impl Disk {
     fn with_room(bytes: usize) -> Self {
-        Self(Rc::new(RefCell::new((Vec::new(), bytes))))
+        Self(Arc::new(Mutex::new((Vec::new(), bytes))))
     }
 
     fn make_room(&self, bytes: usize) {
-        self.0.borrow_mut().1 += bytes;
+        self.0.lock().unwrap().1 += bytes;
     }
 
     fn written(&self) -> Vec<u8> {
-        self.0.borrow().0.clone()
+        self.0.lock().unwrap().0.clone()
     }
 }
 
 impl Write for Disk {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let (written, room) = &mut *self.0.borrow_mut();
+        let (written, room) = &mut *self.0.lock().unwrap();
         let count = bytes.len().min(*room);
         if count == 0 && !bytes.is_empty() {
             return Err(io::ErrorKind::StorageFull.into());
@@ -144,8 +143,9 @@ fn no_line_is_lost_if_the_disk_is_full_for_a_while() {
         let mut log = RunLog::to(Box::new(disk.clone()), "run", Frame::identity());
         let failed = (0..3).filter(|index| log.record(&laid_event(*index)).is_err()).count();
         assert!(failed > 0 && log.missing_lines() > 0, "{room}");
+        assert!(log.end(&done()).is_err() && log.write_waiting().is_err(), "{room}");
         disk.make_room(10_000);
-        log.end(&done()).unwrap();
+        log.write_waiting().unwrap();
         assert_eq!(log.missing_lines(), 0, "{room}");
         let record = RecordedRun::read(&[header.clone(), disk.written()].concat(), "run").unwrap();
         let layers: Vec<Option<LayerBytes>> = (1..=3).map(|byte| Some([byte; 12])).collect();

@@ -418,6 +418,7 @@ mod tests {
             arrival: Arrival::of(&plan.start.frame(), &plan.goal, 2.1),
             duration_s: 0.0,
             filament_mm: 0.0,
+            laid: 0,
             as_built: Vec::new(),
             interrupted: None,
             measured_by: MeasuredBy::Steps,

@@ -70,6 +70,8 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         RobotCommand::EmergencyStop => emergency_stop(keeper),
         RobotCommand::Stop => stop(keeper),
         RobotCommand::WithdrawStop => keeper.withdraw_stop(),
+        // A growth ends at a fault, so its robot has none. The thread that follows it takes no requests.
+        RobotCommand::ClearFault if keeper.ensure_idle().is_err() => keeper.ensure_idle(),
         RobotCommand::ClearFault => keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT),
         RobotCommand::Cancel if keeper.status().job.is_some() => {
             Err(format!("robot {} has an active job: stop the job first", keeper.name))

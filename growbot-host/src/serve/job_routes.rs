@@ -160,7 +160,7 @@ pub(super) fn make_job(
     if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
         if !service.shared.jobs_to_read().log_path(&job.id).exists() {
-            service.shared.jobs().mark_rejected(&job.id, &why).map_err(Problem::internal)?;
+            service.shared.jobs().mark_rejected(&job.id, &why);
         }
         return Err(Problem::conflict(why));
     }

@@ -15,7 +15,7 @@ use growbot_client::plan::Plan;
 use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunOrigin, utc_text};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::message::{HostSilencePolicy, State};
+use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_scene::scene_file::LoadedScene;
@@ -23,8 +23,9 @@ use growbot_sim::ground_truth::grow_with_ground_truth;
 use time::OffsetDateTime;
 
 use super::connector::BoardConnection;
+use super::job_history::end_reason;
 use super::job_store::{Job, JobState};
-use super::notification::{NotificationContext, NotificationEvent};
+use super::notification::NotificationEvent;
 use super::robot_worker::{LinkState, NewJob, RobotWorker};
 use crate::watch::LiveGrowth;
 
@@ -117,6 +118,9 @@ impl RobotWorker {
             Err(error) => return LinkState::Lost(error.to_string()),
         };
         let path = self.shared.jobs().log_path(&job.id);
+        // What its log lacks, the board reports again.
+        self.write_kept();
+        self.drop_kept_log(&job.id);
         let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), String> {
             let mut record = RecordedRun::open(&path).map_err(|error| error.to_string())?;
             let robot = record.own_robot().map_err(|error| error.to_string())?;
@@ -138,15 +142,10 @@ impl RobotWorker {
             Ok(opened) => opened,
             Err(why) => {
                 // A job that a client wants to resume keeps its state.
-                if reply.is_none() {
-                    self.set_job_state(job, JobState::Interrupted, Some(&why));
-                }
                 if let Some(reply) = reply {
                     return self.refuse_growth(&reply, &why);
                 }
-                self.forget_growth();
-                self.notify_job(job, NotificationEvent::Interrupted, Some(&why));
-                return LinkState::Ready;
+                return self.leave_job(job, &hello.status, &why);
             }
         };
         let log = match RunLog::resume(&path, &record, &self.entry.port) {
@@ -156,9 +155,7 @@ impl RobotWorker {
                 if let Some(reply) = reply {
                     return self.refuse_growth(&reply, &why);
                 }
-                self.forget_growth();
-                self.set_job_state(job, JobState::Interrupted, Some(&why));
-                return LinkState::Ready;
+                return self.leave_job(job, &hello.status, &why);
             }
         };
         let mut board_job = BoardJob::of_plan(&robot, &plan);
@@ -182,10 +179,18 @@ impl RobotWorker {
     }
 
     /// Ends the job of a board that was stopped when the connection was back, because a stop was ordered meanwhile.
-    pub(super) fn end_stopped_job(&self, job: &Job) -> LinkState {
-        let why = "stopped, as requested while the board was disconnected";
-        self.set_job_state(job, JobState::Interrupted, Some(why));
+    pub(super) fn end_stopped_job(&self, job: &Job, status: &Status) -> LinkState {
+        let stop = if status.state == State::EmergencyStop { State::EmergencyStop.name() } else { "stopped" };
+        self.leave_job(job, status, &format!("{stop}, as requested while the board was disconnected"))
+    }
+
+    /// Ends the service's part in a job that a board with this status does not continue.
+    fn leave_job(&self, job: &Job, status: &Status, why: &str) -> LinkState {
+        self.forget_growth();
         self.notify_job(job, NotificationEvent::Interrupted, Some(why));
+        self.set_job_state(job, JobState::Interrupted, Some(why));
+        self.pause_file.set(false);
+        self.reconcile_jobs(status, None);
         LinkState::Ready
     }
 
@@ -200,6 +205,7 @@ impl RobotWorker {
             (known.commands, known.command_error) = (Some(Arc::clone(&commands)), None);
             known.job = Some(job.id.clone());
         });
+        self.pause_file.set(commands.pause_waits());
         commands
     }
 
@@ -213,20 +219,6 @@ impl RobotWorker {
         refuse(reply, why)
     }
 
-    /// Sends a notice about a job.
-    fn notify_job(&self, job: &Job, event: NotificationEvent, why: Option<&str>) {
-        self.with_notification_context(|about| {
-            self.shared.notify_event(&NotificationContext { job: Some(&job.id), ..*about }, event, why);
-        });
-    }
-
-    /// Records that the board no longer has the bodies of the robot's interrupted jobs.
-    pub(super) fn give_up_interrupted(&self, why: &str) {
-        if let Err(error) = self.shared.jobs().give_up_interrupted(&self.name, why) {
-            crate::warning!("{error}");
-        }
-    }
-
     /// Records the state of a job.
     fn set_job_state(&self, job: &Job, state: JobState, why: Option<&str>) {
         if state == JobState::Done {
@@ -234,9 +226,7 @@ impl RobotWorker {
             // sent twice, which is better than never.
             self.notify_job(job, NotificationEvent::Finish, None);
         }
-        if let Err(error) = self.shared.jobs().set_state(&job.id, state, why) {
-            crate::warning!("{error}");
-        }
+        self.shared.jobs().set_state(&job.id, state, why);
         let is_active = state == JobState::Active;
         self.update_state(|known| known.job = is_active.then(|| job.id.clone()));
     }
@@ -288,11 +278,13 @@ impl<'a> RunningJob<'a> {
             self.keeper.update_state(|known| known.command_error = Some(error.to_string()));
         }
         match event {
+            JobEvent::Board(board) => self.keeper.record_boot(board),
             JobEvent::Status(status) => {
                 let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
                 self.keeper.update_state(|known| known.finish_utc = finish.map(utc_text));
                 self.keeper.void_if_stopped_elsewhere(status.state);
                 self.keeper.record_status(status.clone());
+                self.keeper.pause_file.set(self.commands.pause_waits());
                 self.confirm_start();
             }
             JobEvent::State(state) => {
@@ -323,15 +315,13 @@ impl<'a> RunningJob<'a> {
     fn confirm_start(&mut self) {
         if let Some(reply) = self.reply.take() {
             // A board has one body, so it has discarded that of any other job.
-            self.keeper.give_up_interrupted("discarded: the robot has begun another job");
+            self.keeper.give_up_others(Some(&self.job.id), "discarded: the robot has begun another job");
             let _ = reply.send(Ok(()));
         }
     }
 
     fn save_progress(&self) {
-        if let Err(error) = self.keeper.shared.jobs().set_laid(&self.job.id, self.laid, self.layers) {
-            crate::warning!("{error}");
-        }
+        self.keeper.shared.jobs().set_laid(&self.job.id, self.laid, self.layers);
     }
 
     /// Records the outcome of the growth.
@@ -350,9 +340,14 @@ impl<'a> RunningJob<'a> {
                     GrowthResult::new(&grown, (robot, plan), scene.map(|loaded| &loaded.scene), None, simulated);
                 let missing = self.log.missing_lines();
                 result.log_lines_missing = (missing > 0).then_some(missing);
-                self.laid = u32::try_from(grown.as_built.len()).unwrap_or(u32::MAX);
+                self.laid = grown.laid;
                 self.save_progress();
-                self.close(&result, result.fault.clone());
+                let board_state = self.keeper.lock_state().status.as_ref().map(|status| status.state.name());
+                let why = end_reason(&result, board_state);
+                if matches!(result.outcome, OutcomeKind::Interrupted | OutcomeKind::ClockDrift) {
+                    self.keeper.notify_job(self.job, NotificationEvent::Interrupted, Some(&why));
+                }
+                self.close(&result, &why);
                 LinkState::Ready
             }
             Err(GrowthError::Interrupted(error)) => self.detach(&error.to_string()),
@@ -361,13 +356,20 @@ impl<'a> RunningJob<'a> {
                 let why = error.to_string();
                 let lost =
                     matches!(&error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
+                if lost && reply.is_none() {
+                    // The board may go on with the job.
+                    return self.detach(&why);
+                }
                 let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, simulated);
                 if self.laid == 0 {
                     std::mem::take(&mut self.log).discard();
                     self.keeper.set_job_state(self.job, JobState::Failed, Some(&why));
                 } else {
                     let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
-                    self.close(&interrupted, Some(why.clone()));
+                    if reply.is_none() {
+                        self.keeper.notify_job(self.job, NotificationEvent::Interrupted, Some(&why));
+                    }
+                    self.close(&interrupted, &why);
                 }
                 if let Some(reply) = reply {
                     let _ = reply.send(Err(why.clone()));
@@ -387,13 +389,14 @@ impl<'a> RunningJob<'a> {
         LinkState::Lost(why.to_owned())
     }
 
-    fn close(&mut self, result: &GrowthResult, why: Option<String>) {
+    fn close(&mut self, result: &GrowthResult, why: &str) {
         self.live_growth.end(result.clone());
         if let Err(error) = self.log.end(result) {
             crate::warning!("{error}");
+            self.keeper.keep_log(&self.job.id, std::mem::take(&mut self.log));
         }
-        let why = why.unwrap_or_else(|| result.outcome.name().to_owned());
-        self.keeper.set_job_state(self.job, JobState::from_outcome(result.outcome), Some(&why));
+        self.keeper.set_job_state(self.job, JobState::from_outcome(result.outcome), Some(why));
+        self.keeper.pause_file.set(false);
         self.confirm_start();
     }
 }

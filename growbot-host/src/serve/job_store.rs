@@ -2,6 +2,8 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::Sender;
+use std::time::Duration;
 
 use growbot_client::run_log::{OutcomeKind, RecordedRun, utc_now};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
@@ -9,11 +11,15 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::ServicePaths;
+use super::job_history::end_reason;
+use super::job_updates::KeptUpdates;
 
+/// Time for which a change waits for other users of the database.
+pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Version of the tables, `PRAGMA user_version`. It rises with each change of [`TABLES`].
-const VERSION: i64 = 4;
+const VERSION: i64 = 5;
 
-/// The jobs, the queued notices, and the condition of each robot that was reported last.
+/// The jobs, the queued notices, and the conditions of each robot that were reported last.
 const TABLES: &str = "
     CREATE TABLE job (
         id TEXT PRIMARY KEY,
@@ -41,10 +47,11 @@ const TABLES: &str = "
         attempts INTEGER NOT NULL DEFAULT 0
     ) STRICT;
     CREATE INDEX notice_by_time ON notice (channel, due_ms);
-    CREATE TABLE told (
-        robot TEXT PRIMARY KEY,
-        fault TEXT NOT NULL,
-        pause TEXT NOT NULL
+    CREATE TABLE alert (
+        robot TEXT NOT NULL,
+        name TEXT NOT NULL,
+        value TEXT NOT NULL,
+        PRIMARY KEY (robot, name)
     ) STRICT;
 ";
 
@@ -99,7 +106,7 @@ pub enum JobState {
 }
 
 impl JobState {
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Active => "active",
             Self::Interrupted => "interrupted",
@@ -160,9 +167,12 @@ pub struct Job {
 pub struct JobStore {
     pub(super) database: Connection,
     logs: PathBuf,
+    pub(super) kept: KeptUpdates,
+    /// Channels that wake the senders of notices.
+    pub(super) wakers: Vec<Sender<()>>,
 }
 
-const COLUMNS: &str =
+pub(super) const COLUMNS: &str =
     "id, robot, name, state, plan_id, layers, laid, length_mm, simulated, ignore_scene, created_utc, ended_utc, why";
 
 impl JobStore {
@@ -171,7 +181,7 @@ impl JobStore {
         places.create().map_err(|error| JobStoreError::from_io(places.state_dir(), &error))?;
         let path = places.database();
         let is_new = !path.exists();
-        let mut jobs = Self { database: Connection::open(&path)?, logs: places.logs() };
+        let mut jobs = Self::new(Connection::open(&path)?, places);
         if !is_new && !jobs.is_sound() {
             let aside = path.with_extension("damaged");
             fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, &error))?;
@@ -181,8 +191,8 @@ impl JobStore {
             );
             jobs.database = Connection::open(&path)?;
         }
-        jobs.database
-            .execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA busy_timeout = 2000;")?;
+        jobs.database.execute_batch("PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL;")?;
+        jobs.database.busy_timeout(BUSY_TIMEOUT)?;
         let found: i64 = jobs.database.query_row("PRAGMA user_version", [], |row| row.get(0))?;
         match found {
             0 => jobs.create_tables()?,
@@ -193,13 +203,19 @@ impl JobStore {
         Ok(jobs)
     }
 
+    fn new(database: Connection, places: &ServicePaths) -> Self {
+        Self { database, logs: places.logs(), kept: KeptUpdates::default(), wakers: Vec::new() }
+    }
+
     /// Ends jobs that were entered, but that no robot had started when the service ended. Such jobs have no run log.
-    fn fail_unstarted(&self) -> Result<(), JobStoreError> {
+    fn fail_unstarted(&mut self) -> Result<(), JobStoreError> {
         let mut statement = self.database.prepare("SELECT id FROM job WHERE state = 'active'")?;
         let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
-        let mut never_begun = active.iter().filter(|id| !self.log_path(id).exists());
-        never_begun
-            .try_for_each(|id| self.set_state(id, JobState::Failed, Some("the service ended before the job started")))
+        drop(statement);
+        for id in active.iter().filter(|id| !self.log_path(id).exists()).collect::<Vec<_>>() {
+            self.set_state(id, JobState::Failed, Some("the service ended before the job started"));
+        }
+        Ok(())
     }
 
     /// Creates the tables and enters a job for each run log, all of them or none.
@@ -214,8 +230,8 @@ impl JobStore {
     /// Opens a second, read-only connection to the list. [`JobStore::open`] must have opened it before.
     pub fn open_to_read(places: &ServicePaths) -> Result<Self, JobStoreError> {
         let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
-        database.execute_batch("PRAGMA busy_timeout = 2000;")?;
-        Ok(Self { database, logs: places.logs() })
+        database.busy_timeout(BUSY_TIMEOUT)?;
+        Ok(Self::new(database, places))
     }
 
     fn is_sound(&self) -> bool {
@@ -254,7 +270,7 @@ impl JobStore {
                 ignore_scene: record.ignore_scene,
                 created_utc: written_time(created),
                 ended_utc: None,
-                reason: outcome.map(|outcome| outcome.name().to_owned()),
+                reason: record.result.as_ref().map(|result| end_reason(result, record.board_state.as_deref())),
             };
             self.insert(&job, None)?;
         }
@@ -303,27 +319,10 @@ impl JobStore {
         Ok(self.database.query_row(&query, [key], |row| Ok((of_row(row)?, row.get(13)?))).optional()?)
     }
 
-    /// Ends the interrupted jobs of a robot whose board no longer has their bodies, so they cannot be resumed.
-    pub fn give_up_interrupted(&self, robot: &str, why: &str) -> Result<(), JobStoreError> {
-        let update = "UPDATE job SET state = 'failed', why = ?2 WHERE robot = ?1 AND state = 'interrupted'";
-        self.database.execute(update, (robot, why))?;
-        Ok(())
-    }
-
     /// Returns the job with this identifier.
     pub fn get(&self, id: &str) -> Result<Option<Job>, JobStoreError> {
-        self.one("id = ?1", id)
-    }
-
-    /// Returns the active job of a robot. A job that the robot has not yet started has no run log and does not count.
-    pub fn active(&self, robot: &str) -> Result<Option<Job>, JobStoreError> {
-        let job = self.one("state = 'active' AND robot = ?1", robot)?;
-        Ok(job.filter(|job| self.log_path(&job.id).exists()))
-    }
-
-    fn one(&self, which: &str, value: &str) -> Result<Option<Job>, JobStoreError> {
-        let query = format!("SELECT {COLUMNS} FROM job WHERE {which} ORDER BY rowid DESC LIMIT 1");
-        Ok(self.database.query_row(&query, [value], of_row).optional()?)
+        let query = format!("SELECT {COLUMNS} FROM job WHERE id = ?1");
+        Ok(self.database.query_row(&query, [id], of_row).optional()?)
     }
 
     /// Returns the latest jobs, newest first. They have the order in which they were entered, because the clock may be set
@@ -334,34 +333,9 @@ impl JobStore {
         let rows = statement.query_map([max], of_row)?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
-
-    /// Records the number of laid layers. The update does not wait for the disk, because the run log has the number if
-    /// a loss of power loses it.
-    pub fn set_laid(&self, id: &str, laid: u32, layers: u32) -> Result<(), JobStoreError> {
-        self.database.pragma_update(None, "synchronous", "NORMAL")?;
-        let updated = self.database.execute("UPDATE job SET laid = ?2, layers = ?3 WHERE id = ?1", (id, laid, layers));
-        self.database.pragma_update(None, "synchronous", "FULL")?;
-        updated?;
-        Ok(())
-    }
-
-    /// Changes the state of a job.
-    pub fn set_state(&self, id: &str, state: JobState, why: Option<&str>) -> Result<(), JobStoreError> {
-        let ended = (state != JobState::Active).then(utc_now);
-        let update = "UPDATE job SET state = ?2, why = ?3, ended_utc = ?4 WHERE id = ?1";
-        self.database.execute(update, (id, state.name(), why, ended))?;
-        Ok(())
-    }
-
-    /// Ends a job that the robot has rejected. Its idempotency key can be used again.
-    pub fn mark_rejected(&self, id: &str, why: &str) -> Result<(), JobStoreError> {
-        self.set_state(id, JobState::Failed, Some(why))?;
-        self.database.execute("UPDATE job SET idempotency_key = NULL WHERE id = ?1", [id])?;
-        Ok(())
-    }
 }
 
-fn of_row(row: &Row) -> rusqlite::Result<Job> {
+pub(super) fn of_row(row: &Row) -> rusqlite::Result<Job> {
     Ok(Job {
         id: row.get(0)?,
         robot: row.get(1)?,
@@ -439,28 +413,10 @@ mod tests {
     }
 
     #[test]
-    fn bodies_that_the_board_no_longer_has_cannot_be_resumed() {
-        let (_directory, places) = of_version(VERSION);
-        let jobs = JobStore::open(&places).unwrap();
-        let id = "20261123T014500123_lab";
-        let state_after = |before: JobState, robot: &str| {
-            jobs.set_state(id, before, Some("stopped")).unwrap();
-            jobs.give_up_interrupted(robot, "discarded").unwrap();
-            let job = jobs.get(id).unwrap().unwrap();
-            (job.state, job.reason.unwrap_or_default())
-        };
-        assert_eq!(state_after(JobState::Interrupted, "lab"), (JobState::Failed, "discarded".to_owned()));
-        assert_eq!(state_after(JobState::Interrupted, "other").0, JobState::Interrupted);
-        for state in [JobState::Active, JobState::Done] {
-            assert_eq!(state_after(state, "lab").0, state);
-        }
-    }
-
-    #[test]
     fn a_job_is_active_from_its_run_log_on() {
         let (_directory, places) = of_version(VERSION);
-        let jobs = JobStore::open(&places).unwrap();
-        jobs.set_state("20261123T014500123_lab", JobState::Active, None).unwrap();
+        let mut jobs = JobStore::open(&places).unwrap();
+        jobs.set_state("20261123T014500123_lab", JobState::Active, None);
         assert_eq!(jobs.active("lab").unwrap(), None);
         fs::write(jobs.log_path("20261123T014500123_lab"), "{}").unwrap();
         assert_eq!(JobStore::open(&places).unwrap().active("lab").unwrap().unwrap().laid, 78);

@@ -2,9 +2,10 @@
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
 //! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
-//!   `connector` the ways to reach it. `robot_stops` are its stops, `stopper` sends the emergency stops, and `stop_file`
-//!   keeps an unconfirmed stop. `job_run` is a job on its board.
-//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
+//!   `connector` the ways to reach it. `robot_stops` are its stops, `robot_alerts` its notices.
+//!   `stopper` sends the emergency stops, and `stop_file` keeps an unconfirmed stop. `job_run` is a job on its board.
+//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are its changes, and
+//!   `job_history` corrects it by the logs and the boards. `audit` records all commands.
 //! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi`
 //!   completes its OpenAPI document.
 //! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks the
@@ -27,9 +28,13 @@ mod event_stream;
 #[cfg(test)]
 mod fake_board;
 pub mod grow_request;
+#[cfg(test)]
+mod history_tests;
+mod job_history;
 mod job_routes;
 mod job_run;
 pub mod job_store;
+mod job_updates;
 mod json_body;
 mod limits;
 pub mod notification;
@@ -41,6 +46,7 @@ mod paths;
 mod plan_routes;
 pub mod port_lease;
 mod problem;
+mod robot_alerts;
 mod robot_stops;
 mod robot_worker;
 mod scene_store;
@@ -49,6 +55,8 @@ mod state_lock;
 mod stop_file;
 #[cfg(test)]
 mod stop_model;
+#[cfg(test)]
+mod stop_tests;
 mod stopper;
 mod tokens;
 mod workers;
@@ -169,9 +177,10 @@ impl Service {
         robots: &BTreeMap<String, RobotEntry>,
         receivers: &NotifyEntry,
     ) -> Result<Self, StartError> {
-        let jobs = JobStore::open(&places)?;
+        let mut jobs = JobStore::open(&places)?;
         let audit = Audit::open(&places.audit())?;
         let (notifier, threads) = Notifier::new(receivers, &places)?;
+        jobs.wakers = notifier.wakers();
         let shared = Arc::new(ServiceContext {
             job_writer: Mutex::new(jobs),
             job_reader: Mutex::new(JobStore::open_to_read(&places)?),

@@ -1,14 +1,14 @@
 //! Notices for users who do not watch a page: a body is finished, or a robot needs attention. They are queued in the
 //! database, so that the service sends them after a restart if it could not do so before.
 //!
-//! The database also stores the condition of each robot that was reported last. So a fault is reported once, although
-//! the service may be killed at any moment. A notice is sent twice only if the service is killed between sending and
-//! recording.
+//! The database also stores the conditions of each robot that were reported last, in the transaction that queues the
+//! notice. So a fault is reported once, although the service may be killed at any moment. A notice is sent twice only if
+//! the service is killed between sending and recording.
 
 use growbot_client::run_log::utc_now;
 use growbot_client::sanitize::json_line;
-use growbot_core::link::message::{Fault, PauseCause, State, Status};
-use rusqlite::{OptionalExtension, named_params};
+use growbot_core::link::message::{Fault, PauseCause, ResetCause, State, Status};
+use rusqlite::{Connection, OptionalExtension};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ use super::JobStoreError;
 use super::job_store::JobStore;
 
 /// Maximum number of queued notices of a channel. Beyond it the oldest ones are dropped.
-const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
+pub(super) const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
 /// Version of [`Notice`].
 const VERSION: u32 = 1;
 
@@ -34,11 +34,32 @@ pub enum NotificationEvent {
     FilamentRunout,
     /// A robot does not resume its job by itself, mostly after a loss of power.
     Interrupted,
+    /// A long pause has switched the heater off.
+    Parked,
+    /// An emergency stop is latched.
+    EmergencyStop,
+    /// The connection to a robot is lost.
+    Disconnected,
+    /// The board has restarted during a job.
+    BoardRestart,
+    /// The service has restarted during a job.
+    ServiceRestart,
 }
 
 impl NotificationEvent {
     /// All events.
-    pub const ALL: [Self; 5] = [Self::Finish, Self::Fault, Self::Pause, Self::FilamentRunout, Self::Interrupted];
+    pub const ALL: [Self; 10] = [
+        Self::Finish,
+        Self::Fault,
+        Self::Pause,
+        Self::FilamentRunout,
+        Self::Interrupted,
+        Self::Parked,
+        Self::EmergencyStop,
+        Self::Disconnected,
+        Self::BoardRestart,
+        Self::ServiceRestart,
+    ];
 
     /// Returns the event's name in notices and settings.
     #[must_use]
@@ -49,6 +70,11 @@ impl NotificationEvent {
             Self::Pause => "pause",
             Self::FilamentRunout => "filament-runout",
             Self::Interrupted => "interrupted",
+            Self::Parked => "parked",
+            Self::EmergencyStop => "emergency-stop",
+            Self::Disconnected => "disconnected",
+            Self::BoardRestart => "board-restart",
+            Self::ServiceRestart => "service-restart",
         }
     }
 }
@@ -61,7 +87,7 @@ pub(super) enum NotificationChannel {
 }
 
 impl NotificationChannel {
-    fn name(self) -> &'static str {
+    pub(super) fn name(self) -> &'static str {
         match self {
             Self::Webhook => "webhook",
             Self::Command => "command",
@@ -94,7 +120,15 @@ pub struct Notification {
     pub message: String,
 }
 
+impl Notification {
+    /// Returns the notice as one line of JSON, without a newline.
+    pub(super) fn to_text(&self) -> String {
+        json_line(self).trim_end().to_owned()
+    }
+}
+
 /// Robot and job that a notice is about.
+#[derive(Clone, Copy)]
 pub(super) struct NotificationContext<'a> {
     pub robot: &'a str,
     pub simulated: bool,
@@ -106,14 +140,28 @@ pub(super) struct NotificationContext<'a> {
 impl NotificationContext<'_> {
     pub fn notice(&self, event: NotificationEvent, fault: Option<Fault>, why: Option<&str>) -> Notification {
         let robot = format!("{} {}", if self.simulated { "simulated robot" } else { "robot" }, self.robot);
-        let at = format!("after layer {} of {}", self.laid, self.layers);
+        let at = match self.layers {
+            0 => String::new(),
+            layers => format!(" after layer {} of {layers}", self.laid),
+        };
         let why = why.unwrap_or("check the robot");
         let message = match event {
             NotificationEvent::Finish => format!("{robot} has laid all {} layers", self.layers),
-            NotificationEvent::Fault => format!("{robot} stopped with a fault {at}: {why}"),
-            NotificationEvent::Pause => format!("{robot} pauses {at}: {why}"),
-            NotificationEvent::FilamentRunout => format!("{robot} pauses {at}: {why}"),
-            NotificationEvent::Interrupted => format!("{robot} abandoned its job {at}: {why}"),
+            NotificationEvent::Fault => format!("{robot} stopped with a fault{at}: {why}"),
+            NotificationEvent::Pause => format!("{robot} pauses{at}: {why}"),
+            NotificationEvent::FilamentRunout => format!("{robot} pauses{at}: {why}"),
+            NotificationEvent::Interrupted => format!("{robot} abandoned its job{at}: {why}"),
+            NotificationEvent::Parked => {
+                format!("{robot} has parked{at}, with its heater off: continue the job, or cancel it")
+            }
+            NotificationEvent::EmergencyStop => format!(
+                "{robot} was stopped by the emergency stop{at}: release it, clear it, and resume or cancel the job"
+            ),
+            NotificationEvent::Disconnected => format!("{robot} has lost its connection{at}: {why}"),
+            NotificationEvent::BoardRestart => format!("{robot} has restarted{at} ({why}): check the robot"),
+            NotificationEvent::ServiceRestart => {
+                format!("the service has restarted while {robot} had a job{at}: check the robot")
+            }
         };
         Notification {
             version: VERSION,
@@ -136,6 +184,9 @@ pub(super) struct AlertState {
     fault: Option<Fault>,
     /// Cause of a pause that a user has to end, and the number of laid layers. `None` without such a pause.
     pause: Option<(PauseCause, u32)>,
+    /// Number of laid layers of a parked robot. `None` if it is not parked.
+    parked: Option<u32>,
+    has_emergency_stop: bool,
 }
 
 impl AlertState {
@@ -143,30 +194,114 @@ impl AlertState {
         let pauses = matches!(status.state, State::Paused | State::Parked);
         // The robot ends a pause by itself if it waits for layers or for its host.
         let waits_for_people = matches!(status.pause_cause, PauseCause::Requested | PauseCause::FilamentOut);
-        let pause = (pauses && waits_for_people).then_some((status.pause_cause, status.layers_laid));
-        Self { fault: status.fault, pause }
+        Self {
+            fault: status.fault,
+            pause: (pauses && waits_for_people).then_some((status.pause_cause, status.layers_laid)),
+            parked: (status.state == State::Parked).then_some(status.layers_laid),
+            has_emergency_stop: status.state == State::EmergencyStop,
+        }
     }
 
-    /// Returns fault and pause as the database stores them.
-    fn to_columns(&self) -> [String; 2] {
-        let pause = self.pause.map(|(cause, laid)| format!("{cause:?} {laid}"));
-        [self.fault.map(|fault| Fault::code(fault).to_owned()).unwrap_or_default(), pause.unwrap_or_default()]
-    }
-
-    /// Returns the notices that are due if `reported` is the condition that was reported last.
-    fn since(&self, reported: &[String; 2], about: &NotificationContext) -> Vec<Notification> {
-        let now = self.to_columns();
-        let fault = self.fault.filter(|_| now[0] != reported[0]);
-        let pause = self.pause.filter(|_| now[1] != reported[1]);
-        let fault = fault.map(|fault| about.notice(NotificationEvent::Fault, Some(fault), Some(fault.explanation())));
-        let pause = pause.map(|(cause, _)| {
+    /// Returns the conditions, each with the notice that is due if it is new.
+    pub fn alerts(&self, about: &NotificationContext) -> Vec<Alert> {
+        let fault = self.fault.map(|fault| {
+            let notice = about.notice(NotificationEvent::Fault, Some(fault), Some(fault.explanation()));
+            (Fault::code(fault).to_owned(), notice)
+        });
+        let pause = self.pause.map(|(cause, laid)| {
             let event = match cause {
                 PauseCause::FilamentOut => NotificationEvent::FilamentRunout,
                 _ => NotificationEvent::Pause,
             };
-            about.notice(event, None, Some(super::robot_worker::pause_reason(cause)))
+            let notice = about.notice(event, None, Some(super::robot_worker::pause_reason(cause)));
+            (format!("{cause:?} {laid}"), notice)
         });
-        fault.into_iter().chain(pause).collect()
+        let parked = self.parked.map(|laid| (laid.to_string(), about.notice(NotificationEvent::Parked, None, None)));
+        let emergency_stop = self
+            .has_emergency_stop
+            .then(|| ("latched".to_owned(), about.notice(NotificationEvent::EmergencyStop, None, None)));
+        [("fault", fault), ("pause", pause), ("parked", parked), ("emergency-stop", emergency_stop)]
+            .map(|(name, condition)| Alert::of_condition(name, condition))
+            .into()
+    }
+}
+
+/// A condition of a robot, with the notice that is due if it is new.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Alert {
+    name: &'static str,
+    /// The condition. Empty if there is none.
+    value: String,
+    /// True if the first condition of a robot causes no notice.
+    needs_earlier: bool,
+    notice: Option<Notification>,
+}
+
+impl Alert {
+    fn of_condition(name: &'static str, condition: Option<(String, Notification)>) -> Self {
+        let (value, notice) = condition.map_or((String::new(), None), |(value, notice)| (value, Some(notice)));
+        Self { name, value, needs_earlier: false, notice }
+    }
+
+    /// Returns the alert of a connection, which is open, or lost for a reason.
+    pub fn of_connection(lost: Option<&str>, about: &NotificationContext) -> Self {
+        let value = if lost.is_some() { "lost" } else { "open" };
+        let notice = lost.map(|why| about.notice(NotificationEvent::Disconnected, None, Some(why)));
+        Self { name: "connection", value: value.to_owned(), needs_earlier: true, notice }
+    }
+
+    /// Returns the alert of a start of the board. A restart without a job causes no notice.
+    pub fn of_boot(boot_id: u32, cause: ResetCause, about: &NotificationContext) -> Self {
+        let notice = about.job.map(|_| about.notice(NotificationEvent::BoardRestart, None, Some(cause.name())));
+        Self { name: "boot", value: boot_id.to_string(), needs_earlier: true, notice }
+    }
+
+    /// Returns the change of the database that records the condition, and its notice for these channels.
+    pub fn into_update(
+        self,
+        robot: &str,
+        events: &[NotificationEvent],
+        channels: &[NotificationChannel],
+        created_ms: i64,
+    ) -> AlertUpdate {
+        let Self { name, value, needs_earlier, notice } = self;
+        let notice = notice.filter(|notice| events.contains(&notice.event));
+        AlertUpdate {
+            robot: robot.to_owned(),
+            name,
+            value,
+            needs_earlier,
+            notice: notice.map(|notice| notice.to_text()),
+            channels: channels.to_vec(),
+            created_ms,
+        }
+    }
+}
+
+/// A condition of a robot and its notice, for the database.
+#[derive(Debug, Clone)]
+pub(super) struct AlertUpdate {
+    robot: String,
+    name: &'static str,
+    value: String,
+    needs_earlier: bool,
+    pub notice: Option<String>,
+    pub channels: Vec<NotificationChannel>,
+    pub created_ms: i64,
+}
+
+impl AlertUpdate {
+    /// Records the condition. Returns true if its notice is due, because the condition is new.
+    pub fn record(&self, database: &Connection) -> rusqlite::Result<bool> {
+        let query = "SELECT value FROM alert WHERE robot = ?1 AND name = ?2";
+        let before: Option<String> =
+            database.query_row(query, (&self.robot, self.name), |row| row.get(0)).optional()?;
+        if before.as_ref() == Some(&self.value) {
+            return Ok(false);
+        }
+        let replace = "INSERT OR REPLACE INTO alert (robot, name, value) VALUES (?1, ?2, ?3)";
+        database.execute(replace, (&self.robot, self.name, &self.value))?;
+        Ok(before.is_some() || !self.needs_earlier)
     }
 }
 
@@ -181,49 +316,6 @@ pub(super) struct QueuedNotification {
 }
 
 impl JobStore {
-    /// Queues a notice for each of these channels.
-    pub(super) fn enqueue_notification(
-        &mut self,
-        notice: &Notification,
-        channels: &[NotificationChannel],
-        now_ms: i64,
-    ) -> Result<(), JobStoreError> {
-        let text = json_line(notice);
-        let transaction = self.database.transaction()?;
-        for channel in channels {
-            transaction.execute(
-                "INSERT INTO notice (channel, notice, created_ms, due_ms) VALUES (:channel, :notice, :now, :now)",
-                named_params! { ":channel": channel.name(), ":notice": text.trim_end(), ":now": now_ms },
-            )?;
-            transaction.execute(
-                "DELETE FROM notice WHERE channel = ?1 AND id NOT IN \
-                 (SELECT id FROM notice WHERE channel = ?1 ORDER BY id DESC LIMIT ?2)",
-                (channel.name(), MAX_QUEUED_PER_CHANNEL),
-            )?;
-        }
-        Ok(transaction.commit()?)
-    }
-
-    /// Returns the notices that are due for a robot's condition. They stay due until [`Jobs::set_notified`].
-    pub(super) fn new_notifications(
-        &self,
-        about: &NotificationContext,
-        condition: &AlertState,
-    ) -> Result<Vec<Notification>, JobStoreError> {
-        let query = "SELECT fault, pause FROM told WHERE robot = ?1";
-        let reported =
-            self.database.query_row(query, [about.robot], |row| Ok([row.get(0)?, row.get(1)?])).optional()?;
-        Ok(condition.since(&reported.unwrap_or_default(), about))
-    }
-
-    /// Records the condition of a robot that was reported last, so that a restart does not report it again.
-    pub(super) fn set_notified(&self, robot: &str, condition: &AlertState) -> Result<(), JobStoreError> {
-        let [fault, pause] = condition.to_columns();
-        let replace = "INSERT OR REPLACE INTO told (robot, fault, pause) VALUES (?1, ?2, ?3)";
-        self.database.execute(replace, (robot, fault, pause))?;
-        Ok(())
-    }
-
     /// Returns the next notice of a channel.
     pub(super) fn next_notification(
         &self,
@@ -260,6 +352,7 @@ impl JobStore {
 mod tests {
     use super::*;
     use crate::serve::ServicePaths;
+    use crate::serve::job_updates::JobUpdate;
 
     fn jobs() -> (tempfile::TempDir, JobStore) {
         let directory = tempfile::tempdir().unwrap();
@@ -268,32 +361,61 @@ mod tests {
     }
 
     #[test]
-    fn each_fault_pause_and_empty_spool_is_notified_once() {
-        let (_directory, jobs) = jobs();
+    fn each_condition_is_notified_once() {
+        let (_directory, mut jobs) = jobs();
         let about = NotificationContext { robot: "lab", simulated: true, job: Some("a"), laid: 12, layers: 78 };
-        let notices = |fault, pause| {
-            let condition = AlertState { fault, pause };
-            let news = jobs.new_notifications(&about, &condition).unwrap();
-            jobs.set_notified("lab", &condition).unwrap();
-            news.into_iter().map(|notice| (notice.event, notice.message)).collect::<Vec<_>>()
+        let mut notices = |alerts: Vec<Alert>| {
+            for alert in alerts {
+                let update = alert.into_update("lab", &NotificationEvent::ALL, &[NotificationChannel::Webhook], 0);
+                jobs.write(JobUpdate::Alert(update));
+            }
+            let mut news = Vec::new();
+            while let Some(next) = jobs.next_notification(NotificationChannel::Webhook).unwrap() {
+                jobs.remove_notification(next.id).unwrap();
+                let notice: Notification = serde_json::from_str(&next.notice).unwrap();
+                news.push((notice.event, notice.message));
+            }
+            news
         };
-        let pause = Some((PauseCause::Requested, 12));
-        assert_eq!(notices(None, None), []);
+        let nothing = AlertState { fault: None, pause: None, parked: None, has_emergency_stop: false };
+        let pause = AlertState { pause: Some((PauseCause::Requested, 12)), ..nothing.clone() };
+        assert_eq!(notices(nothing.alerts(&about)), []);
         assert_eq!(
-            notices(None, pause),
+            notices(pause.alerts(&about)),
             [(NotificationEvent::Pause, "simulated robot lab pauses after layer 12 of 78: on request".to_owned())]
         );
-        assert_eq!(notices(None, pause), [], "as after a restart");
-        assert_eq!(notices(None, None), []);
-        assert_eq!(notices(None, Some((PauseCause::Requested, 13))).len(), 1);
-        let runout = notices(None, Some((PauseCause::FilamentOut, 14)));
-        assert!(runout[0].0 == NotificationEvent::FilamentRunout && runout[0].1.contains("load a spool"), "{runout:?}");
-        let fault = notices(Some(Fault::WatchdogReset), None);
-        assert!(
-            fault[0].0 == NotificationEvent::Fault && fault[0].1.contains(Fault::WatchdogReset.explanation()),
-            "{fault:?}"
-        );
-        assert_eq!(notices(Some(Fault::WatchdogReset), None), []);
+        assert_eq!(notices(pause.alerts(&about)), [], "as after a restart");
+        assert_eq!(notices(nothing.alerts(&about)), []);
+        let states = [
+            (NotificationEvent::Pause, AlertState { pause: Some((PauseCause::Requested, 13)), ..nothing.clone() }),
+            (
+                NotificationEvent::FilamentRunout,
+                AlertState { pause: Some((PauseCause::FilamentOut, 14)), ..nothing.clone() },
+            ),
+            (NotificationEvent::Fault, AlertState { fault: Some(Fault::WatchdogReset), ..nothing.clone() }),
+            (NotificationEvent::Parked, AlertState { parked: Some(14), ..nothing.clone() }),
+            (NotificationEvent::EmergencyStop, AlertState { has_emergency_stop: true, ..nothing.clone() }),
+        ];
+        for (event, state) in states {
+            for _ in 0..2 {
+                let news = notices(state.alerts(&about));
+                assert_eq!(news.iter().map(|(event, _)| *event).collect::<Vec<_>>(), [event]);
+                assert_eq!(notices(state.alerts(&about)), []);
+                assert_eq!(notices(nothing.alerts(&about)), []);
+            }
+        }
+        let lost = || vec![Alert::of_connection(Some("cut"), &about)];
+        assert_eq!(notices(lost()), [], "it was not connected before");
+        for _ in 0..2 {
+            assert_eq!(notices(vec![Alert::of_connection(None, &about)]), []);
+            let message = "simulated robot lab has lost its connection after layer 12 of 78: cut".to_owned();
+            assert_eq!(notices(lost()), [(NotificationEvent::Disconnected, message)]);
+            assert_eq!(notices(lost()), []);
+        }
+        let idle = NotificationContext { job: None, layers: 0, ..about };
+        let mut boots = |boot_id, about| notices(vec![Alert::of_boot(boot_id, ResetCause::PowerOn, about)]).len();
+        let restarts = [boots(1, &about), boots(1, &about), boots(2, &about), boots(2, &about), boots(3, &idle)];
+        assert_eq!(restarts, [0, 0, 1, 0, 0]);
     }
 
     #[test]
@@ -330,7 +452,8 @@ mod tests {
         let about = NotificationContext { robot: "lab", simulated: false, job: None, laid: 0, layers: 0 };
         let notice = about.notice(NotificationEvent::Finish, None, None);
         for number in 0..i64::from(MAX_QUEUED_PER_CHANNEL) + 5 {
-            jobs.enqueue_notification(&notice, &[NotificationChannel::Webhook], number).unwrap();
+            let channels = vec![NotificationChannel::Webhook];
+            jobs.write(JobUpdate::Notice { text: notice.to_text(), channels, created_ms: number });
         }
         let first = jobs.next_notification(NotificationChannel::Webhook).unwrap().unwrap();
         assert_eq!((first.created_ms, jobs.next_notification(NotificationChannel::Command).unwrap()), (5, None));

@@ -19,8 +19,9 @@ use rustix::process::{Pid, Signal, kill_process_group};
 use ureq::Agent;
 
 use super::config::NotifyEntry;
+use super::job_updates::JobUpdate;
 use super::notification::{
-    AlertState, Notification, NotificationChannel, NotificationContext, NotificationEvent, QueuedNotification,
+    Alert, Notification, NotificationChannel, NotificationContext, NotificationEvent, QueuedNotification,
 };
 use super::server::write_secret;
 use super::{JobStoreError, ServiceContext, ServicePaths};
@@ -113,45 +114,36 @@ impl Notifier {
         Ok((notify, NotifierThreads(sinks)))
     }
 
-    fn enqueue(&self, shared: &ServiceContext, notice: &Notification) -> Result<(), JobStoreError> {
-        if !self.events.contains(&notice.event) {
-            return Ok(());
-        }
-        let channels: Vec<NotificationChannel> = self.channels.iter().map(|(channel, _)| *channel).collect();
-        shared.jobs().enqueue_notification(notice, &channels, now_ms())?;
-        for (_, wake) in &self.channels {
-            // The thread of the channel runs as long as the service.
-            let _ = wake.lock().unwrap_or_else(PoisonError::into_inner).send(());
-        }
-        Ok(())
+    /// Returns channels that wake the threads.
+    pub fn wakers(&self) -> Vec<Sender<()>> {
+        self.channels.iter().map(|(_, waker)| waker.lock().unwrap_or_else(PoisonError::into_inner).clone()).collect()
+    }
+
+    fn channels(&self) -> Vec<NotificationChannel> {
+        self.channels.iter().map(|(channel, _)| *channel).collect()
     }
 }
 
 impl ServiceContext {
     /// Queues a notice about a robot if a channel is configured.
     pub fn notify_event(&self, about: &NotificationContext, event: NotificationEvent, why: Option<&str>) {
-        if self.notifier.channels.is_empty() {
-            return;
-        }
-        if let Err(error) = self.notifier.enqueue(self, &about.notice(event, None, why)) {
-            crate::warning!("cannot queue the notification {event:?}: {error}");
+        let channels = self.notifier.channels();
+        if !channels.is_empty() && self.notifier.events.contains(&event) {
+            let text = about.notice(event, None, why).to_text();
+            self.jobs().write(JobUpdate::Notice { text, channels, created_ms: now_ms() });
         }
     }
 
-    /// Queues notices about changes of a robot's condition.
-    pub fn notify_alert(&self, about: &NotificationContext, condition: &AlertState) {
-        if self.notifier.channels.is_empty() {
+    /// Records conditions of a robot, and queues a notice for each that is new.
+    pub fn notify_alerts(&self, about: &NotificationContext, alerts: impl IntoIterator<Item = Alert>) {
+        let channels = self.notifier.channels();
+        if channels.is_empty() {
             return;
         }
-        let enqueue_all = || -> Result<(), JobStoreError> {
-            let news = self.jobs().new_notifications(about, condition)?;
-            // The notices are queued before the condition is recorded. If the service is killed in between, they are
-            // sent twice, which is better than never.
-            news.iter().try_for_each(|notice| self.notifier.enqueue(self, notice))?;
-            self.jobs().set_notified(about.robot, condition)
-        };
-        if let Err(error) = enqueue_all() {
-            crate::warning!("cannot queue notifications of robot {}: {error}", about.robot);
+        let mut jobs = self.jobs();
+        for alert in alerts {
+            let update = alert.into_update(about.robot, &self.notifier.events, &channels, now_ms());
+            jobs.write(JobUpdate::Alert(update));
         }
     }
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use growbot_client::client::Client;
+use growbot_client::growth::Command;
 use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
 
@@ -39,7 +40,8 @@ impl RobotWorker {
         self.shared.signal_change();
     }
 
-    /// Drops a stop that the board has not confirmed, at a person's request.
+    /// Drops a stop that the board has not confirmed, at a person's request. A growth that the stop has not reached is
+    /// paused once the robot is back, so that only an order of a person starts it again.
     pub(super) fn withdraw_stop(&self) -> Result<(), String> {
         let name = &self.name;
         let Some((_, generation)) = self.signal.pending() else {
@@ -47,6 +49,10 @@ impl RobotWorker {
         };
         if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
             return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
+        }
+        if !self.send_command(Command::Pause, &self.signal.permit()) {
+            self.update_state(|known| known.pauses_on_reconnect = true);
+            self.pause_file.set(true);
         }
         self.sync_stop_file();
         Ok(())

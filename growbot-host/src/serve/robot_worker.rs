@@ -11,6 +11,7 @@ use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
 use growbot_client::robot_file;
+use growbot_client::run_log::RunLog;
 use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
 use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status};
 use growbot_core::robot::Robot;
@@ -23,15 +24,17 @@ use serde::{Deserialize, Serialize};
 use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job_store::{Job, JobState};
-use super::notification::{AlertState, NotificationContext};
 use super::port_lease::PortLease;
-use super::stop_file::StopFile;
+use super::robot_alerts::LastAlerts;
+use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
 use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
 
 /// Time between two status requests to a board without a job. A request to the robot waits at most this long.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Time after which an idle thread on a virtual clock tries again to write what could not be written.
+const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// State of the robot's connection: disconnected, ready or busy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -161,11 +164,13 @@ pub struct RobotWorker {
     /// Stops of the robot, and the permits of the orders to it.
     pub(super) signal: Arc<StopSignal>,
     pub(super) stop_file: StopFile,
+    pub(super) pause_file: PauseFile,
     pub(super) stopper: Stopper,
     /// Number of stops whose callers wait for the board's confirmation.
     pub(super) stops_in_progress: AtomicU32,
-    /// Condition that was reported last in notices. `None` if this process has reported none.
-    last_alert: Mutex<Option<AlertState>>,
+    last_alerts: Mutex<LastAlerts>,
+    /// Run logs of jobs that have ended, with lines that could not be written yet.
+    pub(super) kept_logs: Mutex<Vec<(String, RunLog)>>,
     /// Lock from the check for an active job to the start of a new job.
     job_start: Mutex<()>,
 }
@@ -184,7 +189,8 @@ pub struct WorkerState {
     pub live_growth: Option<Arc<LiveGrowth>>,
     pub finish_utc: Option<String>,
     pub command_error: Option<String>,
-    /// True if the growth whose connection was lost had an order to pause that the board may not have received.
+    /// True if the growth whose connection was lost, or that an earlier service followed, had an order to pause that the
+    /// board may not have received.
     pub pauses_on_reconnect: bool,
 }
 
@@ -226,8 +232,9 @@ impl RobotWorker {
             signal.raise(level);
         }
         let stopper = Stopper::start(&entry.port, &signal, Arc::clone(&connector));
-        let known =
-            Mutex::new(WorkerState { connection_error: Some("it is looked for".to_owned()), ..WorkerState::default() });
+        let (pause_file, pauses_on_reconnect) = PauseFile::open(places, name);
+        let connection_error = Some("it is looked for".to_owned());
+        let known = Mutex::new(WorkerState { connection_error, pauses_on_reconnect, ..WorkerState::default() });
         let keeper = Arc::new(Self {
             name: name.to_owned(),
             entry: entry.clone(),
@@ -237,9 +244,11 @@ impl RobotWorker {
             connector,
             signal,
             stop_file,
+            pause_file,
             stopper,
             stops_in_progress: AtomicU32::new(0),
-            last_alert: Mutex::default(),
+            last_alerts: Mutex::default(),
+            kept_logs: Mutex::default(),
             job_start: Mutex::default(),
         });
         let own = Arc::clone(&keeper);
@@ -260,28 +269,8 @@ impl RobotWorker {
         self.shared.signal_change();
     }
 
-    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the one that
-    /// was reported last.
-    pub(super) fn record_status(&self, status: Status) {
-        let condition = AlertState::from_status(&status);
-        self.update_state(|known| known.status = Some(status));
-        let mut reported = self.last_alert.lock().unwrap_or_else(PoisonError::into_inner);
-        if reported.as_ref() != Some(&condition) {
-            self.with_notification_context(|about| self.shared.notify_alert(about, &condition));
-            *reported = Some(condition);
-        }
-    }
-
-    /// Calls `send` with the robot and its job, for a notice.
-    pub(super) fn with_notification_context(&self, send: impl FnOnce(&NotificationContext)) {
-        let view = self.status();
-        send(&NotificationContext {
-            robot: &self.name,
-            simulated: view.simulated,
-            job: view.job.as_deref(),
-            laid: view.laid,
-            layers: view.layers,
-        });
+    pub(super) fn lock_last_alerts(&self) -> MutexGuard<'_, LastAlerts> {
+        self.last_alerts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     pub(super) fn port(&self) -> Result<PortName, String> {
@@ -362,8 +351,13 @@ impl RobotWorker {
 
     /// Queues a command for the active growth. Returns false if no growth is active.
     pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
-        let known = self.lock_state();
-        known.commands.as_ref().map(|commands| commands.push_with(command, permit.clone())).is_some()
+        let Some(commands) = self.lock_state().commands.clone() else { return false };
+        commands.push_with(command, permit.clone());
+        if command == Command::Pause {
+            // The growth removes it once the board has accepted the pause.
+            self.pause_file.set(true);
+        }
+        true
     }
 
     /// Sends the thread a message that needs no response.
@@ -428,6 +422,7 @@ impl RobotWorker {
     /// Owns the robot until the process ends.
     fn run(self: Arc<Self>, requests: &Receiver<PendingRequest>) {
         let mut switches_on = true;
+        self.notify_service_restart();
         loop {
             let left = match self.connect(switches_on) {
                 Ok(connection) => self.serve_board(connection, requests),
@@ -447,6 +442,8 @@ impl RobotWorker {
             // A user who switches the simulated robot off later wants it to stay off.
             switches_on = false;
             self.stopper.publish(None);
+            self.record_connection(Some(&why));
+            self.write_kept();
             self.update_state(|known| {
                 (known.commands, known.live_growth, known.finish_utc) = (None, None, None);
                 known.connection_error = Some(why.clone());
@@ -475,10 +472,13 @@ impl RobotWorker {
             known.job = active.as_ref().map(|job| job.id.clone());
         });
         self.record_status(connection.hello.status.clone());
+        self.record_boot(&connection.hello);
+        self.record_connection(None);
+        self.reconcile_jobs(&connection.hello.status, active.as_ref().map(|job| job.id.as_str()));
         let is_virtual = self.port().is_ok_and(|port| port.is_virtual());
         if let Some(job) = active {
             let left = match connection.is_stopped {
-                true => self.end_stopped_job(&job),
+                true => self.end_stopped_job(&job, &connection.hello.status),
                 false => self.reattach_job(&mut connection, &job),
             };
             if matches!(left, LinkState::Lost(_)) {
@@ -495,10 +495,16 @@ impl RobotWorker {
                 Err(why) => return LinkState::Lost(why),
             }
             // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
-            let next = if is_virtual { requests.recv().ok() } else { requests.try_recv().ok() };
+            let next = match is_virtual {
+                true if self.has_kept() => requests.recv_timeout(RETRY_INTERVAL).ok(),
+                true => requests.recv().ok(),
+                false => requests.try_recv().ok(),
+            };
+            self.write_kept();
             let done = match next {
                 Some(pending) if pending.claim.take() => self.handle_request(&mut connection, pending),
                 Some(_) => LinkState::Ready,
+                None if is_virtual => LinkState::Ready,
                 None => self.poll_status(&mut connection.client),
             };
             if !matches!(done, LinkState::Ready) {
@@ -513,10 +519,13 @@ impl RobotWorker {
         let looked = client.event(wait).and_then(|_| client.status());
         match looked {
             Ok(status) => {
-                let is_new = self.lock_state().status.as_ref() != Some(&status);
-                if is_new {
+                let last = self.lock_state().status.clone();
+                if last.as_ref() != Some(&status) {
                     self.void_if_stopped_elsewhere(status.state);
-                    self.record_status(status);
+                    self.record_status(status.clone());
+                }
+                if last.is_none_or(|last| last.plan_id != status.plan_id) {
+                    self.reconcile_jobs(&status, None);
                 }
                 LinkState::Ready
             }
@@ -540,7 +549,7 @@ impl RobotWorker {
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
         };
         if is_cancel && done.is_ok() {
-            self.give_up_interrupted("discarded: the board has deleted the body");
+            self.give_up_others(None, "discarded: the board has deleted the body");
         }
         let left = match &done {
             Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),

@@ -11,7 +11,7 @@ use axum::body::to_bytes;
 use axum::extract::Request;
 use axum::http::HeaderValue;
 use axum::http::header::{ALLOW, CONTENT_TYPE};
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};

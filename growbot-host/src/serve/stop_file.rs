@@ -1,4 +1,5 @@
-//! The stop of a robot that its board has not confirmed, on disk. It outlives the service.
+//! The stop of a robot that its board has not confirmed, and the pause that its board may not have received, on disk.
+//! They outlive the service.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -68,6 +69,41 @@ impl StopFile {
         let Some(level) = level else { return fs::remove_file(&self.path) };
         let text = serde_json::to_vec(&StoredStop { level, time_utc: utc_now() })?;
         write_atomic(&self.path, &text).map_err(io::Error::other)
+    }
+}
+
+/// File that is there while a board may not have received an order to pause.
+pub struct PauseFile {
+    path: PathBuf,
+    is_stored: Mutex<bool>,
+}
+
+impl PauseFile {
+    /// Opens the file of a robot. Returns also whether an earlier service has left it.
+    pub fn open(places: &ServicePaths, robot: &str) -> (Self, bool) {
+        let path = places.stops().join(format!("{robot}.pause"));
+        let is_stored = path.exists();
+        (Self { path, is_stored: Mutex::new(is_stored) }, is_stored)
+    }
+
+    /// Creates or removes the file.
+    pub fn set(&self, is_pending: bool) {
+        let mut is_stored = self.is_stored.lock().unwrap_or_else(PoisonError::into_inner);
+        if is_pending == *is_stored {
+            return;
+        }
+        let changed = match is_pending {
+            true => write_atomic(&self.path, utc_now().as_bytes()).map_err(io::Error::other),
+            false => fs::remove_file(&self.path),
+        };
+        match changed {
+            Ok(()) => *is_stored = is_pending,
+            Err(error) => crate::warning!(
+                "cannot change {} ({error}): an order to pause is lost or repeated if the service ends; free disk \
+                 space",
+                self.path.display()
+            ),
+        }
     }
 }
 

@@ -1,6 +1,8 @@
 //! Tests of halts, emergency stops, and pins that fail.
 
 use super::*;
+use crate::stepping::mailbox::PendingReport;
+use crate::stepping::moves::EngineFault;
 
 #[test]
 fn an_emergency_stop_releases_at_once_and_blocks_moves_until_noticed() {
@@ -51,6 +53,51 @@ fn a_halt_releases_the_motors_at_the_next_tick() {
     rig.run(1);
     assert!(!rig.energised());
     assert_eq!(rig.engine.ticks_to_event(&rig.handover), u32::MAX);
+}
+
+#[test]
+fn the_progress_of_a_halted_turn_is_taken_once() {
+    let robot = robot_a();
+    let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
+    let mut rig = Rig::homed(robot);
+    rig.handover.submit(Move::Lay(turn));
+    rig.run(1000);
+    rig.handover.halt();
+    rig.run(1);
+    assert!(rig.handover.take_sectors_done().is_some());
+    assert_eq!((rig.handover.sectors_done(), rig.handover.take_sectors_done()), (None, None));
+}
+
+#[test]
+fn an_alarm_is_reported_and_blocks_moves_until_it_is_taken() {
+    let mailbox = Mailbox::new();
+    assert!(!mailbox.has_report() && mailbox.can_accept_move());
+    mailbox.post_alarm(EngineFault::Hardware);
+    assert!(mailbox.has_report() && !mailbox.can_accept_move());
+    assert_eq!((mailbox.pop_report(), mailbox.pop_report()), (Some(Report::Hardware), None));
+    assert!(!mailbox.has_report() && mailbox.can_accept_move());
+}
+
+#[test]
+fn reports_of_ended_moves_are_dropped_without_the_alarm() {
+    let mailbox = Mailbox::new();
+    mailbox.post_report(PendingReport::Homed);
+    mailbox.post_report(PendingReport::Fed);
+    mailbox.post_alarm(EngineFault::Hardware);
+    mailbox.discard_ended_moves();
+    assert_eq!((mailbox.pop_ended_move(), mailbox.pop_report()), (None, Some(Report::Hardware)));
+}
+
+#[test]
+fn no_turn_follows_without_a_stop_while_a_report_waits() {
+    let robot = robot_a();
+    let turn = turns(&robot, &layers(&robot, 1, 0.5))[0];
+    let mailbox = Mailbox::new();
+    assert!(turn.pace.entry_rate > 0);
+    mailbox.submit(Move::Lay(turn));
+    assert_eq!(mailbox.next_entry_rate(), turn.pace.entry_rate);
+    mailbox.post_report(PendingReport::Homed);
+    assert_eq!(mailbox.next_entry_rate(), 0);
 }
 
 #[test]

@@ -1,0 +1,144 @@
+//! The list of jobs agrees with the run logs and with what the board stores.
+
+use std::sync::{MutexGuard, PoisonError};
+
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_now};
+use growbot_core::link::message::{State, Status};
+use rusqlite::named_params;
+
+use super::JobStoreError;
+use super::job_store::{COLUMNS, Job, JobState, JobStore, of_row};
+use super::job_updates::JobUpdate;
+use super::robot_worker::RobotWorker;
+
+/// Reason of a job whose body the board no longer has. If the board has it again, the job can be resumed again.
+const NOT_ON_BOARD: &str = "discarded: the board does not have its body";
+
+/// Returns the reason of a job that ended with this result, of a board in this state.
+pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
+    let emergency_stop = Some(State::EmergencyStop.name()).filter(|name| board_state == Some(*name));
+    let stop = emergency_stop.filter(|_| result.outcome == OutcomeKind::Stopped);
+    result.fault.clone().unwrap_or_else(|| stop.unwrap_or(result.outcome.name()).to_owned())
+}
+
+impl JobStore {
+    /// Returns the jobs of a robot that are active or interrupted, and those of this plan whose body the board did not
+    /// have. The newest comes first.
+    fn unsettled(&self, robot: &str, plan_id: u64) -> Result<Vec<Job>, JobStoreError> {
+        let query = format!(
+            "SELECT {COLUMNS} FROM job WHERE robot = :robot AND (state IN ('active', 'interrupted') OR id = :kept OR \
+             state = 'failed' AND why = :why AND plan_id = :plan) ORDER BY rowid DESC"
+        );
+        let plan = format!("{plan_id:016x}");
+        let kept = self.kept_active().unwrap_or_default();
+        let mut statement = self.database.prepare(&query)?;
+        let parameters = named_params! { ":robot": robot, ":why": NOT_ON_BOARD, ":plan": plan, ":kept": kept };
+        let mut jobs: Vec<Job> = statement.query_map(parameters, of_row)?.collect::<Result<_, _>>()?;
+        for job in &mut jobs {
+            job.state = self.kept_state(&job.id).unwrap_or(job.state);
+        }
+        jobs.retain(|job| job.state != JobState::Done);
+        Ok(jobs)
+    }
+
+    /// Returns the active job of a robot. A job that the robot has not yet started has no run log and does not count.
+    pub(super) fn active(&self, robot: &str) -> Result<Option<Job>, JobStoreError> {
+        let jobs = self.unsettled(robot, 0)?.into_iter();
+        Ok({ jobs }.find(|job| job.state == JobState::Active && self.log_path(&job.id).exists()))
+    }
+
+    /// Changes the state of a job that has ended before.
+    fn settle(&mut self, job: &Job, state: JobState, reason: &str) {
+        self.write(JobUpdate::State {
+            id: job.id.clone(),
+            state,
+            reason: Some(reason.to_owned()),
+            ended_utc: job.ended_utc.clone().or_else(|| Some(utc_now())),
+        });
+    }
+}
+
+impl RobotWorker {
+    /// Corrects the robot's jobs, except the `current` one, by their run logs and by the board's status. Only the body
+    /// that the board stores can be resumed.
+    pub(super) fn reconcile_jobs(&self, status: &Status, current: Option<&str>) {
+        // A board that tests itself has not read its journal yet.
+        if status.state != State::SelfTest {
+            let body = current.is_none().then_some(status);
+            self.settle_jobs(body, current, status.plan_id, NOT_ON_BOARD);
+        }
+    }
+
+    /// Ends the robot's jobs, except the `current` one, because the board no longer has their bodies.
+    pub(super) fn give_up_others(&self, current: Option<&str>, reason: &str) {
+        self.settle_jobs(None, current, 0, reason);
+    }
+
+    /// Settles all jobs but the `current` one. `body` is the status of a board that may have the body of one of them.
+    fn settle_jobs(&self, mut body: Option<&Status>, current: Option<&str>, plan_id: u64, reason: &str) {
+        let mut store = self.shared.jobs();
+        let jobs = match store.unsettled(&self.name, plan_id) {
+            Ok(jobs) => jobs,
+            Err(error) => return crate::warning!("{error}"),
+        };
+        for mut job in jobs.into_iter().filter(|job| Some(job.id.as_str()) != current) {
+            // Without a readable log it is unknown which body the job has.
+            let Ok(mut record) = RecordedRun::open(&store.log_path(&job.id)) else { continue };
+            if let Some(result) = record.result.as_ref().filter(|_| job.state == JobState::Active) {
+                let laid = u32::try_from(record.as_built.len()).unwrap_or(u32::MAX);
+                store.set_laid(&job.id, laid, record.total);
+                job.state = JobState::from_outcome(result.outcome);
+                store.settle(&job, job.state, &end_reason(result, record.board_state.as_deref()));
+                if job.state != JobState::Interrupted {
+                    continue;
+                }
+            }
+            if let Some(status) = body {
+                record.sync_to_board(status.plan_id);
+            }
+            match body.filter(|status| status.plan_id == record.plan_id) {
+                Some(status) => {
+                    body = None;
+                    store.set_laid(&job.id, status.layers_laid, record.total);
+                    if job.state != JobState::Interrupted {
+                        store.settle(&job, JobState::Interrupted, "interrupted: the board has its body");
+                    }
+                }
+                None if job.state == JobState::Failed => {}
+                None => store.settle(&job, JobState::Failed, reason),
+            }
+        }
+        drop(store);
+        self.shared.signal_change();
+    }
+
+    /// Keeps the log of a job that has ended, because some of its lines could not be written.
+    pub(super) fn keep_log(&self, job: &str, log: RunLog) {
+        self.lock_kept_logs().push((job.to_owned(), log));
+    }
+
+    /// Forgets the lines of a log that could not be written.
+    pub(super) fn drop_kept_log(&self, job: &str) {
+        self.lock_kept_logs().retain(|(of, _)| of != job);
+    }
+
+    /// Writes what could not be written to the list of jobs and to run logs before. Does not wait for other threads.
+    pub(super) fn write_kept(&self) {
+        if let Ok(mut store) = self.shared.job_writer.try_lock()
+            && store.has_kept()
+            && store.try_write_kept().is_ok()
+        {
+            self.shared.signal_change();
+        }
+        self.lock_kept_logs().retain_mut(|(_, log)| log.write_waiting().is_err());
+    }
+
+    /// Reports whether something could not be written yet.
+    pub(super) fn has_kept(&self) -> bool {
+        self.shared.job_writer.try_lock().is_ok_and(|store| store.has_kept()) || !self.lock_kept_logs().is_empty()
+    }
+
+    fn lock_kept_logs(&self) -> MutexGuard<'_, Vec<(String, RunLog)>> {
+        self.kept_logs.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,78 @@
+//! Notices about a robot: its conditions, its connection, and restarts of its board and of the service.
+
+use growbot_core::link::message::{BoardInfo, Status};
+
+use super::job_store::Job;
+use super::notification::{Alert, AlertState, NotificationContext, NotificationEvent};
+use super::robot_worker::RobotWorker;
+
+/// Conditions that this process has recorded last.
+#[derive(Default)]
+pub(super) struct LastAlerts {
+    state: Option<AlertState>,
+    is_connected: Option<bool>,
+}
+
+impl RobotWorker {
+    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the one that
+    /// was reported last.
+    pub(super) fn record_status(&self, status: Status) {
+        let condition = AlertState::from_status(&status);
+        self.update_state(|known| known.status = Some(status));
+        let mut last = self.lock_last_alerts();
+        if last.state.as_ref() != Some(&condition) {
+            self.with_notification_context(|about| self.shared.notify_alerts(about, condition.alerts(about)));
+            last.state = Some(condition);
+        }
+    }
+
+    /// Records whether the robot is connected, or why its connection is lost. Sends a notice if it was connected before,
+    /// also before a restart of the service.
+    pub(super) fn record_connection(&self, lost: Option<&str>) {
+        let mut last = self.lock_last_alerts();
+        if last.is_connected != Some(lost.is_none()) {
+            self.with_notification_context(|about| {
+                self.shared.notify_alerts(about, [Alert::of_connection(lost, about)]);
+            });
+            last.is_connected = Some(lost.is_none());
+        }
+    }
+
+    /// Records the start of the board. Sends a notice if the board has restarted during a job.
+    pub(super) fn record_boot(&self, board: &BoardInfo) {
+        self.with_notification_context(|about| {
+            self.shared.notify_alerts(about, [Alert::of_boot(board.boot_id, board.reset_cause, about)]);
+        });
+    }
+
+    /// Sends a notice that the service has restarted, if the robot had a job.
+    pub(super) fn notify_service_restart(&self) {
+        let active = self.shared.jobs().active(&self.name);
+        if let Ok(Some(job)) = active {
+            self.notify_job(&job, NotificationEvent::ServiceRestart, None);
+        }
+    }
+
+    /// Sends a notice about a job.
+    pub(super) fn notify_job(&self, job: &Job, event: NotificationEvent, why: Option<&str>) {
+        self.with_notification_context(|about| {
+            let about = match about.layers {
+                0 => NotificationContext { job: Some(&job.id), laid: job.laid, layers: job.layers, ..*about },
+                _ => NotificationContext { job: Some(&job.id), ..*about },
+            };
+            self.shared.notify_event(&about, event, why);
+        });
+    }
+
+    /// Calls `send` with the robot and its job, for a notice.
+    fn with_notification_context(&self, send: impl FnOnce(&NotificationContext)) {
+        let view = self.status();
+        send(&NotificationContext {
+            robot: &self.name,
+            simulated: view.simulated,
+            job: view.job.as_deref(),
+            laid: view.laid,
+            layers: view.layers,
+        });
+    }
+}
