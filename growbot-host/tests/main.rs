@@ -27,6 +27,7 @@ mod scene_files;
 mod schemas;
 mod serve;
 mod serve_attacks;
+mod serve_freshness;
 mod serve_latency;
 mod serve_limits;
 mod serve_load;

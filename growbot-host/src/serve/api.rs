@@ -1,7 +1,7 @@
 //! The HTTP interface: its requests and responses, from which the OpenAPI document is generated.
 
-use std::convert::Infallible;
 use std::fs;
+use std::future::ready;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -10,14 +10,14 @@ use aide::axum::routing::{get_with, post_with};
 use aide::openapi::{Info, OpenApi};
 use aide::transform::TransformOperation;
 use axum::body::Bytes;
+use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{DefaultBodyLimit, Path, Query, State};
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
 use axum::http::{Method, StatusCode, Uri};
-use axum::response::sse::{Event, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
-use futures_util::stream::unfold;
+use futures_util::stream::{BoxStream, StreamExt, once, unfold};
 use growbot_client::feedback::can_measure;
 use growbot_client::growth::Command;
 use growbot_client::plan_file::PlanFile;
@@ -33,11 +33,12 @@ use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 
 use super::audit::CommandSource;
+use super::command_socket;
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::event_routes;
 use super::grow_request::{GrowRequest, PlanInScene};
 use super::job_store::{Job, JobState};
-use super::limits::MAX_BODY;
+use super::limits::{MAX_BODY, StreamPermit};
 use super::openapi;
 use super::port_lease::lease_port;
 use super::problem::Problem;
@@ -45,13 +46,16 @@ use super::robot_worker::{Claim, NewJob, RobotRequest, RobotStatus, RobotWorker}
 use super::scene_store;
 use super::{ArrivalPermits, Service};
 use crate::watch::LiveGrowth;
-use crate::watch::server::{self as watch, updates_of};
+use crate::watch::server::{self as watch, LiveEvent, updates_of};
+use crate::watch::sockets::{limited, send_texts};
 use growbot_pictures::view::{NamedScene, Subject, page};
 
 /// Path of the interface, relative to the address of a page or to the socket.
 pub const PREFIX: &str = "/api/v1";
 /// Delay before the page of a disconnected robot's job has to request updates again.
 const AWAY: Duration = Duration::from_secs(2);
+/// Name of the maintenance task that switches the heater off.
+const COOL_DOWN: &str = "cooldown";
 /// Maximum number of jobs that are listed.
 const MAX_JOBS: u32 = 1000;
 
@@ -134,11 +138,14 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/jobs/{job}/view", get(job_view))
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
+        .route("/jobs/{job}/live/updates/ws", get(live_update_socket))
+        .route("/jobs/{job}/live/commands/ws", get(command_socket::job_commands))
         .route("/jobs/{job}/live/commands/{command}", post(send_live_command))
         .route("/jobs/{job}/events", get(event_routes::job_stream))
         .route("/jobs/{job}/events/ws", get(event_routes::job_socket))
         .route("/events", get(event_routes::robot_stream))
         .route("/events/ws", get(event_routes::robot_socket))
+        .route("/commands/ws", get(command_socket::robot_commands))
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
     (router, openapi::complete(&document))
@@ -222,7 +229,7 @@ pub(super) async fn new_job(
 ) -> Result<(StatusCode, Json<Job>), Problem> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let order = Order { permit: permits.of(&name)?.clone(), claim: Claim::default() };
+    let order = Order { permit: permits.recent(&name)?.clone(), claim: Claim::default() };
     let requester = Requester(order.claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = run_blocking(move || {
@@ -353,7 +360,7 @@ async fn resume(
     let by = require_control(access)?;
     let job = found_job(&service, &id)?;
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
-    let permit = permits.of(&job.robot)?.clone();
+    let permit = permits.recent(&job.robot)?.clone();
     run_blocking(move || {
         let begins = keeper.lock_job_start();
         let outcome = keeper
@@ -377,7 +384,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     }
 }
 
-async fn send_command(
+pub(super) async fn send_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
@@ -386,7 +393,7 @@ async fn send_command(
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let permit = permits.of(&name)?.clone();
+    let permit = if command.stops_or_pauses() { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let given = run_command(&keeper, command, &permit);
         service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
@@ -416,7 +423,7 @@ async fn maintain(
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let permit = permits.of(&name)?.clone();
+    let permit = if task == COOL_DOWN { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
@@ -553,20 +560,40 @@ fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
 }
 
 async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
-    let job = found_job(&service, &id)?;
-    match live_of(&service, &job) {
-        Ok(live) => Ok(updates_of(live).into_response()),
-        // The robot is disconnected. A browser reconnects to a stream that ends, but not to one that is rejected.
-        Err(_) if job.state == JobState::Active => Ok(Sse::new(unfold((), |()| async {
-            sleep(AWAY).await;
-            None::<(Result<Event, Infallible>, ())>
-        }))
-        .into_response()),
-        Err(problem) => Err(problem),
+    Ok(watch::sse_response(live_events(&service, &found_job(&service, &id)?)))
+}
+
+async fn live_update_socket(
+    State(service): ServiceState,
+    Extension(permit): Extension<StreamPermit>,
+    Path(id): Path<String>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    let events = live_events(&service, &found_job(&service, &id)?);
+    Ok(limited(upgrade).on_upgrade(|socket| async move {
+        send_texts(socket, events.map(|event| event.text())).await;
+        drop(permit);
+    }))
+}
+
+/// Returns the events of a job's page. If the robot of an active job is disconnected, the page has to connect again
+/// after a while. The stream of any other job contains only the event that it has ended.
+fn live_events(service: &Service, job: &Job) -> BoxStream<'static, LiveEvent> {
+    match live_of(service, job) {
+        Ok(live) => updates_of(live).boxed(),
+        Err(_) if job.state == JobState::Active => {
+            let age = service.robot(&job.robot).and_then(|robot| robot.status().status_age_s);
+            let pause = unfold((), |()| async {
+                sleep(AWAY).await;
+                None
+            });
+            once(ready(LiveEvent::heartbeat(age))).chain(pause).boxed()
+        }
+        Err(problem) => once(ready(LiveEvent::end(&problem.detail))).boxed(),
     }
 }
 
-async fn send_live_command(
+pub(super) async fn send_live_command(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
@@ -577,7 +604,7 @@ async fn send_live_command(
     let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
     let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
         let live = live_of(&service, &job)?;
-        let answer = watch::send_command(&live, &order).await;
+        let answer = watch::send_command(&live, &order, &permits.age).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &job.robot, &order, None);
         }

@@ -212,7 +212,7 @@ pub async fn limit_concurrency(
 ) -> Response {
     let path = request.uri().path();
     let is = |ends: &[&str]| ends.iter().any(|end| path.ends_with(end));
-    if is(&["/events", "/events/ws", "/updates"]) {
+    if is(&["/events", "/events/ws", "/updates", "/updates/ws"]) {
         let Ok(place) = Arc::clone(&door.streams).try_acquire_owned() else {
             return Problem::busy(&format!("{STREAMS} event streams are already open")).into_response();
         };

@@ -6,6 +6,7 @@
 //!   keeps an unconfirmed stop. `job_run` is a job on its board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `audit` records all commands.
 //! - [`api`] is the HTTP interface, with `event_stream`s. `openapi` completes its OpenAPI document.
+//! - `page` has the files of the page, and `command_socket` receives its commands.
 //! - [`server`] listens on the loopback interface, behind a token, and on a socket of the user. `limits` bounds the
 //!   resources that clients can use.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
@@ -14,6 +15,7 @@
 pub mod api;
 mod audit;
 pub mod client;
+mod command_socket;
 pub mod commands;
 pub mod config;
 mod connector;
@@ -28,6 +30,7 @@ mod limits;
 pub mod notification;
 mod notifier;
 mod openapi;
+mod page;
 mod paths;
 pub mod port_lease;
 mod problem;
@@ -57,6 +60,7 @@ pub use self::paths::ServicePaths;
 use self::problem::Problem;
 use self::robot_worker::RobotWorker;
 pub use self::robot_worker::{RobotState, RobotStatus};
+use crate::watch::heartbeat::OrderAge;
 
 /// The robots of this user, with their jobs.
 pub struct Service {
@@ -81,12 +85,27 @@ pub enum StartError {
 /// Permits of the moment at which the head of a request arrived, by robot. Stops that come later void them, also while
 /// the body of the request is received.
 #[derive(Debug, Clone)]
-pub struct ArrivalPermits(BTreeMap<String, Permit>);
+pub struct ArrivalPermits {
+    permits: BTreeMap<String, Permit>,
+    /// Age of the order at that moment.
+    age: OrderAge,
+}
 
 impl ArrivalPermits {
-    /// Returns the permit for this robot.
+    /// Sets the age of the order.
+    fn with_age(self, age: OrderAge) -> Self {
+        Self { age, ..self }
+    }
+
+    /// Returns the permit for an order to this robot that stops or pauses, which is never too old.
     fn of(&self, robot: &str) -> Result<&Permit, Problem> {
-        self.0.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
+        self.permits.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
+    }
+
+    /// Returns the permit for any other order to this robot, unless the order has arrived too late.
+    fn recent(&self, robot: &str) -> Result<&Permit, Problem> {
+        self.age.check().map_err(Problem::conflict)?;
+        self.of(robot)
     }
 }
 
@@ -188,7 +207,8 @@ impl Service {
 
     /// Returns a permit for each robot, for an order that arrives now.
     fn permits(&self) -> ArrivalPermits {
-        ArrivalPermits(self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect())
+        let permits = self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect();
+        ArrivalPermits { permits, age: OrderAge::default() }
     }
 
     fn robot(&self, name: &str) -> Option<&Arc<RobotWorker>> {
