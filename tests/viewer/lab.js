@@ -3,7 +3,7 @@
 import { spawn, spawnSync } from "node:child_process";
 import { once } from "node:events";
 import { existsSync, readdirSync, readlinkSync, realpathSync } from "node:fs";
-import { mkdir, mkdtemp, rm, writeFile } from "node:fs/promises";
+import { mkdir, mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
 import { request as send } from "node:http";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -83,6 +83,12 @@ export async function startLab(growbot, robots, pace) {
 
     robot: async (name) => (await lab.ask("GET", `/robots/${name}`)).json,
     command: (name, command) => lab.ask("POST", `/robots/${name}/commands`, { command }),
+
+    /** Returns the number of recorded commands with this name, done or refused. */
+    async countCommands(name) {
+      const text = await readFile(join(directory, "state/growbot/serve/audit.jsonl"), "utf8");
+      return text.split("\n").filter((line) => line.includes(`"command":"${name}"`)).length;
+    },
 
     /** Waits until `check` returns true for a robot, which it then returns. */
     async waitForRobot(name, check, what) {

@@ -84,11 +84,14 @@ const watchStop = (page) => page.evaluate(() => {
 async function clickStopRepeatedly(page) {
   await watchStop(page);
   const { x, y, width, height } = await page.locator("#emergency-stop").boundingBox();
+  const before = await lab.countCommands("emergency-stop");
   await page.mouse.click(x + width / 2, y + height / 2);
   for (const pause of [400, 600]) {
     await page.waitForTimeout(pause);
     await page.mouse.click(x + width / 2, y + height / 2);
   }
+  // All have been carried out, so none follows the commands of the next check.
+  while (await lab.countCommands("emergency-stop") < before + 3) await page.waitForTimeout(50);
   await waitForText(card(page).locator(".state"), /^emergency-stop$/);
   const { moves, frames } = await page.evaluate(() => ({ moves: window.moves, frames: window.frames }));
   assert.ok(frames > 3, `${frames} frames`);
@@ -335,9 +338,12 @@ async function aSilentBoardIsShown() {
 async function clickLiveStop(page) {
   await watchStop(page);
   const { x, y } = await page.locator("#emergency-stop").boundingBox();
+  const before = await lab.countCommands("emergency-stop");
   await page.mouse.click(x + 9, y + 9);
   await lab.waitForRobot("lab", (robot) => robot.board_state === "emergency-stop", "the stop does not arrive");
   await page.mouse.click(x + 9, y + 9);
+  // Both have been carried out, so none follows the commands of the next check.
+  while (await lab.countCommands("emergency-stop") < before + 2) await page.waitForTimeout(50);
   assert.deepEqual((await page.evaluate(() => window.moves)).slice(0, 3), []);
 }
 
