@@ -28,6 +28,7 @@ mod schemas;
 mod serve;
 mod serve_access;
 mod serve_attacks;
+mod serve_freshness;
 mod serve_history;
 mod serve_latency;
 mod serve_limits;

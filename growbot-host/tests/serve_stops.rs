@@ -14,17 +14,6 @@ fn signal(pid: &str, signal: &str) {
     assert!(command("kill").args([signal, pid]).status().unwrap().success());
 }
 
-/// Returns the process of the simulated robot.
-fn robot_process(lab: &Lab) -> String {
-    let lock = lab.directory.path().join("state/growbot/robots/lab/lock").canonicalize().unwrap();
-    let has_it = |process: &std::fs::DirEntry| {
-        let open = std::fs::read_dir(process.path().join("fd")).into_iter().flatten().flatten();
-        open.map(|open| std::fs::read_link(open.path())).any(|link| link.is_ok_and(|link| link == lock))
-    };
-    let found = std::fs::read_dir("/proc").unwrap().flatten().find(has_it).unwrap();
-    found.file_name().into_string().unwrap()
-}
-
 fn robot(lab: &Lab) -> Value {
     lab.ask("GET", "/robots/lab", "").1
 }
@@ -36,7 +25,7 @@ fn a_stop_of_a_silent_robot_is_delivered_when_it_is_back_also_after_a_restart() 
         lab.wait_until_ready();
         let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "100,100,600,0,45" }).to_string());
         assert_eq!(status, 201, "{job}");
-        let pid = robot_process(&lab);
+        let pid = lab.robot_process();
         signal(&pid, "-STOP");
         let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"emergency-stop"}"#);
         let detail = problem["detail"].as_str().unwrap();

@@ -135,7 +135,8 @@ fn updates_are_streamed_and_the_end_is_last() {
     let stream = send(address, "GET", &format!("{path}updates"), &[]);
     let mut lines = BufReader::new(stream).lines().map(Result::unwrap);
     let mut next = move || -> Option<Value> {
-        let line = lines.find(|line| line.starts_with("data: "))?;
+        lines.find(|line| line == "event: update")?;
+        let line = lines.next()?;
         Some(serde_json::from_str(&line["data: ".len()..]).unwrap())
     };
     let first = next().unwrap();

@@ -50,8 +50,8 @@ async function grow(...args) {
 /** Opens the page. With `update`, the page gets this update instead of growbot's. */
 async function open(browser, address, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
-  const response = { contentType: "text/event-stream", body: `data: ${JSON.stringify(update)}\n\n` };
-  if (update) await page.route("**/updates", (route) => route.fulfill(response));
+  const message = JSON.stringify({ event: "update", data: update });
+  if (update) await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
   page.setDefaultTimeout(TIMEOUT_MS);
   page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));

@@ -60,11 +60,12 @@ const proxyPort = await freePort();
 const origin = `https://${HOST}:${proxyPort}`;
 const settings = replaceAll(await blockOf("toml"), [[`https://${HOST}`, origin]]);
 await writeFile(at("growbot.toml"), `[robots.lab]\nport = "sim:lab"\nrobot = "growbot-a2"\npace = 60.0\n${settings}`);
-const service = new Service(growbot, { env: { ...environment, ...directories }, cwd: directory });
+const spawnOptions = { env: { ...environment, ...directories }, cwd: directory };
+const service = new Service(growbot, spawnOptions);
 let [nginx, browser] = [];
 
 try {
-  const urls = await service.nextUrls();
+  const urls = await service.start();
   const { port, pathname } = new URL(urls.control);
 
   run("openssl", ["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "1", "-subj", `/CN=${HOST}`, "-keyout",
@@ -114,7 +115,7 @@ try {
   await waitForState("growing");
   await robot.getByRole("button", { name: "Stop", exact: true }).click();
   await waitForState("stopped");
-  await robot.getByRole("button", { name: "Emergency stop" }).first().click();
+  await page.locator("#emergency-stop").click();
   await waitForState("emergency-stop");
 
   // Without the proxy's login there is nothing.
@@ -126,6 +127,7 @@ try {
 } finally {
   await browser?.close();
   if (nginx?.kill("SIGTERM")) await once(nginx, "exit");
-  await service.end("sim:lab");
+  await service.end();
+  spawnSync(growbot, ["power", "off", "--port", "sim:lab"], spawnOptions);
   await rm(directory, { recursive: true });
 }

@@ -1,43 +1,53 @@
 // Starts `growbot serve` for the tests of its page, with an address that stays held while the service restarts.
 
-import { spawn, spawnSync } from "node:child_process";
+import { spawn } from "node:child_process";
 import { once } from "node:events";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
 
-/** A service, and the program that starts it again when it ends. */
+/** A service, and the program that holds its address and starts it. */
 export class Service {
   constructor(growbot, spawnOptions) {
     const args = [join(import.meta.dirname, "service_manager.py"), growbot];
-    Object.assign(this, { growbot, spawnOptions });
-    this.manager = spawn("python3", args, { ...spawnOptions, stdio: ["ignore", "pipe", "ignore"] });
+    this.manager = spawn("python3", args, { ...spawnOptions, stdio: ["pipe", "pipe", "ignore"] });
     this.lines = createInterface({ input: this.manager.stdout })[Symbol.asyncIterator]();
   }
 
-  /** Waits until a service prints its URLs. Returns the URLs by name. */
-  async nextUrls() {
+  /** Starts the service, which must not run. Returns its URLs by name. */
+  async start() {
+    this.manager.stdin.write("\n");
     const urls = {};
     while (!(urls.control && urls.view)) {
-      const { value: line, done } = await this.lines.next();
-      if (done) throw new Error("the service ended before it printed its URLs");
-      const [name, value] = line.split(/ +/);
+      const [name, value] = await this.nextLine();
       if (name === "process") this.pid = Number(value);
       else urls[name] = value;
     }
     return urls;
   }
 
-  /** Kills the service. The manager starts another one. */
-  kill() {
-    process.kill(this.pid, "SIGKILL");
+  /** Kills the service, and waits for its end. */
+  async kill() {
+    this.signal("SIGKILL");
+    const [name] = await this.nextLine();
+    if (name !== "ended") throw new Error(`the service printed ${name}`);
+    this.pid = null;
   }
 
-  /** Ends manager and service, and switches a simulated robot off. */
-  async end(port) {
-    this.manager.kill("SIGKILL");
+  signal(signal) {
+    process.kill(this.pid, signal);
+  }
+
+  /** Ends service and manager. */
+  async end() {
+    if (this.pid) await this.kill();
+    this.manager.stdin.end();
     await once(this.manager, "exit");
-    this.kill();
-    spawnSync(this.growbot, ["power", "off", "--port", port], this.spawnOptions);
+  }
+
+  async nextLine() {
+    const { value: line, done } = await this.lines.next();
+    if (done) throw new Error("the manager of the service has ended");
+    return line.split(/ +/);
   }
 }
 

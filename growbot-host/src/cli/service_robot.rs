@@ -391,16 +391,22 @@ fn json_of(robot: &RobotStatus) -> Value {
         "pause_cause": robot.pause_reason,
         "job": robot.job,
         "finish_utc": robot.finish_utc,
+        "status_age_s": robot.status_age_s,
+        "stale": robot.stale,
     })
 }
 
 fn text_of(robot: &RobotStatus) -> String {
     let simulated = if robot.simulated { ", simulated" } else { "" };
     let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
+    let age = robot.status_age_s.map_or("never".to_owned(), |age_s| format!("{age_s:.0} s ago"));
     if let Some(trouble) = &robot.connection_error {
-        return text + &format!("problem      {trouble}\n");
+        return text + &format!("problem      {trouble}\nlast report  {age}\n");
     }
     text += &format!("state        {}\n", robot.board_state.as_deref().unwrap_or("unknown"));
+    if robot.stale {
+        text += &format!("stale        the board last reported {age}, so what is shown here may have changed\n");
+    }
     if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {
         text += &format!("fault        {fault}: {meaning}\n");
     }

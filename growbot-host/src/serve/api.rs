@@ -18,8 +18,9 @@ use tokio::task::spawn_blocking;
 use super::Service;
 use super::audit::CommandSource;
 use super::command_routes::{emergency_stop, maintain, send_command, send_live_command, stop};
+use super::command_socket;
 use super::event_routes;
-use super::job_routes::{job, job_log, job_view, jobs, live, live_updates, new_job, resume};
+use super::job_routes::{job, job_log, job_view, jobs, live, live_update_socket, live_updates, new_job, resume};
 use super::job_store::Job;
 use super::limits::MAX_BODY;
 use super::openapi;
@@ -124,11 +125,14 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/jobs/{job}/view", get(job_view))
         .route("/jobs/{job}/live/", get(live))
         .route("/jobs/{job}/live/updates", get(live_updates))
+        .route("/jobs/{job}/live/updates/ws", get(live_update_socket))
+        .route("/jobs/{job}/live/commands/ws", get(command_socket::job_commands))
         .route("/jobs/{job}/live/commands/{command}", post(send_live_command))
         .route("/jobs/{job}/events", get(event_routes::job_stream))
         .route("/jobs/{job}/events/ws", get(event_routes::job_socket))
         .route("/events", get(event_routes::robot_stream))
         .route("/events/ws", get(event_routes::robot_socket))
+        .route("/commands/ws", get(command_socket::robot_commands))
         .layer(DefaultBodyLimit::max(MAX_BODY))
         .finish_api(&mut document);
     (router, openapi::complete(&document))

@@ -17,6 +17,9 @@ use super::robot_worker::{RobotRequest, RobotStatus, RobotWorker};
 use super::{ArrivalPermits, Service};
 use crate::watch::server as watch;
 
+/// Name of the maintenance task that switches the heater off.
+const COOL_DOWN: &str = "cooldown";
+
 pub async fn send_command(
     state: ServiceState,
     access: Extension<Access>,
@@ -55,7 +58,7 @@ async fn command_robot(
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let permit = permits.of(&name)?.clone();
+    let permit = if command.stops_or_pauses() { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let given = run_command(&keeper, command, &permit);
         service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
@@ -85,7 +88,7 @@ pub async fn maintain(
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let permit = permits.of(&name)?.clone();
+    let permit = if task == COOL_DOWN { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
@@ -113,7 +116,7 @@ pub async fn send_live_command(
     let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
     let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
         let live = keeper.live(&id).ok_or_else(|| Problem::conflict(format!("job {id} is not active")))?;
-        let answer = watch::send_command(&live, &order).await;
+        let answer = watch::send_command(&live, &order, &permits.age).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &keeper.name, &order, None);
         }

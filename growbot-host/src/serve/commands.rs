@@ -42,6 +42,11 @@ pub enum RobotCommand {
 }
 
 impl RobotCommand {
+    /// Returns whether the command stops or pauses the robot. Such a command is never refused because of its age.
+    pub(super) fn stops_or_pauses(self) -> bool {
+        matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
+    }
+
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Pause => "pause",

@@ -1,6 +1,7 @@
 //! Streams of events: the lines of a job's run log, each once, and the state of all robots. They are sent as
 //! server-sent events or on a WebSocket.
 
+use std::collections::BTreeMap;
 use std::convert::Infallible;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
@@ -19,8 +20,9 @@ use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
-use super::Service;
 use super::job_store::JobState;
+use super::{RobotStatus, Service};
+use crate::watch::heartbeat::{Heartbeat, HeartbeatTimer};
 
 /// Minimum time between two events about the robots.
 const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
@@ -173,19 +175,31 @@ impl LogTail {
     }
 }
 
-/// Returns the state of all robots now and after each change.
+/// Returns the state of all robots now and after each change, and heartbeats with the age of each status.
 pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
     let changes = service.shared.changes.subscribe();
-    unfold((service, changes, String::new()), |(service, mut changes, mut sent)| async move {
+    let start = (service, changes, String::new(), HeartbeatTimer::new());
+    unfold(start, |(service, mut changes, mut sent, mut heartbeats)| async move {
         loop {
             changes.mark_unchanged();
-            let now = json_line(&service.robots());
-            if now != sent {
-                sent.clone_from(&now);
-                let next = StreamEvent { event: "robots", id: None, data: now.trim_end().to_owned() };
-                return Some((next, (service, changes, sent)));
+            let robots = service.robots();
+            // The age of a status is not a change.
+            let now = json_line(&robots.iter().map(RobotStatus::without_age).collect::<Vec<_>>());
+            // Heartbeats come first, because the robots may change all the time.
+            let next = if heartbeats.remaining().is_zero() {
+                heartbeats.restart();
+                let ages = robots.iter().map(|robot| (robot.name.as_str(), robot.status_age_s));
+                Some(("heartbeat", Heartbeat::json(ages.collect::<BTreeMap<_, _>>())))
+            } else if now != sent {
+                sent = now;
+                Some(("robots", json_line(&robots).trim_end().to_owned()))
+            } else {
+                None
+            };
+            if let Some((event, data)) = next {
+                return Some((StreamEvent { event, id: None, data }, (service, changes, sent, heartbeats)));
             }
-            wait(&mut changes).await;
+            let _ = timeout(heartbeats.remaining().min(LOG_POLL_INTERVAL), changes.changed()).await;
             sleep(MIN_EVENT_INTERVAL).await;
         }
     })

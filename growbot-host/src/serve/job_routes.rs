@@ -1,19 +1,19 @@
 //! Jobs over HTTP: their start, their list, their logs and their pages.
 
-use std::convert::Infallible;
 use std::fs::File;
+use std::future::ready;
 use std::io::{self, Read};
 use std::sync::Arc;
 use std::time::Duration;
 
 use axum::body::Body;
+use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
-use axum::response::sse::{Event, Sse};
 use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
-use futures_util::stream::unfold;
+use futures_util::stream::{BoxStream, StreamExt, once, unfold};
 use growbot_client::feedback::can_measure;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::stop_signal::Permit;
@@ -31,12 +31,13 @@ use super::commands::COMMAND_TIMEOUT;
 use super::grow_request::{GrowRequest, PlanInScene};
 use super::job_store::{Job, JobState};
 use super::json_body::JsonBody;
-use super::limits::{RoleLimits, holding};
+use super::limits::{RoleLimits, StreamPermit, holding};
 use super::problem::Problem;
 use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
 use super::{ArrivalPermits, Service};
 use crate::watch::LiveGrowth;
-use crate::watch::server::updates_of;
+use crate::watch::server::{self as watch, LiveEvent, updates_of};
+use crate::watch::sockets::{limited, send_texts};
 
 /// Delay before the page of a disconnected robot's job has to request updates again.
 const AWAY: Duration = Duration::from_secs(2);
@@ -56,7 +57,7 @@ pub async fn new_job(
 ) -> Result<(StatusCode, Json<Job>), Problem> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let order = Order { permit: permits.of(&name)?.clone(), claim: Claim::default() };
+    let order = Order { permit: permits.recent(&name)?.clone(), claim: Claim::default() };
     let requester = Requester(order.claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = limits.compute(move |computation| {
@@ -176,7 +177,7 @@ pub async fn resume(
     let by = require_control(access)?;
     let job = found_job(&service, &id)?;
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
-    let permit = permits.of(&job.robot)?.clone();
+    let permit = permits.recent(&job.robot)?.clone();
     run_blocking(move || {
         let begins = keeper.lock_job_start();
         let outcome = keeper
@@ -267,16 +268,36 @@ fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
 }
 
 pub async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
-    let job = found_job(&service, &id)?;
-    match live_of(&service, &job) {
-        Ok(live) => Ok(updates_of(live).into_response()),
-        // The robot is disconnected. A browser reconnects to a stream that ends, but not to one that is rejected.
-        Err(_) if job.state == JobState::Active => Ok(Sse::new(unfold((), |()| async {
-            sleep(AWAY).await;
-            None::<(Result<Event, Infallible>, ())>
-        }))
-        .into_response()),
-        Err(problem) => Err(problem),
+    Ok(watch::sse_response(live_events(&service, &found_job(&service, &id)?)))
+}
+
+pub async fn live_update_socket(
+    State(service): ServiceState,
+    Extension(permit): Extension<StreamPermit>,
+    Path(id): Path<String>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    let events = live_events(&service, &found_job(&service, &id)?);
+    Ok(limited(upgrade).on_upgrade(|socket| async move {
+        send_texts(socket, events.map(|event| event.text())).await;
+        drop(permit);
+    }))
+}
+
+/// Returns the events of a job's page. If the robot of an active job is disconnected, the page has to connect again
+/// after a while. The stream of any other job contains only the event that it has ended.
+fn live_events(service: &Service, job: &Job) -> BoxStream<'static, LiveEvent> {
+    match live_of(service, job) {
+        Ok(live) => updates_of(live).boxed(),
+        Err(_) if job.state == JobState::Active => {
+            let age = service.robot(&job.robot).and_then(|robot| robot.status().status_age_s);
+            let pause = unfold((), |()| async {
+                sleep(AWAY).await;
+                None
+            });
+            once(ready(LiveEvent::heartbeat(age))).chain(pause).boxed()
+        }
+        Err(problem) => once(ready(LiveEvent::end(&problem.detail))).boxed(),
     }
 }
 

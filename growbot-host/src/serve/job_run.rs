@@ -12,6 +12,7 @@ use growbot_client::growth::{
     OnParked, Outcome, grow_job, resume_job,
 };
 use growbot_client::plan::Plan;
+use growbot_client::port::time_since_boot;
 use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunOrigin, utc_text};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
@@ -290,6 +291,7 @@ impl<'a> RunningJob<'a> {
             JobEvent::State(state) => {
                 self.keeper.void_if_stopped_elsewhere(*state);
                 self.keeper.update_state(|known| {
+                    known.reported = Some(time_since_boot());
                     if let Some(status) = &mut known.status {
                         status.state = *state;
                     }
@@ -298,6 +300,7 @@ impl<'a> RunningJob<'a> {
             JobEvent::Laid { index, .. } => {
                 self.laid = index.saturating_add(1);
                 self.keeper.update_state(|known| {
+                    known.reported = Some(time_since_boot());
                     if let Some(status) = &mut known.status {
                         status.layers_laid = index.saturating_add(1);
                     }

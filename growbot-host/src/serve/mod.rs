@@ -8,6 +8,7 @@
 //!   `job_history` corrects it by the logs and the boards. `audit` records all commands.
 //! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi`
 //!   completes its OpenAPI document.
+//! - `page` has the files of the page, and `command_socket` receives its commands.
 //! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks the
 //!   tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections and
 //!   `limits` the other resources that clients of each role can use. `workers` is the thread on which requests other than
@@ -19,6 +20,7 @@ pub mod api;
 mod audit;
 pub mod client;
 mod command_routes;
+mod command_socket;
 pub mod commands;
 pub mod config;
 mod connections;
@@ -40,6 +42,7 @@ mod limits;
 pub mod notification;
 mod notifier;
 mod openapi;
+mod page;
 mod page_access;
 pub mod page_listener;
 mod paths;
@@ -79,6 +82,7 @@ pub use self::paths::ServicePaths;
 use self::problem::Problem;
 use self::robot_worker::RobotWorker;
 pub use self::robot_worker::{RobotState, RobotStatus};
+use crate::watch::heartbeat::OrderAge;
 
 /// The robots of this user, with their jobs.
 pub struct Service {
@@ -103,12 +107,27 @@ pub enum StartError {
 /// Permits of the moment at which the head of a request arrived, by robot. Stops that come later void them, also while
 /// the body of the request is received.
 #[derive(Debug, Clone)]
-pub struct ArrivalPermits(BTreeMap<String, Permit>);
+pub struct ArrivalPermits {
+    permits: BTreeMap<String, Permit>,
+    /// Age of the order at that moment.
+    age: OrderAge,
+}
 
 impl ArrivalPermits {
-    /// Returns the permit for this robot.
+    /// Sets the age of the order.
+    fn with_age(self, age: OrderAge) -> Self {
+        Self { age, ..self }
+    }
+
+    /// Returns the permit for an order to this robot that stops or pauses, which is never too old.
     fn of(&self, robot: &str) -> Result<&Permit, Problem> {
-        self.0.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
+        self.permits.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
+    }
+
+    /// Returns the permit for any other order to this robot, unless the order has arrived too late.
+    fn recent(&self, robot: &str) -> Result<&Permit, Problem> {
+        self.age.check().map_err(Problem::conflict)?;
+        self.of(robot)
     }
 }
 
@@ -211,7 +230,8 @@ impl Service {
 
     /// Returns a permit for each robot, for an order that arrives now.
     fn permits(&self) -> ArrivalPermits {
-        ArrivalPermits(self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect())
+        let permits = self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect();
+        ArrivalPermits { permits, age: OrderAge::default() }
     }
 
     fn robot(&self, name: &str) -> Option<&Arc<RobotWorker>> {

@@ -1,5 +1,6 @@
 //! Notices about a robot: its conditions, its connection, and restarts of its board and of the service.
 
+use growbot_client::port::time_since_boot;
 use growbot_core::link::message::{BoardInfo, Status};
 
 use super::job_store::Job;
@@ -18,7 +19,7 @@ impl RobotWorker {
     /// was reported last.
     pub(super) fn record_status(&self, status: Status) {
         let condition = AlertState::from_status(&status);
-        self.update_state(|known| known.status = Some(status));
+        self.update_state(|known| (known.status, known.reported) = (Some(status), Some(time_since_boot())));
         let mut last = self.lock_last_alerts();
         if last.state.as_ref() != Some(&condition) {
             self.with_notification_context(|about| self.shared.notify_alerts(about, condition.alerts(about)));

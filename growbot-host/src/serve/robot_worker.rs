@@ -10,6 +10,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::Plan;
+use growbot_client::port::time_since_boot;
 use growbot_client::robot_file;
 use growbot_client::run_log::RunLog;
 use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
@@ -30,6 +31,7 @@ use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
 use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
+use crate::watch::heartbeat::{STALE_AFTER, status_age_s};
 
 /// Time between two status requests to a board without a job. A request to the robot waits at most this long.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
@@ -85,11 +87,22 @@ pub struct RobotStatus {
     pub job: Option<String>,
     /// Expected time of the last layer, RFC 3339. Null unless the robot grows at a known pace.
     pub finish_utc: Option<String>,
+    /// Time since the board's latest report, s. The rest of the status is as old. Null before the first report.
+    pub status_age_s: Option<f64>,
+    /// True if the latest report is older than 5 s, or if there is none. The board may be in another state by now.
+    pub stale: bool,
     /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
     pub command_error: Option<String>,
     /// Stop that the board has not confirmed. It is sent before anything else, also after a restart of the service.
     /// Null if there is none.
     pub pending_stop: Option<StopLevel>,
+}
+
+impl RobotStatus {
+    /// Returns the status without its age, to compare it with another.
+    pub(super) fn without_age(&self) -> Self {
+        Self { status_age_s: None, ..self.clone() }
+    }
 }
 
 /// A job to start.
@@ -182,6 +195,8 @@ pub struct WorkerState {
     /// Robot description. `None` until the first connection to the board.
     pub robot: Option<Robot>,
     pub status: Option<Status>,
+    /// Time at which the board last reported, since the machine's start.
+    pub reported: Option<Duration>,
     pub job: Option<String>,
     /// Queue of commands to the active growth.
     pub commands: Option<Arc<CommandQueue>>,
@@ -273,6 +288,14 @@ impl RobotWorker {
         self.last_alerts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Returns the time since the board's latest report, s. `None` before the first one.
+    fn status_age_s(&self, known: &WorkerState, pace: Option<f64>) -> Option<f64> {
+        let reported = known.reported?;
+        // The time of a robot on a virtual clock passes only in requests to it.
+        let is_paused = known.job.is_none() && self.port().is_ok_and(|port| port.is_virtual());
+        Some(if is_paused { 0.0 } else { status_age_s(reported, pace) })
+    }
+
     pub(super) fn port(&self) -> Result<PortName, String> {
         self.entry.port.parse().map_err(|error: port::OpenError| error.to_string())
     }
@@ -301,6 +324,7 @@ impl RobotWorker {
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
+        let age_s = self.status_age_s(&known, pace);
         RobotStatus {
             name: self.name.clone(),
             port: self.entry.port.clone(),
@@ -323,6 +347,8 @@ impl RobotWorker {
             layers: status.map_or(0, |status| status.layer_count),
             job: known.job.clone(),
             finish_utc: known.finish_utc.clone(),
+            status_age_s: age_s,
+            stale: age_s.is_none_or(|age_s| age_s > STALE_AFTER.as_secs_f64()),
             command_error: known.command_error.clone(),
             pending_stop: self.signal.level(),
         }
@@ -519,7 +545,11 @@ impl RobotWorker {
         let looked = client.event(wait).and_then(|_| client.status());
         match looked {
             Ok(status) => {
-                let last = self.lock_state().status.clone();
+                let last = {
+                    let mut known = self.lock_state();
+                    known.reported = Some(time_since_boot());
+                    known.status.clone()
+                };
                 if last.as_ref() != Some(&status) {
                     self.void_if_stopped_elsewhere(status.state);
                     self.record_status(status.clone());

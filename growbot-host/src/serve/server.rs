@@ -12,7 +12,7 @@ use axum::extract::Request;
 use axum::http::HeaderValue;
 use axum::http::header::{ALLOW, CONTENT_TYPE};
 use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
-use axum::response::{Html, IntoResponse, Response};
+use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
 use serde_json::Value;
@@ -30,18 +30,11 @@ use super::problem::Problem;
 use super::state_lock::{LockError, StateLock};
 use super::tokens::Tokens;
 use super::workers::{self, handle_request};
-use super::{Service, ServicePaths};
+use super::{Service, ServicePaths, page};
 use crate::ownership::OwnershipError;
 use crate::watch::allowed_origins::AllowedOrigins;
+use crate::watch::heartbeat::OrderAge;
 use crate::watch::origin_check::{not_found, require_allowed_origin};
-
-/// Page of all robots.
-const PAGE: &str = include_str!("page/robots.html");
-const SCRIPT: &str = include_str!("page/robots.js");
-const STYLE: &str = include_str!("page/robots.css");
-/// Content security policy of the page. The page can load content from the service only.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
-                      form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 
 /// Maximum length of the reason in a response that is converted to problem details, bytes.
 const MAX_REASON: usize = 4096;
@@ -186,7 +179,8 @@ fn site(
     };
     let (service, limits) = (Arc::clone(service), RoleLimits::new(access));
     let insert = move |mut request: Request| {
-        let (permits, limits) = (service.permits(), Arc::clone(&limits));
+        let permits = service.permits().with_age(OrderAge::of_request(request.headers()));
+        let limits = Arc::clone(&limits);
         async move {
             request.extensions_mut().insert(permits);
             request.extensions_mut().insert(limits);
@@ -195,9 +189,7 @@ fn site(
         }
     };
     Router::new()
-        .route("/", get(|| async { ([("content-security-policy", POLICY)], Html(PAGE)) }))
-        .route("/robots.js", get(|| async { ([(CONTENT_TYPE, "text/javascript")], SCRIPT) }))
-        .route("/robots.css", get(|| async { ([(CONTENT_TYPE, "text/css")], STYLE) }))
+        .merge(page::routes())
         .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
         .nest(api::PREFIX, router)
         .fallback(api::unknown_route)

@@ -172,6 +172,11 @@ impl GrowthTracker {
         self.pace = pace;
     }
 
+    /// Returns the pace of the robot's clock, in multiples of real time. `None` if it is not known.
+    pub fn pace(&self) -> Option<f64> {
+        self.pace
+    }
+
     /// Sets or clears the problem with this program's own files.
     pub fn set_warning(&mut self, words: Option<String>) {
         self.warned = words;

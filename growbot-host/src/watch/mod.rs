@@ -2,7 +2,8 @@
 //!
 //! - [`WatchPage`] is the page's server and receives the growth's events.
 //! - `growth_tracker` is the state of the growth and the part that a page has not yet received.
-//! - `server` is the HTTP server, on the loopback interface only.
+//! - `server` is the HTTP server, on the loopback interface only. `sockets` are the page's WebSockets.
+//! - `heartbeat` shows a page that its data are current, and the age of an order.
 //! - `origin_check` decides which requests are served, also through the proxies of `allowed_origins`.
 //! - growbot-pictures/viewer/src/live.js is the client.
 //!
@@ -12,8 +13,10 @@
 
 pub(crate) mod allowed_origins;
 mod growth_tracker;
+pub(crate) mod heartbeat;
 pub(crate) mod origin_check;
 pub(crate) mod server;
+pub(crate) mod sockets;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
@@ -23,6 +26,7 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use growbot_client::growth::{CommandQueue, Job, JobEvent};
+use growbot_client::port::time_since_boot;
 use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
 use tokio::sync::{oneshot, watch};
@@ -68,6 +72,8 @@ pub struct LiveGrowth {
     /// Queue of commands. `None` if pages are read-only.
     orders: Option<Arc<CommandQueue>>,
     watched: Mutex<GrowthTracker>,
+    /// Time of the board's latest report, since the machine's start. `None` before the first one.
+    reported: Mutex<Option<Duration>>,
     /// Counter of changes. Each open page waits for it to change.
     changes: watch::Sender<u64>,
     is_left: AtomicBool,
@@ -79,7 +85,8 @@ impl LiveGrowth {
     #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
         let watched = Mutex::new(GrowthTracker::new(job, known));
-        Arc::new(Self { orders, watched, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
+        let reported = Mutex::default();
+        Arc::new(Self { orders, watched, reported, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
     }
 
     fn watched(&self) -> MutexGuard<'_, GrowthTracker> {
@@ -93,8 +100,17 @@ impl LiveGrowth {
 
     /// Sends an event to the pages.
     pub fn ingest(&self, event: &JobEvent) {
+        if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
+            *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(time_since_boot());
+        }
         self.watched().ingest(event);
         self.signal_change();
+    }
+
+    /// Returns the time since the board's latest report, s. `None` before the first one.
+    fn status_age_s(&self) -> Option<f64> {
+        let reported = *self.reported.lock().unwrap_or_else(PoisonError::into_inner);
+        Some(heartbeat::status_age_s(reported?, self.watched().pace()))
     }
 
     /// Shows a problem with this program's own files on the pages, or clears it.

@@ -93,6 +93,17 @@ impl Lab {
         self.pages = Some(pages);
     }
 
+    /// Returns the process of the simulated robot `lab`, which has its lock open.
+    pub fn robot_process(&self) -> String {
+        let lock = self.directory.path().join("state/growbot/robots/lab/lock").canonicalize().unwrap();
+        let has_it = |process: &fs::DirEntry| {
+            let open = fs::read_dir(process.path().join("fd")).into_iter().flatten().flatten();
+            open.map(|open| fs::read_link(open.path())).any(|link| link.is_ok_and(|link| link == lock))
+        };
+        let found = fs::read_dir("/proc").unwrap().flatten().find(has_it).unwrap();
+        found.file_name().into_string().unwrap()
+    }
+
     pub fn kill(&mut self) {
         let mut service = self.service.take().unwrap();
         service.kill().unwrap();

@@ -13,6 +13,8 @@ use crate::drawing::colours::HEIGHTS;
 
 const PAGE: &str = include_str!("../../viewer/src/page.html");
 const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
+/// Module of the page's script that follows streams of events and sends commands. Other pages can serve it, too.
+pub const CONNECTION_SCRIPT: &str = include_str!("../../viewer/src/connection.js");
 
 /// Targets to which a page may send requests (`connect-src` of its content security policy): none, or its own origin.
 const NOWHERE: &str = "'none'";

@@ -1,80 +1,75 @@
 // The page of all robots. It shows the state that the service reports and sends the user's commands.
 
-const API = "api/v1";
+import {
+  formatDuration, formatNumber, formatTime, makeCard, renderCard, setAge, setText, showMessage, valueLabels,
+} from "./card.js";
+import { RejectionError, STALE_MS, retryDelay } from "./connection.js";
+import { sendCommand, sendOrder, startCommands } from "./orders.js";
+import { ask } from "./question.js";
+import { API, clock, followService, request } from "./service.js";
+
 const JOBS_REFRESH_MS = 10_000;
 const MAX_JOBS = 50;
-/** Cards of robots by name. A card has its `element`, `find(selector)` in it, and the latest state of its `robot`. */
+/** Interval at which the ages on the page are updated. */
+const AGE_MS = 500;
+/** Cards of robots by name. */
 const cards = new Map();
-/** True if this URL can send commands. False if it is read-only. */
-let canControl = false;
-/** The open panel: the card of its robot, and the element that had the focus before. */
+/** Names under which the service stores the scenes of this page's files. */
+const storedScenes = new WeakMap();
+/** True if this URL can send commands, false if it is read-only. Null until the service has responded. */
+let canControl = null;
+/** Time of the service's latest message, and whether the connection is lost. Null before the first message. */
+let [heardAt, isLost] = [null, false];
+/** The open panel: the element that had the focus before, and the selection. */
 let openedPanel = {};
 const byId = (id) => document.getElementById(id);
-/** Labels of a maintenance task's value. Tasks without a value have an empty label. */
-const valueLabels = {
-  preheat: "Temperature in C, or a material; empty for the growth temperature", cooldown: "", home: "",
-  load: "Length in mm, or a material", unload: "Length in mm, or a material", purge: "Length in mm, or a material",
-  rotate: "Angle in degrees", jog: "Length in mm, negative to retract",
-};
 
-/** Requests a path, or sends a value or file to it. Throws the error of the service's response. */
-async function request(path, body) {
-  const options = {};
-  if (body !== undefined) options.method = "POST";
-  if (body instanceof File) options.body = body;
-  else if (body !== undefined) {
-    Object.assign(options, { headers: { "content-type": "application/json" }, body: JSON.stringify(body) });
-  }
-  const response = await fetch(`${API}/${path}`, options);
-  const text = await response.text();
-  let result;
-  try { result = JSON.parse(text); } catch { result = { detail: text }; }
-  if (!response.ok) throw new Error(result.detail ?? `the service returned HTTP status ${response.status}`);
-  return result;
-}
-
-const formatTime = (utc) => new Date(utc).toLocaleString([], { dateStyle: "short", timeStyle: "short" });
-const formatNumber = (number, decimals) => number.toFixed(decimals);
-
-function formatDuration(seconds) {
-  const minutes = Math.round(seconds / 60);
-  if (minutes < 1) return `${Math.round(seconds)} s`;
-  return minutes < 60 ? `${minutes} min` : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
-}
+const silentMs = () => (heardAt === null ? Infinity : performance.now() - heardAt);
+const sleep = (ms) => new Promise((resolve) => { setTimeout(resolve, ms); });
 
 /** Returns the card of a robot. Creates it on the first call. */
 function getCard(name) {
   if (cards.has(name)) return cards.get(name);
-  const element = byId("robot").content.firstElementChild.cloneNode(true);
-  const find = (selector) => element.querySelector(selector);
-  const card = { element, find, robot: null };
-  element.setAttribute("aria-label", `Robot ${name}`);
-  find("h2").textContent = name;
-  for (const button of element.querySelectorAll("[data-command]")) {
-    button.addEventListener("click", () => sendCommand(card, button.dataset.command));
+  const card = makeCard(name);
+  for (const button of card.element.querySelectorAll("[data-command]")) {
+    button.addEventListener("click", () => giveCommand(card, button.dataset.command));
   }
-  find("[data-show-body]").addEventListener("click", () => {
-    openPanel(`${API}/jobs/${card.robot.job}/live/`, `${name}: live view`, card);
+  card.find("[data-show-body]").addEventListener("click", () => {
+    openPanel(`${API}jobs/${card.robot.job}/live/`, `${name}: live view`, card);
   });
-  find("form.grow").addEventListener("submit", (event) => submitGrow(card, event));
-  find("form.maintain").addEventListener("submit", (event) => submitMaintenance(card, event));
-  find("select").addEventListener("change", () => updateValueField(card));
-  byId("robots").append(element);
+  card.find("form.grow").addEventListener("submit", (event) => submitGrow(card, event));
+  card.find("form.maintain").addEventListener("submit", (event) => submitMaintenance(card, event));
+  byId("robots").append(card.element);
   cards.set(name, card);
-  updateValueField(card);
+  showSelection();
   return card;
 }
 
-/** Shows the value field of the selected maintenance task, or hides it if the task has no value. */
-function updateValueField({ find }) {
-  const label = valueLabels[find("select").value];
-  find(".value-label").textContent = label;
-  find("[name=value]").closest("label").hidden = !label;
+/** Returns the cards of the robots that the page shows: the one in the fragment of the URL, or all. */
+function selectedCards() {
+  const name = [...cards.keys()].find((name) => `#${encodeURIComponent(name)}` === location.hash);
+  return name === undefined ? [...cards.values()] : [cards.get(name)];
 }
 
-function showMessage({ find }, text, isError) {
-  find(".message").textContent = text;
-  find(".message").classList.toggle("error", Boolean(isError));
+/** Shows the selected robots, and the links to the others. The emergency stop is that of the selected robots. */
+function showSelection() {
+  const selected = selectedCards();
+  for (const card of cards.values()) card.element.hidden = !selected.includes(card);
+  const isOne = selected.length === 1;
+  const names = [...cards.keys()];
+  const link = (text, hash, isCurrent) => {
+    const element = makeLink(text, hash);
+    if (isCurrent) element.setAttribute("aria-current", "page");
+    return element;
+  };
+  byId("robot-links").hidden = names.length < 2;
+  document.body.classList.toggle("several", names.length > 1);
+  byId("robot-links").replaceChildren(
+    link("All robots", "#", !isOne),
+    ...names.map((name) => link(name, `#${encodeURIComponent(name)}`, isOne && selected[0] === cards.get(name))),
+  );
+  const target = isOne ? selected[0].robot?.name ?? names[0] : `all ${selected.length} robots`;
+  setText(byId("emergency-stop"), selected.length ? `Emergency stop ${target}` : "Emergency stop");
 }
 
 /** Runs an action of a card and shows its result. */
@@ -87,10 +82,33 @@ async function runAction(card, label, action) {
   }
 }
 
-function sendCommand(card, command) {
-  runAction(card, command.replace("-", " "), async () => {
-    showRobots([await request(`robots/${card.robot.name}/commands`, { command })]);
+/** Questions before commands that destroy something. */
+const questions = {
+  cancel: ({ name, laid, layers }) => [
+    `Discard the body of ${name}?`,
+    `The board deletes its ${laid} of ${layers} layers. The body cannot be resumed after that.`, "Discard body",
+  ],
+  "withdraw-stop": ({ name }) => [
+    `Withdraw the stop of ${name}?`,
+    "The board has not confirmed the stop, so the robot may still be on. The service will not send the stop again.",
+    "Withdraw stop",
+  ],
+};
+
+async function giveCommand(card, command) {
+  if (questions[command] && !await ask(...questions[command](card.robot))) return;
+  await runAction(card, command.replaceAll("-", " "), async () => {
+    showRobots([await sendCommand(card.robot.name, command)]);
   });
+}
+
+function stopSelected() {
+  const selected = selectedCards();
+  for (const card of selected) giveCommand(card, "emergency-stop");
+  if (!selected.length) {
+    const problem = "No robot is known yet: cut the robot's power, or run `growbot estop` on its machine";
+    setText(byId("connection"), problem);
+  }
 }
 
 function parsePlan(text, name) {
@@ -101,55 +119,74 @@ function parsePlan(text, name) {
   }
 }
 
-/** Returns the body of a request to grow or to plan. Uploads the scene if the form has one. */
+/** Returns the name under which the service stores a scene. Uploads the scene unless this page has done that. */
+async function storeScene(file) {
+  if (!storedScenes.has(file)) {
+    const { scene } = await request(`scenes?name=${encodeURIComponent(file.name)}`, file);
+    storedScenes.set(file, scene);
+  }
+  return storedScenes.get(file);
+}
+
+/** Returns the body of a request to grow or to plan. */
 async function growRequest(form) {
   const [[file], [scene]] = [form.plan.files, form.scene.files];
   const goal = form.to.value.trim();
   const [feedback, force, ignore_scene] = [form.feedback, form.force, form.ignore_scene].map(({ checked }) => checked);
   const options = { feedback, force, ignore_scene };
-  if (scene) options.scene = (await request(`scenes?name=${encodeURIComponent(scene.name)}`, scene)).scene;
+  if (scene) options.scene = await storeScene(scene);
   if (file) return { ...options, plan: parsePlan(await file.text(), file.name), name: file.name };
   return { ...options, to: goal };
 }
 
 /** Previews or grows the body of a card's form. */
-function submitGrow(card, event) {
+async function submitGrow(card, event) {
   event.preventDefault();
   const form = event.target;
-  const isPreview = event.submitter?.value === "preview";
-  runAction(card, isPreview ? "preview" : "grow", async () => {
+  const { name } = card.robot;
+  if (event.submitter?.value === "preview") {
+    await runAction(card, "preview", () => preview(card, form));
+    return;
+  }
+  const timeMs = clock.now();
+  await runAction(card, "grow", async () => {
     const body = await growRequest(form);
-    if (!isPreview) {
-      const job = await request(`robots/${card.robot.name}/jobs`, body);
-      refreshJobs();
-      return `job ${job.id} started`;
-    }
-    const { plan, view_path: viewPath } = await request(`plans?robot=${encodeURIComponent(card.robot.name)}`, body);
-    const warnings = plan.warnings.map((warning) => `${warning.code}: ${warning.message}`);
-    const { pace } = card.robot;
-    const finish = pace ? `, done at ${formatTime(Date.now() + (1000 * plan.duration_s) / pace)}` : "";
-    card.find(".preview").textContent = [
-      `${formatNumber(plan.length_mm, 1)} mm, ${plan.layers} layers, ${formatDuration(plan.duration_s)}${finish}, `
-        + `${formatNumber(plan.filament_mm / 1000, 2)} m of filament`,
-      ...warnings].join("\n");
-    openPanel(`${API}/${viewPath}`, `${card.robot.name}: preview`, card);
-    return "";
+    const job = await sendOrder(`Grow on ${name}`, `robots/${encodeURIComponent(name)}/jobs`, body, timeMs);
+    refreshJobs();
+    return `job ${job.id} started`;
   });
+}
+
+async function preview(card, form) {
+  const { name, pace } = card.robot;
+  const body = await growRequest(form);
+  const { plan, view_path: viewPath } = await request(`plans?robot=${encodeURIComponent(name)}`, body);
+  const warnings = plan.warnings.map((warning) => `${warning.code}: ${warning.message}`);
+  const finish = pace ? `, done at ${formatTime(Date.now() + (1000 * plan.duration_s) / pace)}` : "";
+  card.find(".preview").textContent = [
+    `${formatNumber(plan.length_mm, 1)} mm, ${plan.layers} layers, ${formatDuration(plan.duration_s)}${finish}, `
+      + `${formatNumber(plan.filament_mm / 1000, 2)} m of filament`,
+    ...warnings].join("\n");
+  openPanel(`${API}${viewPath}`, `${name}: preview`, card);
+  return "";
 }
 
 function submitMaintenance(card, event) {
   event.preventDefault();
   const { task, value } = event.target;
-  runAction(card, task.options[task.selectedIndex].text, async () => {
+  const label = task.options[task.selectedIndex].text;
+  const { name } = card.robot;
+  runAction(card, label, async () => {
     const body = { task: task.value, value: valueLabels[task.value] ? value.value.trim() : "" };
-    showRobots([await request(`robots/${card.robot.name}/maintenance`, body)]);
+    showRobots([await sendOrder(`${label} of ${name}`, `robots/${encodeURIComponent(name)}/maintenance`, body)]);
   });
 }
 
-/** Shows a page of the service in a panel with an emergency stop of the card's robot. */
+/** Shows a page of the service in a panel below the header. Selects the card's robot, so the stop is that of it. */
 function openPanel(url, title, card) {
-  openedPanel = { card, previousFocus: document.activeElement };
-  byId("body-stop").hidden = !card || !canControl;
+  if (byId("body").hidden) openedPanel = { previousFocus: document.activeElement, hash: location.hash };
+  if (card && cards.size > 1) history.replaceState(null, "", `#${encodeURIComponent(card.robot.name)}`);
+  showSelection();
   byId("body-title").textContent = title;
   byId("body-frame").src = url;
   byId("body-link").href = url;
@@ -161,81 +198,20 @@ function closePanel() {
   if (byId("body").hidden) return;
   byId("body").hidden = true;
   byId("body-frame").removeAttribute("src");
+  if (openedPanel.hash !== location.hash) history.replaceState(null, "", openedPanel.hash || "#");
+  showSelection();
   openedPanel.previousFocus?.focus();
 }
 
-/** Returns the names and values that a card lists. */
-function robotProperties(robot) {
-  const properties = [];
-  if (robot.robot) properties.push(["Robot", robot.robot]);
-  if (robot.board_state) {
-    const temperature = robot.temperature_c === null ? "no reading" : `${formatNumber(robot.temperature_c, 1)} C`;
-    const target = robot.target_c === null ? ", heater off" : ` of ${formatNumber(robot.target_c, 1)} C`;
-    properties.push(["Nozzle", temperature + target]);
-  }
-  if (robot.job) properties.push(["Job", robot.job]);
-  if (robot.layers) properties.push(["Layers", `${robot.laid} of ${robot.layers}`]);
-  if (robot.finish_utc) properties.push(["Done at", formatTime(robot.finish_utc)]);
-  if (robot.pause_reason) properties.push(["Pause reason", robot.pause_reason]);
-  return properties;
-}
-
-/** Returns the text about the robot's port and simulation. */
-function describePort({ port, simulated, pace }) {
-  if (!simulated) return port;
-  return `${port}, simulated${pace && pace !== 1 ? `, ${pace} times as fast as real time` : ""}`;
-}
-
-/** Returns the reason why maintenance is not possible now, empty if it is possible. */
-function maintenanceBlockedBy(robot) {
-  if (!canControl) return "This URL is read-only.";
-  if (robot.state === "disconnected") return "The robot is not connected.";
-  if (robot.job) return "A job is active: pause it, and use its page.";
-  if (robot.fault) return "A fault is latched: clear it first.";
-  return "";
-}
-
-/** Returns whether each command is possible in the robot's state. */
-function allowedCommands(robot) {
-  const isConnected = robot.state !== "disconnected";
-  const isPaused = ["paused", "parked"].includes(robot.board_state);
-  const isOff = robot.fault || robot.board_state === "emergency-stop";
-  return {
-    pause: robot.job && !isPaused, continue: robot.job && isPaused, stop: isConnected, "emergency-stop": true,
-    "clear-fault": isConnected && isOff && !robot.job,
-    cancel: isConnected && !robot.job && robot.laid < robot.layers,
-  };
-}
-
-/** Shows the latest state of robots. */
-function showRobots(robots) {
+/** Shows the latest state of robots, which the service sent `ageMs` ago. */
+function showRobots(robots, ageMs = 0) {
   for (const robot of robots) {
     const card = getCard(robot.name);
-    const { find } = card;
+    const isFirst = card.robot === null;
     card.robot = robot;
-    find(".about").textContent = describePort(robot);
-    const state = robot.state === "disconnected" ? "not connected" : robot.board_state ?? "unknown";
-    // Screen readers announce each change of these texts.
-    if (find(".state").textContent !== state) find(".state").textContent = state;
-    const fault = robot.fault ? `${robot.fault}: ${robot.fault_explanation}` : robot.command_error;
-    const alarm = robot.connection_error ?? fault ?? "";
-    find(".alarm").hidden = !alarm;
-    if (find(".alarm").textContent !== alarm) find(".alarm").textContent = alarm;
-    find("progress").hidden = !robot.layers;
-    find("progress").value = robot.layers ? robot.laid / robot.layers : 0;
-    find(".properties").replaceChildren(...robotProperties(robot).flatMap(([name, value]) => {
-      const [term, text] = [document.createElement("dt"), document.createElement("dd")];
-      [term.textContent, text.textContent] = [name, value];
-      return [term, text];
-    }));
-    for (const [command, isAllowed] of Object.entries(allowedCommands(robot))) {
-      find(`[data-command=${command}]`).disabled = !isAllowed || !canControl;
-    }
-    find("[data-show-body]").disabled = !robot.job;
-    find("form.grow [value=grow]").disabled = robot.state === "disconnected" || Boolean(robot.job) || !canControl;
-    const blockedBy = maintenanceBlockedBy(robot);
-    find("form.maintain button").disabled = Boolean(blockedBy);
-    find(".blocked-by").textContent = blockedBy;
+    setAge(card, robot.status_age_s, performance.now() - ageMs);
+    renderCard(card, silentMs(), canControl);
+    if (isFirst) showSelection();
   }
 }
 
@@ -254,19 +230,19 @@ function makeJobRow(job) {
   for (const text of texts) row.insertCell().textContent = text;
   const actions = row.insertCell();
   if (job.laid > 0 || job.state === "active") {
-    const view = makeLink("3D", `${API}/jobs/${job.id}/view`);
+    const view = makeLink("3D", `${API}jobs/${job.id}/view`);
     view.addEventListener("click", (event) => {
       event.preventDefault();
       openPanel(view.href, `${job.robot}: ${job.name}`, cards.get(job.robot));
     });
-    actions.append(view, makeLink("Run log", `${API}/jobs/${job.id}/log`));
+    actions.append(view, makeLink("Run log", `${API}jobs/${job.id}/log`));
   }
   if (job.state === "interrupted" && canControl) {
     const button = document.createElement("button");
     button.type = "button";
     button.textContent = "Resume";
     button.addEventListener("click", () => runAction(getCard(job.robot), `resume ${job.id}`, async () => {
-      await request(`jobs/${job.id}/resume`, {});
+      await sendOrder(`Resume on ${job.robot}`, `jobs/${job.id}/resume`, {});
       refreshJobs();
     }));
     actions.append(button);
@@ -274,34 +250,85 @@ function makeJobRow(job) {
   return row;
 }
 
-/** Requests the latest jobs and shows them. */
+let isRefreshing = false;
+
+/** Requests the latest jobs and shows them. One request at a time, so that a frozen service gets no pile of them. */
 async function refreshJobs() {
-  const jobs = await request(`jobs?limit=${MAX_JOBS}`);
-  byId("no-jobs").hidden = jobs.length > 0;
-  byId("job-rows").replaceChildren(...jobs.map(makeJobRow));
+  if (isRefreshing) return;
+  isRefreshing = true;
+  try {
+    const jobs = await request(`jobs?limit=${MAX_JOBS}`);
+    byId("no-jobs").hidden = jobs.length > 0;
+    byId("job-rows").replaceChildren(...jobs.map(makeJobRow));
+    setText(byId("jobs-problem"), "");
+  } catch (error) {
+    setText(byId("jobs-problem"), `The list of jobs is not current: ${error.message}`);
+  } finally {
+    isRefreshing = false;
+  }
 }
 
-/** Follows the events of the service. The browser reconnects by itself. */
-function followEvents() {
-  const events = new EventSource(`${API}/events`);
-  events.addEventListener("open", () => { byId("connection").textContent = "connected"; });
-  events.addEventListener("error", () => {
-    byId("connection").textContent = "Connection lost. Robots continue their jobs. Reconnecting…";
-  });
-  let lastStates = "";
-  events.addEventListener("robots", ({ data }) => {
-    const robots = JSON.parse(data);
-    showRobots(robots);
-    const states = robots.map((robot) => `${robot.job} ${robot.board_state}`).join();
+let lastStates = "";
+
+/** Handles a message of the service, which was sent `ageMs` ago. */
+function onMessage({ event, data, ageMs }) {
+  isLost = event === "lost";
+  if (!isLost) heardAt = Math.max(heardAt ?? 0, performance.now() - ageMs);
+  if (event === "heartbeat") {
+    clock.set(data.time_ms, ageMs);
+    for (const [name, ageS] of Object.entries(data.status_age_s)) {
+      if (cards.has(name)) setAge(cards.get(name), ageS, performance.now() - ageMs);
+    }
+  } else if (event === "robots") {
+    showRobots(data, ageMs);
+    const states = data.map((robot) => `${robot.job} ${robot.board_state}`).join();
     if (states !== lastStates) refreshJobs();
     lastStates = states;
-  });
+  }
+  showAges();
 }
 
+/** Shows whether the data are current. */
+function showAges() {
+  const silence = silentMs();
+  const isStale = silence > STALE_MS;
+  const age = heardAt === null ? "No data yet" : `No data for ${Math.round(silence / 1000)} s`;
+  let text = "Live";
+  if (isStale) text = isLost ? `${age}, connecting again…` : age;
+  else if (isLost) text = "Connection lost, connecting again…";
+  if (heardAt !== null || isLost) setText(byId("connection"), text);
+  byId("connection").classList.toggle("alarm-text", text !== "Live");
+  document.body.classList.toggle("silent", isStale);
+  for (const card of cards.values()) renderCard(card, silence, canControl);
+}
+
+/** Requests the rights of this URL until the service responds. */
+async function start() {
+  for (let failures = 0; canControl === null; failures += 1) {
+    try {
+      ({ can_control: canControl } = await request("access"));
+    } catch (error) {
+      const isRefused = error instanceof RejectionError && error.status !== 503;
+      setText(byId("jobs-problem"), isRefused
+        ? `The service does not know this address (${error.message}): open the one that \`growbot serve\` prints`
+        : `The service does not respond (${error.message}): connecting again`);
+      await sleep(retryDelay(failures));
+    }
+  }
+  byId("emergency-stop").disabled = !canControl;
+  byId("emergency-stop").title = canControl ? "" : "This URL is read-only: open the control URL.";
+  if (canControl) startCommands();
+  showAges();
+  refreshJobs();
+}
+
+byId("emergency-stop").addEventListener("click", stopSelected);
 byId("body-close").addEventListener("click", closePanel);
-byId("body-stop").addEventListener("click", () => { sendCommand(openedPanel.card, "emergency-stop"); closePanel(); });
 document.addEventListener("keydown", ({ key }) => { if (key === "Escape") closePanel(); });
-({ can_control: canControl } = await request("access"));
-followEvents();
-refreshJobs();
+window.addEventListener("hashchange", showSelection);
+// A page that the browser had frozen has lost its connections.
+window.addEventListener("pageshow", ({ persisted }) => { if (persisted) location.reload(); });
+followService(onMessage);
+setInterval(showAges, AGE_MS);
 setInterval(refreshJobs, JOBS_REFRESH_MS);
+start();

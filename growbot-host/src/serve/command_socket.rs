@@ -1,0 +1,77 @@
+//! Commands of pages on WebSockets. A browser opens few connections to a host and queues further requests, so a stop by
+//! HTTP may wait for other requests of any tab. A message on an open WebSocket waits for none.
+
+use std::sync::Arc;
+
+use axum::extract::ws::WebSocketUpgrade;
+use axum::extract::{Path, State};
+use axum::response::{IntoResponse, Response};
+use axum::{Extension, Json};
+use serde_json::Value;
+
+use super::Service;
+use super::api::{Access, ServiceState};
+use super::command_routes::{send_command, send_live_command};
+use super::commands::CommandRequest;
+use super::problem::Problem;
+use crate::watch::sockets::{CommandMessage, limited, serve_commands};
+
+/// Carries out commands to all robots.
+pub async fn robot_commands(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    serve(upgrade, access, move |message| robot_command(Arc::clone(&service), access, message))
+}
+
+/// Carries out the commands of the page of a job.
+pub async fn job_commands(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Path(job): Path<String>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    serve(upgrade, access, move |message: CommandMessage| {
+        let service = Arc::clone(&service);
+        let permits = service.permits().with_age(message.age());
+        let path = Path((job.clone(), message.command));
+        let response = send_live_command(State(service), Extension(access), Extension(permits), path);
+        async move { response.await.into_response() }
+    })
+}
+
+fn serve<R>(
+    upgrade: WebSocketUpgrade,
+    access: Access,
+    carry_out: impl Fn(CommandMessage) -> R + Send + Sync + 'static,
+) -> Result<Response, Problem>
+where
+    R: Future<Output = Response> + Send + 'static,
+{
+    if access == Access::View {
+        return Err(Problem::read_only());
+    }
+    Ok(limited(upgrade).on_upgrade(|socket| serve_commands(socket, carry_out)))
+}
+
+fn robot_command(
+    service: Arc<Service>,
+    access: Access,
+    message: CommandMessage,
+) -> impl Future<Output = Response> + Send {
+    // The permits are those of the moment at which the message arrived.
+    let permits = service.permits().with_age(message.age());
+    let command = serde_json::from_value(Value::String(message.command));
+    async move {
+        match command {
+            Ok(command) => {
+                let (robot, request) = (Path(message.robot), Json(CommandRequest { command }));
+                send_command(State(service), Extension(access), Extension(permits), robot, request)
+                    .await
+                    .into_response()
+            }
+            Err(error) => Problem::bad(format!("{error}: correct the message")).into_response(),
+        }
+    }
+}

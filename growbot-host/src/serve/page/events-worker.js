@@ -1,0 +1,26 @@
+// Follows the events of the service for all open pages, so that together they need one connection.
+
+import { followEvents } from "./connection.js";
+
+const pages = new Set();
+/** Latest message of each kind, for pages that are opened later. */
+const latest = new Map();
+
+function publish(event, data) {
+  if (event !== "lost") latest.delete("lost");
+  latest.set(event, { event, data, at: performance.now() });
+  for (const page of pages) page.postMessage({ event, data, ageMs: 0 });
+}
+
+self.addEventListener("connect", ({ ports: [page] }) => {
+  pages.add(page);
+  // The only message of a page is that it is closed.
+  page.addEventListener("message", () => pages.delete(page));
+  page.start();
+  for (const { event, data, at } of latest.values()) page.postMessage({ event, data, ageMs: performance.now() - at });
+});
+
+followEvents(new URL("api/v1/events", self.location.href).href, {
+  onEvent: publish,
+  onLost: () => publish("lost", null),
+});

@@ -1,0 +1,173 @@
+//! Heartbeats on the streams of pages, and the age of orders.
+//!
+//! A page learns the service's time from each heartbeat. With an order it sends the time at which a person gave it, on
+//! that clock, so the clocks of the two machines need not agree. A heartbeat that comes late makes an order look older,
+//! never younger.
+
+use std::time::Duration;
+
+use axum::http::HeaderMap;
+use growbot_client::port::time_since_boot;
+use serde::Serialize;
+
+/// Interval of heartbeats.
+pub const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(2);
+/// Age beyond which data are shown as stale.
+pub const STALE_AFTER: Duration = Duration::from_secs(5);
+/// Maximum age of an order that does not stop or pause.
+const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
+/// Maximum time by which an order may seem to come from the future, because two clocks do not run at the same speed.
+const MAX_AHEAD: Duration = Duration::from_secs(1);
+/// Name of the header with the time of an order.
+const HEADER: &str = "growbot-order-time";
+
+/// A heartbeat. `T` are the ages of the data: one number for a growth, a number for each robot for all robots.
+#[derive(Debug, Serialize)]
+pub struct Heartbeat<T> {
+    /// Time of this machine, ms since its start.
+    time_ms: u64,
+    /// Time since the board's latest status, s. Null if there is none.
+    status_age_s: T,
+}
+
+impl<T: Serialize> Heartbeat<T> {
+    /// Returns a heartbeat as a line of JSON.
+    pub fn json(status_age_s: T) -> String {
+        let time_ms = time_since_boot().as_millis().try_into().unwrap_or(u64::MAX);
+        serde_json::to_string(&Self { time_ms, status_age_s }).unwrap_or_default()
+    }
+}
+
+/// Time of the next heartbeat.
+#[derive(Debug)]
+pub struct HeartbeatTimer(Option<tokio::time::Instant>);
+
+impl HeartbeatTimer {
+    /// Creates the timer of a stream whose first heartbeat is due at once.
+    pub fn new() -> Self {
+        Self(None)
+    }
+
+    /// Returns the time until the next heartbeat.
+    pub fn remaining(&self) -> Duration {
+        self.0.map_or(Duration::ZERO, |due| due.saturating_duration_since(tokio::time::Instant::now()))
+    }
+
+    /// Starts the next interval.
+    pub fn restart(&mut self) {
+        self.0 = Some(tokio::time::Instant::now() + HEARTBEAT_INTERVAL);
+    }
+}
+
+/// Returns the age of a status that was received at this time since the machine's start, s. For a simulated robot that
+/// is slower than real time, it is measured on the robot's clock.
+pub fn status_age_s(received: Duration, pace: Option<f64>) -> f64 {
+    let age = time_since_boot().saturating_sub(received).as_millis() as f64 / 1000.0;
+    age * pace.unwrap_or(1.0).min(1.0)
+}
+
+/// Result of the check of an order's age, at the moment at which the order arrived.
+#[derive(Debug, Clone)]
+pub struct OrderAge(Result<(), String>);
+
+impl Default for OrderAge {
+    /// Returns the age of an order whose client does not send the time: growbot's commands and other programs.
+    fn default() -> Self {
+        Self(Ok(()))
+    }
+}
+
+impl OrderAge {
+    /// Checks the age of an order that arrives now with these headers.
+    pub fn of_request(headers: &HeaderMap) -> Self {
+        let Some(time) = headers.get(HEADER).map(|time| time.to_str().unwrap_or_default()) else {
+            return Self::default();
+        };
+        let invalid = |_| format!("{HEADER} is {time:?}: send `time_ms` of a heartbeat, a number of ms");
+        Self(time.parse().map_err(invalid).and_then(|given_ms| check_age(given_ms, time_since_boot())))
+    }
+
+    /// Checks the age of an order that arrives now and was given at this time, ms since the machine's start.
+    pub fn of_time(given_ms: u64) -> Self {
+        Self(check_age(given_ms, time_since_boot()))
+    }
+
+    /// Returns an error if the order is too old to be carried out. An order that stops or pauses needs no check.
+    ///
+    /// # Errors
+    /// The order's age, the limit, and what to do.
+    pub fn check(&self) -> Result<(), String> {
+        self.0.clone()
+    }
+}
+
+fn check_age(given_ms: u64, now: Duration) -> Result<(), String> {
+    let given = Duration::from_millis(given_ms);
+    let seconds = |time: Duration| time.as_millis() as f64 / 1000.0;
+    let age = now.saturating_sub(given);
+    if age > MAX_ORDER_AGE {
+        return Err(format!(
+            "the order arrived {:.1} s after it was given (limit {:.0} s), so it was not carried out: check the \
+             robot's state, and order it again",
+            seconds(age),
+            seconds(MAX_ORDER_AGE)
+        ));
+    }
+    let ahead = given.saturating_sub(now);
+    if ahead > MAX_AHEAD {
+        return Err(format!(
+            "the time of the order is {:.1} s ahead of the service's clock (limit {:.0} s): reload the page, and order \
+             it again",
+            seconds(ahead),
+            seconds(MAX_AHEAD)
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn late_and_early_orders_are_refused_with_their_age_and_the_limit() {
+        let now = Duration::from_secs(100);
+        for given_ms in [100_000, 95_000, 95_001, 101_000] {
+            assert_eq!(check_age(given_ms, now), Ok(()), "{given_ms}");
+        }
+        for (given_ms, cause) in [
+            (94_999, "arrived 5.0 s after it was given (limit 5 s)"),
+            (0, "arrived 100.0 s after it was given (limit 5 s)"),
+            (101_001, "1.0 s ahead of the service's clock (limit 1 s)"),
+            (u64::MAX, "ahead of the service's clock"),
+        ] {
+            let error = check_age(given_ms, now).unwrap_err();
+            assert!(error.contains(cause), "{given_ms}: {error}");
+        }
+    }
+
+    #[test]
+    fn only_orders_with_a_time_are_checked() {
+        assert_eq!(OrderAge::of_request(&HeaderMap::new()).check(), Ok(()));
+        for (time, cause) in [
+            ("0", "s after it was given (limit 5 s)"),
+            ("18446744073709551616", "growbot-order-time is \"18446744073709551616\""),
+            ("-1", "send `time_ms` of a heartbeat"),
+            ("", "send `time_ms` of a heartbeat"),
+        ] {
+            let mut headers = HeaderMap::new();
+            headers.insert(HEADER, time.parse().unwrap());
+            let error = OrderAge::of_request(&headers).check().unwrap_err();
+            assert!(error.contains(cause), "{time}: {error}");
+        }
+    }
+
+    #[test]
+    fn the_age_of_a_slow_robot_is_measured_on_its_clock() {
+        let received = time_since_boot().saturating_sub(Duration::from_secs(20));
+        for (pace, min_s) in [(None, 20.0), (Some(100.0), 20.0), (Some(0.1), 2.0)] {
+            let age = status_age_s(received, pace);
+            assert!(age >= min_s && age < min_s * 5.0, "{pace:?}: {age}");
+        }
+    }
+}

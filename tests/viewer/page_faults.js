@@ -1,0 +1,390 @@
+// Uses the page of all robots of `growbot serve` in Debian's Chromium while something is wrong: the emergency stop is
+// clicked twice, seven tabs are open, requests hang, the service is frozen, killed or busy, and a board is silent. A
+// proxy between the browser and the service rejects requests or holds them back.
+//
+//   node page_faults.js GROWBOT [PICTURES]
+//
+// PICTURES is a directory for pictures of the page. The test does not need a fast browser. The browser is `chromium`,
+// or the value of CHROMIUM.
+
+import assert from "node:assert/strict";
+import { join, resolve } from "node:path";
+import { chromium } from "playwright-core";
+import { startLab } from "./lab.js";
+import { startProxy } from "./fault_proxy.js";
+
+const growbot = resolve(process.argv[2]);
+const pictures = process.argv[3];
+const TIMEOUT_MS = 120_000;
+const TABS = 7;
+/** Number of HTTP connections that Chromium opens to a host. */
+const BROWSER_CONNECTIONS = 6;
+const BUSY = 503;
+const errors = [];
+
+const lab = await startLab(growbot, ["bench", "lab"], 5);
+const proxy = await startProxy(new URL(lab.controlUrl).port);
+const throughProxy = (url) => Object.assign(new URL(url), { port: proxy.port }).href;
+const url = throughProxy(lab.controlUrl);
+const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"];
+const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args });
+
+/** Opens a context, whose pages share a worker as the tabs of a person do. */
+async function newContext(options) {
+  const context = await browser.newContext({ viewport: { width: 1280, height: 800 }, ...options });
+  context.setDefaultTimeout(TIMEOUT_MS);
+  context.on("page", (page) => page.on("pageerror", (error) => errors.push(error.stack)));
+  return context;
+}
+
+async function open(context, address = url) {
+  const page = await context.newPage();
+  await page.goto(address);
+  return page;
+}
+
+const picture = (page, name) => pictures && page.screenshot({ path: join(pictures, `${name}.png`) });
+const card = (page) => page.locator("section.robot[aria-label='Robot lab']");
+const waitForText = (locator, text) => locator.filter({ hasText: text }).waitFor();
+const waitUntilLive = (page) => waitForText(page.locator("#connection"), /^Live$/);
+const growing = (robot) => robot.board_state === "growing" && robot.laid > 2;
+
+/** Lets the robot grow a new body, from whatever state. */
+async function grow() {
+  await lab.command("lab", "stop");
+  await lab.waitForRobot("lab", (robot) => robot.state === "ready", "not ready");
+  for (const command of ["clear-fault", "cancel"]) await lab.command("lab", command);
+  // The nozzle may still be too hot for the proof of the switches.
+  for (let attempt = 0; ; attempt += 1) {
+    const { status, json } = await lab.ask("POST", "/robots/lab/jobs", { to: "0,0,1000,0,90" });
+    if (status === 201) break;
+    assert.ok(attempt < 300 && /cooled/.test(json.detail), `${status} ${JSON.stringify(json)}`);
+    await new Promise((wait) => { setTimeout(wait, 200); });
+  }
+  return lab.waitForRobot("lab", growing, "does not grow");
+}
+
+/** Records in each frame whether the emergency stop is where it was, and on top. */
+const watchStop = (page) => page.evaluate(() => {
+  const stop = document.querySelector("#emergency-stop");
+  const place = () => JSON.stringify(stop.getBoundingClientRect());
+  const [first, { x, y, width, height }] = [place(), stop.getBoundingClientRect()];
+  window.moves = [];
+  window.frames = 0;
+  const look = () => {
+    window.frames += 1;
+    const top = document.elementFromPoint(x + width / 2, y + height / 2);
+    if (place() !== first || top !== stop) window.moves.push(`${place()} below ${top?.outerHTML.slice(0, 80)}`);
+    requestAnimationFrame(look);
+  };
+  look();
+});
+
+/** Clicks the emergency stop, and the same place 0.4 s and 1 s later. */
+async function clickStopRepeatedly(page) {
+  await watchStop(page);
+  const { x, y, width, height } = await page.locator("#emergency-stop").boundingBox();
+  const before = await lab.countCommands("emergency-stop");
+  await page.mouse.click(x + width / 2, y + height / 2);
+  for (const pause of [400, 600]) {
+    await page.waitForTimeout(pause);
+    await page.mouse.click(x + width / 2, y + height / 2);
+  }
+  // All have been carried out, so none follows the commands of the next check.
+  while (await lab.countCommands("emergency-stop") < before + 3) await page.waitForTimeout(50);
+  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  const { moves, frames } = await page.evaluate(() => ({ moves: window.moves, frames: window.frames }));
+  assert.ok(frames > 3, `${frames} frames`);
+  assert.deepEqual(moves.slice(0, 3), []);
+}
+
+const fitsScreen = (page) => page.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth);
+
+async function aSecondClickOnTheStopDestroysNothing() {
+  await grow();
+  let laid = null;
+  for (const [width, height] of [[320, 640], [800, 600], [1280, 800]]) {
+    for (const colorScheme of ["light", "dark"]) {
+      const context = await newContext({ viewport: { width, height }, colorScheme });
+      const page = await open(context, `${url}#lab`);
+      await waitForText(page.locator("#emergency-stop"), /^Emergency stop lab$/);
+      await waitUntilLive(page);
+      await page.waitForFunction(() => !document.querySelector("#emergency-stop").disabled);
+      assert.ok(await fitsScreen(page), `wider than ${width} pixels`);
+      // The cards, scrolled to the end.
+      await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
+      await clickStopRepeatedly(page);
+      const robot = await lab.robot("lab");
+      laid ??= robot.laid;
+      assert.ok(laid > 0 && robot.laid === laid && robot.layers > laid, JSON.stringify(robot));
+      await picture(page, `stopped-${width}-${colorScheme}`);
+      // A body is shown.
+      await lab.command("lab", "clear-fault");
+      await page.locator("#job-rows a", { hasText: "3D" }).first().click();
+      await page.frameLocator("#body-frame").locator("canvas").first().waitFor();
+      await picture(page, `body-${width}-${colorScheme}`);
+      await clickStopRepeatedly(page);
+      await page.keyboard.press("Escape");
+      // A question is open.
+      await lab.command("lab", "clear-fault");
+      await waitForText(card(page).locator(".state"), /^idle$/);
+      await card(page).locator(".discard summary").click();
+      await card(page).getByRole("button", { name: "Discard body" }).click();
+      await page.locator("#question").waitFor();
+      await picture(page, `question-${width}-${colorScheme}`);
+      await clickStopRepeatedly(page);
+      assert.ok(await page.locator("#question").isVisible());
+      await page.getByRole("button", { name: "Keep" }).click();
+      await lab.command("lab", "clear-fault");
+      const kept = await lab.robot("lab");
+      assert.ok(kept.laid === laid && kept.layers > laid, JSON.stringify(kept));
+      await context.close();
+    }
+  }
+}
+
+async function discardingAsks() {
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  const discard = card(page).getByRole("button", { name: "Discard body" });
+  const hasBody = async () => (await lab.robot("lab")).layers > 0;
+  await card(page).locator(".discard summary").click();
+  // A double click on the button does not answer the question.
+  await discard.dblclick();
+  assert.ok(await page.locator("#question-confirm").isDisabled());
+  await page.keyboard.press("Escape");
+  assert.ok(await page.locator("#question").isHidden() && await hasBody());
+  await discard.click();
+  await page.locator("#question-confirm").click();
+  await lab.waitForRobot("lab", (robot) => robot.layers === 0, "the body is not discarded");
+  await context.close();
+}
+
+async function sevenTabsShareOneStream() {
+  await grow();
+  // The body must not be finished before all tabs are open.
+  await lab.command("lab", "pause");
+  const context = await newContext();
+  proxy.paths.length = 0;
+  const tabs = [];
+  for (let tab = 0; tab < TABS; tab += 1) {
+    const page = await open(context, `${url}#lab`);
+    await waitUntilLive(page);
+    await card(page).getByRole("button", { name: "Show body" }).click();
+    await page.frameLocator("#body-frame").locator("#state", { hasText: /paused|parked/ }).waitFor();
+    tabs.push(page);
+  }
+  const streams = proxy.paths.filter((path) => /^api\/v1\/events(\/ws)?$/.test(path));
+  assert.deepEqual(streams, ["api/v1/events/ws"]);
+  // All connections that the browser opens for requests hang, as when plans are computed. The stop of the last tab has
+  // its own.
+  proxy.onRequest = (path) => (path === "hang" ? "hold" : null);
+  await tabs[0].evaluate(() => { for (let index = 0; index < 20; index += 1) fetch("hang").catch(() => {}); });
+  const hanging = () => proxy.paths.filter((path) => path === "hang").length;
+  while (hanging() < BROWSER_CONNECTIONS) await tabs[0].waitForTimeout(50);
+  proxy.paths.length = 0;
+  await tabs.at(-1).locator("#emergency-stop").click();
+  await lab.waitForRobot("lab", (robot) => robot.board_state === "emergency-stop", "the stop does not arrive");
+  assert.deepEqual(proxy.paths, []);
+  for (const tab of tabs) await waitForText(card(tab).locator(".state"), /^emergency-stop$/);
+  assert.equal(await tabs.at(-1).locator("#banners p").count(), 0);
+  proxy.onRequest = () => null;
+  await context.close();
+}
+
+async function aFrozenServiceIsShownAndAStopAsksToCutThePower() {
+  await grow();
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitForText(card(page).locator(".state"), /^growing$/);
+  await waitUntilLive(page);
+  lab.signal("SIGSTOP");
+  await page.locator("#emergency-stop").click();
+  const banner = page.locator("#banners p");
+  await waitForText(banner, /Emergency stop of lab: not confirmed after \d+ s.*Cut the robot's power.*growbot estop/);
+  await waitForText(page.locator("#connection"), /No data for \d+ s/);
+  await waitForText(card(page).locator(".state"), /^last known: growing$/);
+  await waitForText(card(page).locator(".age"), /^\d+ s old: the service does not respond$/);
+  await picture(page, "frozen");
+  await page.setViewportSize({ width: 320, height: 640 });
+  await picture(page, "frozen-phone");
+  await page.setViewportSize({ width: 1280, height: 800 });
+  assert.ok(await card(page).getByRole("button", { name: "Continue" }).isDisabled());
+  assert.ok(await card(page).getByRole("button", { name: "Pause" }).isEnabled());
+  lab.signal("SIGCONT");
+  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitUntilLive(page);
+  await banner.waitFor({ state: "detached" });
+  await context.close();
+}
+
+async function aLateOrderIsRefused() {
+  await grow();
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitUntilLive(page);
+  await card(page).getByRole("button", { name: "Pause" }).click();
+  await waitForText(card(page).locator(".state"), /^paused$/);
+  lab.signal("SIGSTOP");
+  await card(page).getByRole("button", { name: "Continue" }).click();
+  await waitForText(page.locator("#banners p"), /Continue of lab: not confirmed after \d+ s.*unknown/);
+  await waitForText(page.locator("#connection"), /No data for ([7-9]|\d\d+) s/);
+  lab.signal("SIGCONT");
+  await waitForText(card(page).locator(".message.error"), /arrived \d+\.\d s after it was given \(limit 5 s\)/);
+  assert.equal((await lab.robot("lab")).board_state, "paused");
+  await lab.command("lab", "stop");
+  await context.close();
+}
+
+async function aDeadServiceIsShown() {
+  await grow();
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitForText(card(page).locator(".state"), /^growing$/);
+  await card(page).getByRole("button", { name: "Show body" }).click();
+  const live = page.frameLocator("#body-frame");
+  await live.locator("#state", { hasText: "growing" }).waitFor();
+  await lab.kill();
+  await waitForText(card(page).locator(".state"), /^last known: growing$/);
+  await waitForText(page.locator("#connection"), /No data for \d+ s, connecting again/);
+  await live.locator("#age", { hasText: /what is shown is \d+ s old/ }).waitFor();
+  await picture(page, "dead");
+  await page.locator("#emergency-stop").click();
+  await waitForText(page.locator("#banners p"), /Emergency stop of lab: .*Cut the robot's power now/);
+  await lab.start();
+  // The page sends the stop until the service responds.
+  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitUntilLive(page);
+  await page.locator("#banners p").waitFor({ state: "detached" });
+  await context.close();
+}
+
+async function aBusyServiceIsTriedAgain() {
+  await grow();
+  const counts = {};
+  // Everything but the page's files is rejected at first.
+  proxy.onRequest = (path) => {
+    if (!path.startsWith("api/") || path.endsWith("/live/")) return null;
+    const kind = path.replace(/\?.*/, "");
+    counts[kind] = (counts[kind] ?? 0) + 1;
+    return counts[kind] <= 2 ? BUSY : null;
+  };
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitUntilLive(page);
+  await card(page).locator("[data-command=pause]:enabled").waitFor();
+  await waitForText(page.locator("#job-rows"), /active/);
+  // So it is for the page of a growth.
+  const { job } = await lab.robot("lab");
+  await page.goto(`${url}api/v1/jobs/${job}/live/`);
+  await waitForText(page.locator("#state"), /^growing$/);
+  assert.ok(Object.values(counts).filter((count) => count > 2).length >= 4, JSON.stringify(counts));
+  proxy.onRequest = () => null;
+  await lab.command("lab", "stop");
+  await context.close();
+}
+
+async function aProxyWithoutWebSocketsIsEnough() {
+  await grow();
+  proxy.onRequest = (path) => (path.endsWith("/ws") ? 400 : null);
+  proxy.paths.length = 0;
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitUntilLive(page);
+  await page.locator("#emergency-stop").click();
+  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitForText(card(page).locator(".message"), /^emergency stop: done$/);
+  assert.ok(proxy.paths.includes("api/v1/events") && proxy.paths.includes("api/v1/robots/lab/commands"));
+  proxy.onRequest = () => null;
+  await context.close();
+}
+
+async function aSilentBoardIsShown() {
+  await grow();
+  const context = await newContext();
+  const page = await open(context, `${url}#lab`);
+  await waitForText(card(page).locator(".state"), /^growing$/);
+  await card(page).getByRole("button", { name: "Show body" }).click();
+  const live = page.frameLocator("#body-frame");
+  await live.locator("#state", { hasText: "growing" }).waitFor();
+  const robot = lab.robotProcess("lab");
+  process.kill(robot, "SIGSTOP");
+  try {
+    await waitForText(card(page).locator(".age"), /^\d+ s old: the board does not respond$/);
+    await live.locator("#age", { hasText: /The board last reported \d+ s ago/ }).waitFor();
+    await picture(page, "silent-board");
+    assert.equal(await page.locator("#connection").textContent(), "Live");
+  } finally {
+    process.kill(robot, "SIGCONT");
+  }
+  await waitForText(card(page).locator(".state"), /^growing$/);
+  await live.locator("#age").waitFor({ state: "hidden" });
+  // On the page of a growth, a double click on Pause does not continue it.
+  await page.goto(await page.locator("#body-link").evaluate((link) => link.href));
+  await waitForText(page.locator("#state"), /^growing$/);
+  const pause = await page.locator("#command-pause").boundingBox();
+  await page.mouse.click(pause.x + 5, pause.y + 5);
+  await waitForText(page.locator("#state"), /^paused$/);
+  await page.mouse.click(pause.x + 5, pause.y + 5);
+  await page.setViewportSize({ width: 320, height: 640 });
+  assert.ok(await fitsScreen(page), "wider than a phone");
+  await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
+  await picture(page, "live-phone");
+  await clickLiveStop(page);
+  await context.close();
+}
+
+/** Clicks the emergency stop of the page of a growth twice. */
+async function clickLiveStop(page) {
+  await watchStop(page);
+  const { x, y } = await page.locator("#emergency-stop").boundingBox();
+  const before = await lab.countCommands("emergency-stop");
+  await page.mouse.click(x + 9, y + 9);
+  await lab.waitForRobot("lab", (robot) => robot.board_state === "emergency-stop", "the stop does not arrive");
+  await page.mouse.click(x + 9, y + 9);
+  // Both have been carried out, so none follows the commands of the next check.
+  while (await lab.countCommands("emergency-stop") < before + 2) await page.waitForTimeout(50);
+  assert.deepEqual((await page.evaluate(() => window.moves)).slice(0, 3), []);
+}
+
+async function oneStopIsForAllRobots() {
+  await lab.command("lab", "clear-fault");
+  const context = await newContext({ viewport: { width: 320, height: 640 } });
+  const page = await open(context);
+  await waitForText(page.locator("#emergency-stop"), /^Emergency stop all 2 robots$/);
+  await waitForText(card(page).locator(".state"), /^idle$/);
+  await watchStop(page);
+  await picture(page, "all-phone");
+  await page.locator("#robot-links a", { hasText: "bench" }).click();
+  await waitForText(page.locator("#emergency-stop"), /^Emergency stop bench$/);
+  assert.ok(await card(page).isHidden());
+  await page.locator("#robot-links a", { hasText: "All robots" }).click();
+  await waitForText(page.locator("#emergency-stop"), /^Emergency stop all 2 robots$/);
+  await page.locator("#emergency-stop").click();
+  for (const name of ["lab", "bench"]) {
+    await lab.waitForRobot(name, (robot) => robot.board_state === "emergency-stop", "is not stopped");
+  }
+  assert.deepEqual(await page.evaluate(() => window.moves), []);
+  await picture(page, "all-phone-stopped");
+  await context.close();
+}
+
+try {
+  const only = process.env.ONLY;
+  for (const check of [
+    aSecondClickOnTheStopDestroysNothing, discardingAsks, sevenTabsShareOneStream,
+    aFrozenServiceIsShownAndAStopAsksToCutThePower, aLateOrderIsRefused, aDeadServiceIsShown, aBusyServiceIsTriedAgain,
+    aProxyWithoutWebSocketsIsEnough, aSilentBoardIsShown, oneStopIsForAllRobots,
+  ]) {
+    if (only && !only.split(",").includes(check.name)) continue;
+    await check();
+    console.log(`page faults: ${check.name}`);
+  }
+  assert.deepEqual(errors, []);
+  console.log("page faults: passed");
+} finally {
+  lab.signal("SIGCONT");
+  await browser.close();
+  proxy.close();
+  await lab.remove();
+}
