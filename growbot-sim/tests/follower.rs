@@ -151,7 +151,7 @@ impl Subject<'_> {
             Some(Outcome::Fault(_)) if has(Disturbance::is_reset) => {}
             Some(outcome) => return Err(format!("ended as {}", outcome.name())),
         }
-        self.check_continuation(attempt)?;
+        self.check_continuation(has(|one| one == Disturbance::PowerLoss), attempt)?;
         Ok(frames)
     }
 
@@ -169,7 +169,7 @@ impl Subject<'_> {
     }
 
     /// Lets another host continue from the log, and checks that the body becomes whole.
-    fn check_continuation(&self, Attempt { board, logged, .. }: Attempt) -> Result<(), String> {
+    fn check_continuation(&self, power_was_lost: bool, Attempt { board, logged, .. }: Attempt) -> Result<(), String> {
         let known: Vec<_> = logged.into_iter().map(|(_, as_built)| as_built).collect();
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over(true);
         let hello = client.open_session().map_err(|error| error.to_string())?;
@@ -189,8 +189,12 @@ impl Subject<'_> {
         let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
         let is_untouched = feed_steps == 0;
         let more = feed_steps as f64 - self.feed_steps as f64;
+        // A board that loses its power in a pause before the first layer, or before an interrupted layer is repeated,
+        // does not know that it has pulled filament back.
+        let feed = &self.job.robot.description().feed;
+        let missing = if power_was_lost { (feed.retract_mm * feed.steps_per_mm).ceil() } else { 0.0 };
         let layer = 2.0 * 0.774 * self.job.robot.feed_steps_per_length();
-        if !is_untouched && !(0.0..layer).contains(&more) {
+        if !is_untouched && !(-missing..layer).contains(&more) {
             return Err(format!("{more} feed steps more than without a disturbance"));
         }
         Ok(())

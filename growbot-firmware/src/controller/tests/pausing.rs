@@ -1,10 +1,10 @@
 //! Tests of pauses, on request or for lack of layers: filament pulled back, standby, parking, and continuing.
 
-use growbot_core::link::message::{Refusal, State};
+use growbot_core::link::message::{Refusal, ResetCause, State};
 use growbot_core::robot::{HeadRotation, Robot};
 
 use super::bench::{Bench, WARM};
-use super::requests::{bends, feed_steps_of, pause, start};
+use super::requests::{bends, clear, feed_steps_of, pause, resume, start};
 use crate::testing::fast_robot;
 
 /// Returns the fast robot with filament to pull back: 4 mm, which are 10 steps.
@@ -37,6 +37,25 @@ fn a_pause_finishes_the_layer_and_retracts_filament_until_continued() {
     bench.run_to(State::Done, 60.0);
     let fed = bench.fed();
     assert_eq!((bench.laid().len(), bench.motors.moved.feed), (40, i64::from(fed)));
+}
+
+/// Before the first layer only the retained memory tells a pause from heating.
+#[test]
+fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    bench.grow(&bends(40));
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 60.0);
+    bench.run(1.0);
+    assert_eq!(bench.motors.moved.feed, -10);
+    let mut bench = bench.reset(ResetCause::Watchdog);
+    bench.accepted(&clear());
+    bench.accepted(&resume(0));
+    bench.hand_over(0, &bends(40));
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+    bench.run(0.1);
+    assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
 }
 
 #[test]

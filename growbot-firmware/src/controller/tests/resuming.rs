@@ -99,26 +99,6 @@ fn remaining_layers_are_laid_unchanged_after_stop_fault_or_reset() {
 }
 
 #[test]
-fn filament_that_a_pause_before_the_first_layer_pulled_back_is_pushed_forward_after_a_reset() {
-    let mut bench = Bench::greeted(fast_robot(), WARM);
-    bench.grow(&bends(40));
-    bench.run_to(State::Done, 100.0);
-    let undisturbed = bench.motors.moved.feed;
-
-    let mut bench = Bench::greeted(fast_robot(), WARM);
-    bench.grow(&bends(40));
-    bench.accepted(&pause());
-    bench.run_to(State::Paused, 60.0);
-    bench.run(5.0);
-    let pulled_back = -bench.motors.moved.feed;
-    assert!(pulled_back > 0, "{pulled_back}");
-    let mut bench = bench.reset(ResetCause::Watchdog);
-    bench.accepted(&clear());
-    resume_to_end(&mut bench, 0);
-    assert_eq!(bench.motors.moved.feed, undisturbed + pulled_back);
-}
-
-#[test]
 fn layer_progress_is_exact_after_a_stop_and_bounded_after_a_reset() {
     // A layer takes 0.5 s, and a sector 8 ms.
     let interrupted = |bench: &mut Bench| bench.status().interrupted.unwrap();
