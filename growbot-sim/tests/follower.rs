@@ -248,7 +248,7 @@ fn each_growth_with_a_disturbance_has_a_true_end_and_log() {
 /// Two disturbances at frames of 3 layers. `GROWBOT_PAIR_STEP` 1 tries all pairs.
 #[test]
 fn each_growth_with_two_disturbances_has_a_true_end_and_log() {
-    let step = number("GROWBOT_PAIR_STEP", 6007);
+    let step = number("GROWBOT_PAIR_STEP", 24_001);
     let (mut checked, mut wrong) = (0, Vec::new());
     for_each_subject(|subject| {
         if subject.as_built.len() > 3 {
