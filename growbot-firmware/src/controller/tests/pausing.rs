@@ -39,7 +39,7 @@ fn a_pause_finishes_the_layer_and_retracts_filament_until_continued() {
     assert_eq!((bench.laid().len(), bench.motors.moved.feed), (40, i64::from(fed)));
 }
 
-/// Before the first layer only the retained memory tells a pause from heating.
+/// Before the first layer only the retained memory distinguishes a pause from heating.
 #[test]
 fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
     let mut bench = Bench::greeted(retracting(), WARM);
