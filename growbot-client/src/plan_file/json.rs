@@ -295,9 +295,9 @@ pub enum SegmentJson {
     Helicoid {
         /// Length, mm.
         length_mm: f64,
-        /// `m` at the segment's start.
+        /// Value of the vector `m` (see the segment type `helicoid`) at the segment's start.
         m0: [f64; 3],
-        /// Constant rate of change of `m`.
+        /// Constant rate of change of the vector `m` (see the segment type `helicoid`).
         p: [f64; 3],
     },
 }

@@ -115,19 +115,21 @@ impl Stream {
         PortError::Lost(self.name.clone(), error.to_string())
     }
 
-    /// Reports whether the line is left to the emergency stop of another thread.
+    /// Reports whether this stream must wait, because an emergency-stop stream of another thread uses the connection.
     fn is_left_to_emergency(&self) -> bool {
         self.role == StreamRole::Requests && self.emergencies.load(Ordering::SeqCst) > 0
     }
 
-    /// Leaves the line to the emergency stops of other threads, until the last of their ends is dropped.
+    /// Waits while emergency-stop streams of other threads use this connection, until the last of those streams is
+    /// dropped.
     fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
             thread::sleep(YIELD_POLL_INTERVAL);
         }
     }
 
-    /// Silences the ends of this line for requests in this program, until this end is dropped.
+    /// Makes all streams that send requests over this connection in this program wait, until this emergency-stop stream
+    /// is dropped.
     fn take_line(&mut self) {
         if self.role == StreamRole::Emergency {
             self.role = StreamRole::ActiveEmergency;

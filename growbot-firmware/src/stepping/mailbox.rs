@@ -231,7 +231,8 @@ impl Mailbox {
         });
     }
 
-    /// Removes and returns the oldest report, an alarm after the ended moves (controller side).
+    /// Removes and returns the next report: first those of ended moves, oldest first, then the alarm. The controller
+    /// calls it.
     pub fn pop_report(&self) -> Option<Report> {
         if let Some(ended) = self.pop_ended_move() {
             return Some(ended);

@@ -31,7 +31,7 @@ const MAX_COMMAND: usize = 4 << 10;
 /// Maximum length of the body of a request by a read-only client, bytes. The number of bodies up to this length is not
 /// limited, nor is that of responses.
 const SHORT: usize = 64 << 10;
-/// Maximum number of longer bodies of a role that are read or handled at a time.
+/// Maximum number of HTTP bodies longer than [`SHORT`] that are read or handled at a time, for each role.
 const LONG_BODIES: usize = 2;
 /// Maximum numbers of plans and pages that are computed at a time, for read-only clients and for each other role.
 const COMPUTATIONS: [usize; 2] = [2, 4];
@@ -40,15 +40,15 @@ const DOWNLOADS: [usize; 2] = [8, 16];
 /// Maximum duration of a computation.
 const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
-/// Priority of a computation. Robots and stops come first, with 0.
+/// Niceness of the threads that compute. Threads that drive robots or stop them have 0, so they run first.
 const NICENESS: i32 = 10;
 
 /// Kind of a request, by which its limits differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RequestKind {
-    /// A stop or an emergency stop. It needs no body, and no place.
+    /// A stop or an emergency stop. It needs no HTTP body, and no limit on the number of requests applies to it.
     Stop,
-    /// A command to a robot, for example a stop in a body.
+    /// A command to a robot, for example a stop that the HTTP body contains.
     Command,
     /// A stream of events.
     Stream,

@@ -347,7 +347,8 @@ fn latest_firmware() -> PathBuf {
     beside.unwrap_or_else(|| Path::new("target").join(FIRMWARE_PATH))
 }
 
-/// Writes the host's words before the board starts.
+/// Writes the values that the host supplies (index mark, encoder pitch, robot description, entropy) to the shared
+/// memory before the board starts.
 fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
     let words = TipRegisters(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
     let mark = IndexMark::of(robot);
@@ -611,7 +612,8 @@ impl TipThread {
     }
 }
 
-/// The tip, to compare a growth with it.
+/// The simulated tip that follows the emulated board, shared with the thread that updates it. It returns the body that
+/// was really laid, for comparison with the board's report.
 struct SharedFollowed(Arc<Mutex<TipFollower>>);
 
 impl SimulatedTip for SharedFollowed {

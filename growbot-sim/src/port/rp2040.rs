@@ -264,7 +264,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Restores the power, after a while. Only the flash and the state of the tip survive.
+    /// Switches the power on again, at once. Only the flash and the state of the tip are kept.
     ///
     /// # Errors
     /// The emulator has ended.

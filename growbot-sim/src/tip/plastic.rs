@@ -15,7 +15,8 @@ use growbot_core::robot::Robot;
 
 use growbot_core::simulation::ErrorModel;
 
-/// An amount of plastic, or of time, and its first harmonic.
+/// An amount of plastic (or of time) summed over one turn of the head, and its first Fourier coefficients (cosine,
+/// sine) over the head angle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Moments {
     sum: f64,
@@ -24,9 +25,10 @@ struct Moments {
 }
 
 impl Moments {
-    /// Reports whether all of it lies on the tip's x axis, so that it is the edge of a layer and not a layer.
+    /// Reports whether the whole amount lies on the tip's x axis. Such an amount is the edge of a layer and not a
+    /// layer.
     fn is_edge(&self) -> bool {
-        // Both are sums of the same numbers, so they are equal to the last bit.
+        // On the x axis, `cosine` and `sum` are sums of the same numbers, so they are equal to the last bit.
         self.cosine >= self.sum
     }
 

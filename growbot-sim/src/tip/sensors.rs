@@ -130,7 +130,8 @@ impl TipModel {
         ((self.filament.left() - SWITCH_AHEAD_MM).abs() * steps_per_mm).max(1.0) as u32
     }
 
-    /// Returns the distance that the encoder was turned, steps, and how far each further step turns it in this layer.
+    /// Returns how far the filament has turned the encoder so far, in feed-motor steps, and how far each further feed
+    /// step turns it during this layer.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }

@@ -1,4 +1,5 @@
-//! The paths at a root: tangents from the first corner to the circles that end in the goal.
+//! The paths that belong to a root of the polynomial: tangents from the first corner to the circles that end in the
+//! goal.
 
 use core::f64::consts::TAU;
 
@@ -8,11 +9,11 @@ use super::isolation::{Part, Root};
 use super::polynomial::CscPolynomial;
 use super::{CscLine, CscSearch, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
-/// Max residual of a branch that counts as a path at a certain root.
+/// Max residual with which a branch counts as a path, if it is certain that the polynomial has this root.
 const FITS: f64 = 1e-6;
-/// Max residual at a place where rounding leaves open whether there is a root.
+/// Max residual with which a branch counts as a path, if rounding leaves open whether the polynomial has this root.
 const MAY_FIT: f64 = 1e-2;
-/// Factor of the best branch's residual within which a branch counts as a path in any case.
+/// A branch whose residual is at most this multiple of the best branch's residual counts as a path in any case.
 const NEARLY_BEST: f64 = 4.0;
 /// Max amount by which rounding may make the squared length of a tangent negative, if the corner is close to its
 /// circle.

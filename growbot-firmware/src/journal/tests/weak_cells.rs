@@ -40,7 +40,8 @@ fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     all
 }
 
-/// Flash after a call, the last write of the call, and the expected data from before and after it.
+/// A journal call: the flash after it, its last write, and the data that the journal must find if that write is lost
+/// (`before`) or complete (`after`).
 struct Case {
     deed: Deed,
     bytes: Vec<u8>,
