@@ -388,7 +388,7 @@ impl<B: Board> Controller<B> {
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
         // Between two layers the robot was paused, with filament pulled back. Before the first layer only the retained
-        // state tells a pause from heating and homing.
+        // state distinguishes a pause from heating and homing.
         let was_paused =
             |work: ActiveWork| work.plan_id == known.plan_id && matches!(work.state, State::Paused | State::Parked);
         let is_retracted = self.job.interrupted.is_none()
