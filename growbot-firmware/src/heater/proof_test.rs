@@ -52,8 +52,8 @@ const FALL_TIMES: f32 = 1.6;
 /// Max difference between the means of a reading that does not change, degrees. This difference is far less than a
 /// count of the ADC and more than the rounding of a mean.
 const STILL_C: f32 = 1e-3;
-/// Time, s, after which a nozzle whose temperature still rises without power counts as heated by a broken switch
-/// (decision 0021).
+/// Time at rest, s, after which the fault is `heater-stuck-on` if the temperature still rises although both switches
+/// are open (decision 0021).
 const STILL_RISING_S: f32 = 30.0;
 /// Degrees by which the heater's full power would raise the nozzle in one stage of the test (decision 0021). The rise
 /// must exceed [`LIMIT_C`] on a nozzle with 10 % less power and a lag of 4 s.

@@ -50,7 +50,7 @@ pub(super) struct IndexWindow {
     /// Max number of consecutive head steps at which the sensor may detect the index mark during homing.
     pub longest: u32,
     /// Number of consecutive head steps with a detected index mark beyond which the sensor counts as stuck, because
-    /// lost steps cannot explain so many.
+    /// lost steps cannot be the reason.
     stuck: u32,
 }
 
@@ -92,7 +92,7 @@ pub(super) struct IndexMonitor {
     seen: bool,
     /// True if the index mark was not detected at its position in the current turn.
     absent: bool,
-    /// True while the index mark is detected outside its position.
+    /// True once [`MIN_CONTRADICTING_SAMPLES`] consecutive samples have detected the index mark outside its position.
     stray: bool,
 }
 
