@@ -374,7 +374,7 @@ impl RunLog {
         open.lines.drain().map_err(|error| RunLogError::Write { file: open.file.clone(), error })
     }
 
-    /// Returns the number of lines that are not in the file: those that wait and those that are lost.
+    /// Returns the number of lines of the log that are not in the file: waiting lines and lost lines.
     #[must_use]
     pub fn missing_lines(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())

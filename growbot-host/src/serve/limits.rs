@@ -94,7 +94,7 @@ pub struct RoleLimits {
     downloads: Arc<Semaphore>,
 }
 
-/// Permit for a stream of events. It is released when its last clone is dropped.
+/// Permit for a stream of events. The permit is released when its last clone is dropped.
 #[derive(Clone)]
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
@@ -121,8 +121,9 @@ impl RoleLimits {
         })
     }
 
-    /// Waits for its turn, then runs a computation on a thread of its own. The computation ends when it is late or when
-    /// the returned future is dropped because the requester has gone, as far as it calls [`Computation::check`].
+    /// Waits until the number of running computations allows one more, then runs the computation on a thread of its
+    /// own. The computation ends when its time is over or when the returned future is dropped because the requester has
+    /// gone, as far as it calls [`Computation::check`].
     pub async fn compute<T: Send + 'static>(
         &self,
         what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,
@@ -150,7 +151,7 @@ pub struct Computation {
 }
 
 impl Computation {
-    /// Starts the time of a computation. It is abandoned once the flag is set.
+    /// Starts the time limit of a computation. The computation is abandoned once the flag `is_abandoned` is set.
     pub fn new(is_abandoned: &Arc<AtomicBool>) -> Self {
         Self { deadline: Instant::now() + COMPUTATION_TIME, is_abandoned: Arc::clone(is_abandoned) }
     }
@@ -175,7 +176,7 @@ impl Computation {
     }
 }
 
-/// The requester of a computation. It is dropped when the connection closes.
+/// The requester of a computation. The server drops this value when the connection closes.
 #[derive(Default)]
 struct Requester(Arc<AtomicBool>);
 

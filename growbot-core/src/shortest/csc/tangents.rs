@@ -47,7 +47,7 @@ struct Corner {
     along: f64,
     /// Distance of the corner from the line along the goal's direction.
     distance: f64,
-    /// Unit vector from that line to the corner.
+    /// Unit vector from the line along the goal's direction to the corner.
     across: Vector3<f64>,
 }
 
@@ -100,7 +100,7 @@ impl CscSearch<'_> {
         cos * self.problem.direction.z + sin * corner.across.z - cosine
     }
 
-    /// Inserts the paths of all roots.
+    /// Inserts the paths that belong to the roots of the polynomial.
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
         let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
@@ -114,7 +114,7 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Inserts the paths of one root.
+    /// Inserts the paths that belong to one root of the polynomial.
     fn tangents(&mut self, tau: f64, root: Root) {
         let (corner, cosine) = (self.corner(tau), cosine(tau));
         let circles = [true, false].map(|towards| Circle::new(&corner, towards));
@@ -133,7 +133,7 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Inserts the path of a root, if its line is not too short.
+    /// Inserts the path of one branch at a root, if the path's line is not too short.
     fn consider(&mut self, branch: Branch, tau: f64) {
         let corner = self.corner(tau);
         let Some(circle) = Circle::new(&corner, branch.towards) else { return };
