@@ -67,8 +67,8 @@ const MAX_READ: usize = 64;
 /// messages.
 ///
 /// # Errors
-/// [`FileError::OntoInput`] if standard output is redirected to it. This is refused before any work is done, because
-/// its results could not be printed.
+/// [`FileError::OntoInput`] if standard output is redirected to it. The redirection is refused before any work is done,
+/// because the results could not be printed.
 pub fn note_input(file: File, name: &str) -> Result<(), FileError> {
     note_input_beside(file, name, place_of_stdout())
 }
@@ -125,7 +125,7 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// Returns the format of these that matches a file's extension. `None` for a name without an extension, and for
+/// Returns the one of `formats` that matches a file's extension. `None` for a name without an extension, and for
 /// standard output (`-`).
 ///
 /// # Errors
@@ -143,7 +143,7 @@ fn ending(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// Returns the error for a file whose extension is not one of these.
+/// Returns the error for a file whose extension is not one of `formats`.
 fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
     let formats = match formats.split_last() {
@@ -166,8 +166,8 @@ pub fn write_atomic(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     replacement.finish()
 }
 
-/// A file that is written piece by piece, in the way of [`write_atomic`]. It appears in its place when it is finished,
-/// and leaves nothing if it never is.
+/// A file that is written piece by piece, in the way of [`write_atomic`]. The file appears under its name when it is
+/// finished. If it is never finished, no file is left.
 #[derive(Debug)]
 pub struct AtomicFile {
     /// Name used in error messages.
@@ -219,7 +219,7 @@ impl AtomicFile {
         self.file.write_all(contents).map_err(|error| self.failed(error))
     }
 
-    /// Moves the finished file to its place.
+    /// Gives the finished file its name.
     ///
     /// # Errors
     /// [`FileError::File`].
@@ -294,7 +294,7 @@ impl DisplacedFile {
         &self.place
     }
 
-    /// Moves it back, over the file that is in its place now.
+    /// Gives the file its former name again, and replaces the file that has that name now.
     pub fn restore(self) {
         if fs::rename(&self.aside, &self.place).is_err() {
             // It stays under its temporary name.

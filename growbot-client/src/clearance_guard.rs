@@ -35,7 +35,7 @@ use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, describe_clearanc
 
 /// Clearance of a body from obstacles, in standard deviations of its position.
 pub const CLEARANCE_SIGMAS: f64 = 3.0;
-/// Maximum number of detours of one growth. Each of them bends the body more.
+/// Maximum number of detours of one growth, because each detour bends the body more.
 pub const MAX_DETOURS: usize = 12;
 /// Number of layers after which the deviations along the remaining body are computed again.
 const FORECAST_LAYERS: usize = 16;
@@ -43,8 +43,8 @@ const FORECAST_LAYERS: usize = 16;
 const SEARCH_AGAIN: usize = 64;
 /// Effort of one search, in units of `--effort`: about 0.2 s.
 const EFFORT: u64 = 2;
-/// Clearances with which a detour is planned, as multiples of the clearance that it needs at its worst place. It may
-/// need less elsewhere, so smaller values are tried too.
+/// Clearances with which a detour is planned, as multiples of the clearance that the detour needs at its worst place. A
+/// detour may need less elsewhere, so smaller multiples are tried too.
 const CLEARANCES: [f64; 4] = [1.5, 1.1, 0.8, 0.5];
 /// Clearance below which a layer is rejected, mm.
 const SLACK: f64 = 1e-3;
@@ -63,7 +63,7 @@ pub struct ClearanceViolation {
     pub obstacle: String,
     /// Distance of the tube's outside from the obstacle, mm.
     pub clearance_mm: f64,
-    /// 3 standard deviations of the position at that point, mm.
+    /// 3 standard deviations of the position at `point_mm`, mm.
     pub deviation_mm: f64,
     /// Reason why no detour was found, if one was searched for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -360,7 +360,7 @@ impl<'a> ClearanceGuard<'a> {
     }
 }
 
-/// Returns a layer as it comes out of a robot with these errors.
+/// Returns the layer that a robot with these systematic errors lays for a commanded layer.
 fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
     let length = layer.height * (1.0 + systematic.growth);
     let bend = layer.tilt * (1.0 + systematic.tilt);

@@ -121,7 +121,7 @@ impl FeedbackReport {
 
 impl<'a> Feedback<'a> {
     /// Creates the feedback before the first layer of a path. `noise` is that of the sensors themselves. The rounding
-    /// of their units is added to it.
+    /// of the units in which the sensors report is added to it.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let description = robot.description();
@@ -177,7 +177,7 @@ impl<'a> Feedback<'a> {
     }
 
     /// Restarts the count of the encoder in this start of the board. Nothing is being fed, and `laid` layers are laid.
-    /// The growth of those among them that were not measured stays unknown.
+    /// The growth of laid layers that were not measured stays unknown.
     pub fn set_encoder_reference(&mut self, count: &EncoderReference) {
         self.uncounted += std::mem::take(&mut self.expected);
         (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);

@@ -25,7 +25,8 @@ use crate::plan_file::{SceneRefJson, format_hash};
 use crate::self_collision::closest_self_approach;
 use crate::warning::NEAR_OBSTACLE;
 
-/// Tolerance of the required clearance, as a fraction. Stretches whose clearance is within it may be rejected.
+/// Tolerance of the required clearance, as a fraction. A part of a path whose clearance is within this tolerance may be
+/// rejected.
 const SLACK: f64 = 1e-3;
 /// Number of distance queries of a search for each unit of `--effort`: about 0.1 s.
 const WORK_PER_EFFORT: u64 = 100_000;
@@ -317,7 +318,7 @@ pub(crate) fn describe_clearance(clearance: f64) -> String {
 /// the scene states none.
 ///
 /// # Errors
-/// If it does not.
+/// If the plan does not keep the margin.
 pub fn check_clearance(
     plan: &Plan,
     robot: &Robot,

@@ -16,7 +16,7 @@ use crate::self_collision::{Collision, closest_self_approach};
 #[serde(deny_unknown_fields)]
 pub struct Warning {
     /// Kind of the warning, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`,
-    /// `near-obstacle`. After a growth: `far-from-plan`, `touches-obstacle`.
+    /// `near-obstacle`. After a growth: `far-from-plan`, `touches-obstacle`. After a simulation: `root-fails`.
     pub code: String,
     /// Message for users.
     pub message: String,

@@ -63,9 +63,10 @@ pub enum LayerError {
     Acceleration {
         /// Name of the axis, with the unit of the acceleration.
         axis: &'static str,
-        /// Acceleration that the layer needs, in that unit.
+        /// Acceleration that the layer needs, in the unit that `axis` names.
         value: f64,
-        /// Fraction of the robot's limit that the profile of a layer may use, in that unit.
+        /// Acceleration that the profile of a layer may use, which is a fraction of the robot's limit, in the unit that
+        /// `axis` names.
         limit: f64,
     },
 }

@@ -108,11 +108,12 @@ pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
     }
 }
 
-/// Plans a path of this radius (mm) and checks, by chaining Eq 4, that it ends at the goal.
+/// Plans a path of this radius (mm) and checks that the path ends at the goal, by multiplying the transforms of its
+/// segments (Eq 4; a helicoidal arc is integrated).
 ///
 /// # Errors
 /// Returns an error if the radius is below R_min or above [`MAX_RADIUS_MM`], or if the path does not end at the goal.
-/// The latter has never been observed.
+/// The second error has never been observed.
 pub fn plan(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<PlannedPath, PlanError> {
     plan_with_keep_alive(robot, start, goal, radius, planner, &mut || ())
 }

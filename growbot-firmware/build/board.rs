@@ -42,8 +42,8 @@ pub fn prepare() {
     let Some(&BoardTarget { name: board, target: wanted, command, kinds }) = chosen.next() else { return };
     if let Some(other) = chosen.next() {
         stop(&format!(
-            "the features `{board}` and `{}` exclude each other: build one board a call, with `cargo {command}` or \
-             `cargo {}`",
+            "the features `{board}` and `{}` exclude each other: build one board at a time, with `cargo {command}` \
+             or `cargo {}`",
             other.name, other.command
         ));
     }
@@ -97,7 +97,7 @@ fn describe(here: &Path, kinds: &[BoardKind]) -> String {
     };
     println!("cargo:rerun-if-changed={}", file.display());
     let text = fs::read_to_string(&file).unwrap_or_else(|error| {
-        stop(&format!("cannot read the robot {}: {error}; GROWBOT_ROBOT names it", file.display()))
+        stop(&format!("cannot read the robot {}: {error}; set GROWBOT_ROBOT to another robot", file.display()))
     });
     let description =
         toml::from_str(&text).unwrap_or_else(|error| stop(&format!("{} is no robot file: {error}", file.display())));

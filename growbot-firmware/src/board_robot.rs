@@ -17,14 +17,16 @@ use crate::description_store::{DescriptionStore, StoredDescription};
 
 /// The robot of a board.
 pub struct BoardRobot {
-    /// The robot. On a board that is not configured it is any robot, for outputs that are off.
+    /// The robot that the board drives. On a board that is not configured this is an arbitrary robot, whose outputs
+    /// stay off.
     pub robot: Robot,
     /// True if the board has a robot description.
     pub configured: bool,
 }
 
 impl BoardRobot {
-    /// Returns the robot in the board's flash, otherwise the one that the firmware was built for.
+    /// Returns the robot whose description is in the board's flash, otherwise the robot that the firmware was built
+    /// for.
     pub fn load<F: MultiwriteNorFlash>(descriptions: &mut DescriptionStore<F>) -> Self {
         Self::from_stored(descriptions.newest())
     }

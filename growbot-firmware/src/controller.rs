@@ -55,7 +55,7 @@ pub struct BootInfo {
     pub crash: Option<CrashWords>,
     /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
     pub crystal_failed: bool,
-    /// The board has the description of its robot. Without one the board only communicates.
+    /// True if the board has the description of its robot. A board without a description only communicates.
     pub configured: bool,
 }
 
@@ -219,7 +219,7 @@ impl<B: Board> Controller<B> {
         self.link.send_events(now);
     }
 
-    /// Switches everything off after an emergency stop. Each poll checks this first.
+    /// Switches everything off after an emergency stop. Each poll calls this function first.
     fn handle_emergency_stop(&mut self, handover: &Mailbox) {
         let (calls, presses) = (handover.link_emergency_stops(), handover.emergency_stop_presses());
         if handover.is_emergency_stopped() || calls != self.calls || presses != self.presses {

@@ -25,7 +25,7 @@ pub trait Adc {
 /// The tip's orientation sensor.
 pub trait GravitySensor {
     /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
-    /// `None` if the sensor does not respond. Takes a millisecond at most.
+    /// `None` if the sensor does not respond. The measurement takes a millisecond at most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
 }
 
@@ -95,9 +95,9 @@ impl<D: StepperDrivers> StepperDrivers for Option<D> {
     }
 }
 
-/// All outputs of the tip at once, for an interrupt that must not wait until the main loop releases them.
+/// All outputs of the tip, for an interrupt that switches them off and must not wait until the main loop releases them.
 pub trait Outputs {
-    /// Switches heater, fan and both drivers off at once, from any context. It cannot fail and never waits.
+    /// Switches heater, fan and both drivers off at once, from any context. This function cannot fail and never waits.
     fn make_safe(&mut self);
 }
 
@@ -105,8 +105,8 @@ pub trait Outputs {
 pub trait RetainedMemory {
     /// Reads the content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; RETAINED_BYTES];
-    /// Writes one of the copies, from its first byte to its last, and does not change the other copy. All later memory
-    /// accesses take effect after the last byte is in the memory.
+    /// Writes one of the two copies, from the copy's first byte to its last, and does not change the other copy. All
+    /// later memory accesses take effect after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
@@ -142,7 +142,7 @@ pub trait Board {
     /// Flash of the journal, and flash of the robot's description. Each has two sectors or more. A programmed word can
     /// be programmed again to the same value, and to zero.
     type Flash: MultiwriteNorFlash;
-    /// Store of layers. It has some 48 KiB, so a board passes a reference or a box.
+    /// Store of layers. A layer store has some 48 KiB, so a board passes a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }
 

@@ -28,8 +28,8 @@ pub type Seal = [u32; SEAL_WORDS];
 pub const NOT_SEALED: u32 = 0x6E6F_7365;
 /// First word of an image that is sealed.
 pub const SEALED: u32 = 0x9153_A1E1;
-/// Max bytes of an image that are checked. It limits the time of the check, so that a damaged seal cannot block a board
-/// until its watchdog expires. 256 KiB take some 0.2 s at 168 MHz.
+/// Max bytes of an image that are checked. This number limits the duration of the check, so that a damaged seal cannot
+/// block a board until the watchdog expires. 256 KiB take some 0.2 s at 168 MHz.
 pub const MAX_BYTES: u32 = 256 * 1024;
 /// The seal as the linker puts it into an image.
 pub const EMPTY: Seal = {
@@ -38,7 +38,7 @@ pub const EMPTY: Seal = {
     seal
 };
 
-/// CRC without a table. A table would take as much flash as it saves time.
+/// CRC-32C algorithm that uses no table, because a table would save time but occupy flash.
 static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISCSI);
 
 /// Returns the parts of an image: address and bytes of each.

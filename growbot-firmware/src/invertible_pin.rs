@@ -3,7 +3,7 @@
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
-/// A pin whose electrical level may be the inverse of its logical one.
+/// A pin whose electrical level may be the inverse of its logical level.
 pub struct InvertiblePin<P> {
     pin: P,
     inverted: bool,

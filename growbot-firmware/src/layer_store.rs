@@ -21,7 +21,7 @@ impl LayerStore {
         Self { layers: Deque::new(), first: 0 }
     }
 
-    /// Clears the store. The next layer has this index.
+    /// Clears the store. The next layer that is added has the index `first`.
     pub fn restart(&mut self, first: u32) {
         self.layers.clear();
         self.first = first;

@@ -9,23 +9,25 @@ use growbot_core::link::frame::{
 use growbot_core::link::message::{HostName, LayerLaid, Message, StateChanged, Tuned};
 use heapless::Deque;
 
-/// Capacity of the queue of bytes to send. Some frames fit into it.
+/// Capacity of the send queue, bytes. It holds a few frames.
 const OUTBOX: usize = 1024;
-/// Bytes of that queue that events leave free, so that a request can always get its response.
+/// Bytes of the send queue ([`OUTBOX`]) that events never fill, so that a response always fits.
 const RESERVED_FOR_ANSWERS: usize = MAX_FRAME_LEN;
 /// Capacity of the queue of events that are not acknowledged.
 const EVENTS: usize = 16;
 /// Kind of a frame that only acknowledges events.
 const ACK: u8 = 0x0E;
-/// Max number of layers among these events, which leaves room for the others. Further layers wait in the journal.
+/// Max number of events about laid layers in the queue of unacknowledged events ([`EVENTS`]), so that other events
+/// still fit. The journal stores the reports of further layers.
 const MAX_LAID: usize = EVENTS - 4;
-/// Number of closed sessions that are stored, so that their delayed frames do not open them again.
+/// Number of closed sessions that are stored, so that a delayed frame does not open its closed session again.
 const CLOSED: usize = 4;
 /// Time without a received frame after which a host counts as silent, us.
 pub const HOST_TIMEOUT_US: u64 = 10_000_000;
-/// Time without an acknowledgement after which events are repeated, us. The time doubles with each repetition.
+/// Time without an acknowledgement after which unacknowledged events are sent again, us. The time doubles with each
+/// repetition.
 const RESEND_US: u64 = 400_000;
-/// Max time between two repetitions, us.
+/// Max time between two repetitions of an unacknowledged event, us.
 const MAX_RESEND_US: u64 = 3_200_000;
 
 /// An event that a host must receive.

@@ -4,8 +4,8 @@ use crate::thermistor::is_out_of_range;
 
 /// Sum of the ADC's conversions.
 ///
-/// Conversions at either end of the scale come only from a broken sensor. They are averaged separately from the valid
-/// ones, because a mean of both would be a temperature that does not exist.
+/// Conversions at either end of the scale come only from a broken sensor. Such conversions are averaged separately from
+/// valid conversions, because a mean of both would be a temperature that does not exist.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Oversampler {
     sound: Sum,
@@ -36,8 +36,9 @@ impl Oversampler {
         if is_out_of_range(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
     }
 
-    /// Returns the mean of the conversions since the last call. `None` without any. It is the mean of the valid
-    /// conversions, or of those at the ends of the scale if these are more.
+    /// Returns the mean of the conversions since the last call. `None` without any. The result is the mean of the valid
+    /// conversions. If more conversions are at the ends of the scale than between them, it is the mean of those at the
+    /// ends.
     pub fn pop_mean(&mut self) -> Option<f64> {
         let Self { sound, broken } = core::mem::take(self);
         if broken.count > sound.count { broken.mean() } else { sound.mean() }

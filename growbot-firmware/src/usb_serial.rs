@@ -139,11 +139,11 @@ pub enum ControlResponse {
     Done,
     /// The request is done once the host has sent a line coding.
     TakeCoding,
-    /// The request is done. The device has this address from then on.
+    /// The request is done. From then on, the device has the address in the field.
     Address(u8),
     /// The request is done. The value is `true` if the endpoints are in use.
     Configure(bool),
-    /// The request is done. The endpoint with this address is reset.
+    /// The request is done. The endpoint whose address is in the field is reset.
     ClearEndpoint(u8),
     /// The request is done. A program on the host has opened or closed the port.
     Opened,

@@ -34,7 +34,7 @@ pub enum Key {
 /// Origin of a value.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub enum SettingOrigin {
-    /// A variable of the environment.
+    /// An environment variable.
     Environment(&'static str),
     /// The nearest `growbot.toml`.
     Nearest(PathBuf),
@@ -73,7 +73,7 @@ const MAX_NAME: usize = 64;
 /// Errors of the settings.
 #[derive(Debug, thiserror::Error)]
 pub enum SettingsError {
-    /// A variable of the environment is not UTF-8.
+    /// An environment variable is not UTF-8.
     #[error("{variable} is not valid UTF-8 ({text:?}): set it again, or unset it")]
     NotText {
         /// Name of the variable.
@@ -81,7 +81,7 @@ pub enum SettingsError {
         /// Value of the variable.
         text: OsString,
     },
-    /// A variable of the environment has the prefix of growbot's variables, but growbot has no such variable.
+    /// An environment variable has the prefix of growbot's variables, but growbot has no such variable.
     #[error(
         "unknown environment variable {name:?}{}: unset it, or rename it; growbot reads {}",
         did_you_mean(.name, VARIABLES),

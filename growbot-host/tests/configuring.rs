@@ -68,8 +68,8 @@ fn a_description_is_sent_stored_and_reported() {
     let mine = mine.to_str().unwrap();
 
     let done = robot.run(&["configure", mine]);
-    assert!(done.out.starts_with("the simulated board is configured as mine ("), "{}", done.out);
-    assert!(done.out.ends_with(&format!("before: growbot-a ({hash})\n")), "{}", done.out);
+    assert!(done.out.starts_with("the simulated board is now configured as mine ("), "{}", done.out);
+    assert!(done.out.ends_with(&format!("; it was growbot-a ({hash})\n")), "{}", done.out);
     assert!(done.err.contains("note: name this robot in other commands, too: --robot "), "{}", done.err);
     let configured = robot.described();
     assert_eq!(configured.0, "mine");
@@ -139,6 +139,6 @@ fn a_port_that_disappears_during_the_restart_is_reopened() {
     });
     let done = growbot(&["configure", "growbot-b", "--port", &port]);
     assert_eq!(done.code, Some(0), "{}{}", done.out, done.err);
-    assert!(done.out.starts_with("the board is configured as growbot-b ("), "{}", done.out);
+    assert!(done.out.starts_with("the board is now configured as growbot-b ("), "{}", done.out);
     assert_eq!(board.join().unwrap(), "growbot-b");
 }

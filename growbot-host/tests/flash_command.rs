@@ -307,7 +307,7 @@ fn a_failing_drive_is_distinguished_from_one_that_disappears() {
 
     // This drive takes everything, but cannot confirm the write.
     symlink("/dev/null", &file).unwrap();
-    assert_error(&flash(), 1, &["cannot write", "growbot.uf2", "make it a drive again"]);
+    assert_error(&flash(), 1, &["cannot write", "growbot.uf2", "only a part of the file", "hold BOOTSEL"]);
 
     // This one cannot confirm it either, because it disappears when it has everything.
     fs::remove_file(&file).unwrap();

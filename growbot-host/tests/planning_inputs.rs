@@ -160,7 +160,7 @@ fn vertical_poses_have_no_heading_and_no_heading_error() {
     let table = repeated(&["--repeat", "5"]);
     let heading = table.lines().find(|line| line.starts_with("heading, deg")).unwrap();
     assert_eq!(heading.matches(" -").count(), 6, "{table}");
-    assert!(repeated(&[]).contains("deg of pitch; what is vertical has no heading"));
+    assert!(repeated(&[]).contains("deg of pitch; no heading error, because a vertical direction has no heading"));
 }
 
 #[test]

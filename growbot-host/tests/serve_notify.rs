@@ -18,7 +18,7 @@ use ring::hmac;
 use running::PATIENCE;
 use serde_json::{Value, json};
 
-/// A body that takes long enough for orders.
+/// Goal of a growth that lasts long enough for the test to pause and stop it.
 const LONG_GOAL: &str = "100,100,600,0,45";
 
 /// A request that a receiver got.

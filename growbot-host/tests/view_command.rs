@@ -91,7 +91,7 @@ fn a_growth_with_a_truncated_log_is_displayed_beside_its_plan() {
     let whole = data(&page);
     assert_eq!(whole["about"], "growth of growbot-a: done");
     assert_eq!(number(&whole, "Laid (simulated)", "Layers"), "50 of 50");
-    assert_eq!(number(&whole, "Commanded, by the board's steps", "Layers"), "50 of 50");
+    assert_eq!(number(&whole, "Commanded, computed from the steps that the board reports", "Layers"), "50 of 50");
     assert_eq!(whole["built_name"], "Laid (simulated)");
     assert_eq!(whole["built"].as_str().unwrap().len(), 24 * 50);
     // By its steps the body arrived. The tip, which had noise, shows the true error.

@@ -54,7 +54,7 @@ impl Scene {
     }
 }
 
-/// Returns the one of these that is nearest to a point.
+/// Returns the one of `all` that is nearest to a point.
 fn nearest_to(point: &Vector3<f64>, all: impl Iterator<Item = Vector3<f64>>) -> Option<Vector3<f64>> {
     let squares = all.map(|one| ((one - point).norm_squared(), one));
     squares.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, one)| one)

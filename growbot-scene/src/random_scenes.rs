@@ -84,8 +84,8 @@ impl RandomScene {
     }
 }
 
-/// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a planted path and one
-/// is sealed.
+/// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a known path, which is
+/// kept free of obstacles, one provably has no path, and for the rest it is unknown whether a path exists.
 #[must_use]
 pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> RandomScene {
     let mut random = Rng::new(&[family as u64, number, 17]);
@@ -105,7 +105,8 @@ pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> Rand
             _ => GroundTruth::Unknown,
         },
     };
-    // A planted path is kept free with some extra distance. Otherwise only the start and end of the body are kept free.
+    // A known path is kept free of obstacles, with some extra distance. Otherwise only the start and end of the body
+    // are kept free.
     let room = body.clearance + random.uniform_between(3.0, 15.0);
     let ends = [ArcSegment::line(start, 2.0 * body.clearance), ArcSegment::line(goal, -body.clearance)];
     let kept: &[ArcSegment] = if matches!(drawn.known, GroundTruth::Path(_)) { &way } else { &ends };

@@ -42,11 +42,11 @@ fn robot() -> Robot {
 struct Subject<'a> {
     job: Job<'a>,
     silence: HostSilencePolicy,
-    /// The layers as built without a disturbance.
+    /// The layers as built when the growth is not disturbed.
     as_built: Vec<Option<LayerBytes>>,
-    /// Feed steps without a disturbance.
+    /// Number of feed steps when the growth is not disturbed.
     feed_steps: u64,
-    /// Number of frames without a disturbance.
+    /// Number of link frames that are exchanged when the growth is not disturbed.
     frames: usize,
 }
 

@@ -14,7 +14,7 @@ use crate::port::PortError;
 pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
 /// Interval at which the bytes of an emergency stop are sent, whatever the board sends.
 pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
-/// Maximum number of attempts on a line that breaks on each use and on which time does not pass by itself.
+/// Maximum number of attempts if the line breaks on each use and its virtual clock does not advance by itself.
 const MAX_BREAKS: u32 = 20;
 
 impl Client {
@@ -81,7 +81,7 @@ impl Client {
 }
 
 /// Reports whether a board confirms in this frame, to any host, that it has stopped at once. If another program reads
-/// the same line, the event for that program may be the only one that arrives here.
+/// the same line, this program may receive only the event that confirms the stop to the other one.
 fn says_stopped(frame: &LinkFrame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::EmergencyStopAck(_)) => return true,

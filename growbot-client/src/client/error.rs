@@ -188,7 +188,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             format!("the plan has {layers} layers, but it can store {capacity}")
         }
         Refusal::TemperatureOutOfRange { min, max } => format!(
-            "the temperature must lie between {} and {} C, the limits of its description",
+            "the temperature must be between {} and {} C, the limits in the description that the board stores",
             f64::from(min) / 100.0,
             f64::from(max) / 100.0
         ),

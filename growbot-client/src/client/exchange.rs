@@ -54,8 +54,8 @@ impl Client {
         self.transact(what, &request.clone().into(), || Ok(()))
     }
 
-    /// Sends a request after which the board may heat or move. Nothing else sends one. The permit is checked before
-    /// each transmission, so at most the one that is being sent precedes a stop on the line.
+    /// Sends a request after which the board may heat or move. No other function sends such a request. The permit is
+    /// checked before each transmission, so at most the request that is being sent precedes a stop on the line.
     ///
     /// # Errors
     /// [`ClientError::Voided`] if a stop was raised since the permit was given. Otherwise like [`Client::request`].
@@ -188,7 +188,7 @@ impl Client {
         Ok(())
     }
 
-    /// Stores an event if it is the next one. The board repeats the events after it.
+    /// Stores an event if it is the next one in order. A later event is dropped, because the board repeats it.
     pub(super) fn ingest_event(&mut self, frame: &LinkFrame) {
         let FrameHeader { session, seq, ack, .. } = frame.header;
         // This host or another has stopped the board at once.

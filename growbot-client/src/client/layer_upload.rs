@@ -16,7 +16,7 @@ const WINDOW: usize = 8;
 
 impl Client {
     /// Sends the layers of a plan from `accepted` on, several messages at a time, within the board's free space.
-    /// Messages get shorter if the line garbles many of them.
+    /// Messages get shorter if the line garbles many messages.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -122,8 +122,8 @@ impl<'a> LayerUpload<'a> {
         self.forget_flying()
     }
 
-    /// Drops the messages up to this one. The board processes requests in the order of their numbers, so earlier ones
-    /// are settled or lost.
+    /// Drops all messages up to this sequence number. The board processes requests in the order of their numbers, so it
+    /// has processed the earlier messages, or they are lost.
     fn settle(&mut self, seq: u16) {
         while self.in_flight.pop_front().is_some_and(|flying| flying != seq) {}
     }

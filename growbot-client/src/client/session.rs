@@ -21,7 +21,7 @@ const REFUSED: u8 = 0x44;
 const SELF_TEST_MS: u64 = 5000;
 /// Maximum number of polls for the end of the self-test.
 const MAX_LOOKS_AT_SELF_TEST: u32 = 1200;
-/// Maximum number of those polls while the board's clock stands.
+/// Maximum number of polls for the end of the self-test while the board's clock does not advance.
 const MAX_LOOKS_AT_A_CLOCK: u32 = 60;
 /// Time between two polls for the end of the self-test.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);

@@ -30,7 +30,7 @@ pub(super) const MAX_ATTEMPTS: u32 = 120;
 pub(super) struct ResponseWait {
     /// Time since the latest frame.
     pub quiet: Duration,
-    /// Number of fragments of frames received in that time.
+    /// Number of fragments of frames that were received since the latest frame.
     pub pieces: u32,
     /// Error of received bytes that were not a valid frame.
     pub unreadable: Option<FrameError>,

@@ -79,8 +79,8 @@ impl JobRunner<'_> {
         Ok(())
     }
 
-    /// With feedback, plans the layers from this index on again, or from the first one that can still be changed, and
-    /// sends them to the board. If the board does not accept them, it continues with those that it has.
+    /// With feedback, plans the layers from this index on again, or from the first layer that can still be changed, and
+    /// sends them to the board. If the board does not accept the new layers, it continues with the layers that it has.
     pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
         let is_early = self.built.laid < self.sent.amend_at || !self.built.is_reported();
@@ -149,8 +149,8 @@ impl JobRunner<'_> {
         Ok(())
     }
 
-    /// Pauses the board after the layer in progress, because the rest would be too near to an obstacle. That layer and
-    /// those that the board already has belong to a correction that was clear.
+    /// Pauses the board after the layer in progress, because the rest of the body would be too near to an obstacle. The
+    /// layers that the board already has belong to a correction that was clear.
     fn pause_for_clearance(
         &mut self,
         too_near: ClearanceViolation,
@@ -180,7 +180,7 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Sends more layers once there is space for a few messages of them, or for the rest.
+    /// Sends more layers once the board has space for a few messages with layers, or for all remaining layers.
     pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due() as u32;
         let left = due.saturating_sub(self.sent.accepted.next);

@@ -1,4 +1,4 @@
-//! Orders of users during a growth.
+//! Commands of users during a growth.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::maintenance::MaterialPreset;
 use crate::stop_signal::{Permit, StopLevel};
 
-/// An order.
+/// A command of a user during a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -35,7 +35,7 @@ pub enum Command {
 }
 
 impl Command {
-    /// All orders.
+    /// All commands.
     pub const ALL: [Self; 8] = [
         Self::Continue,
         Self::Pause,
@@ -90,7 +90,7 @@ impl Command {
         !matches!(self, Self::Unload | Self::Load | Self::Purge)
     }
 
-    /// Returns the message for an order that may have been executed and is not repeated.
+    /// Returns the message for a command that may have been executed and is not repeated.
     pub(super) fn uncertain_message(self) -> String {
         format!(
             "the connection was lost, so it is unknown whether `{}` was executed: check before sending it again",
@@ -135,13 +135,14 @@ impl Default for CommandQueue {
 }
 
 impl CommandQueue {
-    /// Returns the queue of a growth with this permit.
+    /// Returns an empty command queue for a growth with this permit.
     #[must_use]
     pub fn new(permit: Permit) -> Self {
         Self { permit: Mutex::new(permit), waiting: Mutex::default(), interrupted: AtomicBool::default() }
     }
 
-    /// Gives an order. An order to pause or to continue replaces a waiting order to pause or to continue.
+    /// Adds a command to the queue. A command to pause or to continue replaces a queued command to pause or to
+    /// continue.
     pub fn push(&self, order: Command) {
         match order {
             Command::Stop => _ = self.permit().signal().raise(StopLevel::Stop),
@@ -150,7 +151,7 @@ impl CommandQueue {
         }
     }
 
-    /// Gives an order that is not a stop, with the permit of the moment at which it arrived.
+    /// Adds a command that is not a stop to the queue, with the permit of the moment at which the command arrived.
     pub fn push_with(&self, order: Command, permit: Permit) {
         let mut waiting = self.waiting();
         waiting.retain(|before| !order.replaces(before.command));
@@ -163,7 +164,7 @@ impl CommandQueue {
         self.permit.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns a permit for an order that arrives now.
+    /// Returns a permit for a command that arrives now.
     #[must_use]
     pub fn permit_now(&self) -> Permit {
         self.permit().signal().permit()
@@ -179,7 +180,7 @@ impl CommandQueue {
         self.interrupted.swap(true, Ordering::Relaxed)
     }
 
-    /// Reports whether an order to pause waits.
+    /// Reports whether a command to pause is in the queue.
     #[must_use]
     pub fn pause_waits(&self) -> bool {
         self.waiting().iter().any(|order| order.command == Command::Pause)
@@ -196,7 +197,8 @@ impl CommandQueue {
         self.permit().signal().level()
     }
 
-    /// Drops all orders, and gives the queue a permit for another growth. Returns true if a stop was among them.
+    /// Drops all queued commands, and gives the queue a permit for another growth. Returns true if a stop was among the
+    /// dropped commands.
     pub fn clear(&self) -> bool {
         self.interrupted.store(false, Ordering::Relaxed);
         self.waiting().clear();
@@ -215,7 +217,7 @@ impl CommandQueue {
         (!waiting.is_empty()).then(|| waiting.remove(0))
     }
 
-    /// Returns an order that could not be executed to the front of the queue, unless a waiting order replaces it.
+    /// Puts a command that could not be executed back to the front of the queue, unless a queued command replaces it.
     pub(super) fn requeue(&self, order: QueuedCommand) {
         let mut waiting = self.waiting();
         if order.command < Command::Stop && !waiting.iter().any(|newer| newer.command.replaces(order.command)) {

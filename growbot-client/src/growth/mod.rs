@@ -69,7 +69,7 @@ pub enum Outcome {
     Stopped,
     /// A fault switched everything off.
     Fault(Fault),
-    /// The board's clock is wrong, and with it heating, speeds and time limits, so it was stopped.
+    /// The board was stopped, because its clock is wrong and heating, speeds and time limits depend on that clock.
     ClockDrift(ClockDrift),
     /// A long pause has switched the heater off. The body can be resumed.
     Parked,
@@ -135,7 +135,7 @@ pub enum JobEvent {
     /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the board is
     /// commanded to pause.
     ClearanceViolation(ClearanceViolation),
-    /// With feedback: layers of the job beyond those of its latest amendment are sent.
+    /// With feedback: layers of the job after the layers of its latest amendment are sent.
     LayersSent {
         /// Index of the first layer.
         from: u32,
@@ -228,7 +228,7 @@ impl GrowthError {
 /// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnInterrupted {
-    /// The layer is laid again, on top of what there is of it.
+    /// The interrupted layer is laid again as a whole, on top of the part that is finished.
     #[default]
     Redo,
     /// The layer is skipped and stays as it is.
@@ -252,7 +252,7 @@ pub enum OnParked {
     /// The growth ends, and can be resumed.
     #[default]
     End,
-    /// The growth waits, because a user can order it to continue.
+    /// The growth waits, because a user can command it to continue.
     Wait,
 }
 
@@ -263,7 +263,8 @@ impl From<HostSilencePolicy> for GrowthOptions<'_> {
     }
 }
 
-/// Grows a job from its first layer. `orders` may be given at any time. `on_event` receives the events of the job.
+/// Grows a job from its first layer. Commands may be added to `orders` at any time. `on_event` receives the events of
+/// the job.
 ///
 /// # Errors
 /// If the board belongs to another robot, holds an unfinished body, refuses or falls silent.
@@ -307,7 +308,7 @@ struct JobRunner<'a> {
     parked: OnParked,
     /// Permit of the growth, or of the latest order to continue it.
     permit: Permit,
-    /// True once the board has begun the growth: it has accepted a start, or its status shows that it had.
+    /// True once the board has begun the growth: it has accepted a start, or its status shows an earlier start.
     is_started: bool,
     sent: UploadState,
     built: LaidProgress,
@@ -424,8 +425,8 @@ impl<'a> JobRunner<'a> {
         Ok(())
     }
 
-    /// Starts the growth, unless a stop was ordered while layers were sent, or the board waits for a person and the
-    /// permit is none. Then nothing is heated.
+    /// Starts the growth. Heats nothing if a user has commanded a stop while layers were sent, or if the growth is a
+    /// continuation that a queued pause or the permit does not allow.
     fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
         if orders.stop_requested() {
             return Ok(());

@@ -16,7 +16,7 @@ use super::{
 use crate::client::ClientError;
 use crate::stop_signal::StopLevel;
 
-/// Time to wait for an event before the orders are polled.
+/// Time to wait for an event of the board before the command queue is polled.
 const EVENT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 /// Number of successive polls without an event before the status is requested.
 const QUIET_LOOKS: u32 = 100;
@@ -198,8 +198,8 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Requests the status. Returns the outcome once the job has ended and all its layers are reported, or the wait for
-    /// them is over.
+    /// Requests the status. Returns the outcome once the job has ended and all its layers are reported, or once the
+    /// wait for these reports is over.
     fn ask_status(
         &mut self,
         questions: &mut StatusPoll,
@@ -250,12 +250,13 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Returns the maximum number of layers of the job. A pending amendment may have more of them.
+    /// Returns the maximum number of layers of the job. A pending amendment may have more layers than the present job.
     fn max_layers(&self) -> usize {
         self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
 
-    /// Executes an order. An order that does not suit the board's state is refused, and the growth continues.
+    /// Executes a command of a user. A command that does not suit the board's state is refused, and the growth
+    /// continues.
     fn execute(&mut self, order: &QueuedCommand, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let QueuedCommand { command, permit } = order;
         on_event(&JobEvent::Command(*command));
@@ -282,7 +283,7 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Records the next layer after those that are known.
+    /// Records a laid layer, if it is the next one after the known layers.
     fn ingest_layer(&mut self, laid: &LayerLaid) {
         let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {

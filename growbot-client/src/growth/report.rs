@@ -28,12 +28,12 @@ pub struct GrowthReport {
     pub duration_s: f64,
     /// Filament that was fed, mm.
     pub filament_mm: f64,
-    /// Layers as built, from the first one. `None` for a layer that was interrupted and kept, because nothing is known
-    /// of it. In `body` it is as planned.
+    /// Layers as built, from the first layer on. `None` for a layer that was interrupted and kept, because nothing is
+    /// known of it. `body` contains such a layer as planned.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Number of laid layers, as the board counts them. The reports of the last ones may be missing in `as_built`.
+    /// Number of laid layers, as the board counts them. The reports of the last layers may be missing in `as_built`.
     pub laid: u32,
-    /// The layer in progress at the end, and how much of it was made.
+    /// The layer that was in progress when the growth ended, and the part of it that was made.
     pub interrupted: Option<InterruptedLayer>,
     /// Source of the measured arrival.
     pub measured_by: MeasuredBy,
@@ -89,7 +89,7 @@ impl GrowthReport {
     }
 }
 
-/// Returns the layers of a body as built, or as commanded if nothing is known of them.
+/// Returns the layers of a body as built. A layer of which no report is known is returned as commanded.
 pub fn as_built_or_commanded(
     as_built: &[Option<LayerBytes>],
     commanded: &[LayerBytes],

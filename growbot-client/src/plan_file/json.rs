@@ -82,7 +82,7 @@ pub struct PlanFile {
     /// Description of the robot, as in its file. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot_description: Option<Box<RobotDescription>>,
-    /// The scene that it leads through. Omitted if it was planned in empty space.
+    /// The scene that the plan leads through. Omitted if the path was planned in empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<SceneRefJson>,
 }
@@ -295,9 +295,9 @@ pub enum SegmentJson {
     Helicoid {
         /// Length, mm.
         length_mm: f64,
-        /// `m` at the segment's start.
+        /// Value of the vector `m` (see the segment type `helicoid`) at the segment's start.
         m0: [f64; 3],
-        /// Constant rate of change of `m`.
+        /// Constant rate of change of the vector `m` (see the segment type `helicoid`).
         p: [f64; 3],
     },
 }

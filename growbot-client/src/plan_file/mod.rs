@@ -147,7 +147,7 @@ pub struct LoadedPlan {
     pub robot: Robot,
     /// The plan.
     pub plan: Plan,
-    /// The scene that it leads through, if it names one.
+    /// The scene that the plan leads through, if the plan names a scene.
     pub scene: Option<LoadedScene>,
 }
 

@@ -14,7 +14,7 @@ use std::time::Duration;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use rustix::time::{ClockId, clock_gettime};
 
-/// The line to a robot: bytes both ways.
+/// The line to a robot, which carries bytes in both directions.
 pub trait Port {
     /// Sends bytes.
     ///
@@ -28,7 +28,8 @@ pub trait Port {
     /// If the line is broken.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError>;
 
-    /// Sends the emergency stop in one piece. It overtakes bytes that wait to be sent, if the line can drop these.
+    /// Sends the emergency stop in one piece. The stop overtakes bytes that wait to be sent, if the line can drop those
+    /// bytes.
     ///
     /// # Errors
     /// If the line is broken, or accepts no bytes now.
@@ -47,9 +48,9 @@ pub trait Port {
         true
     }
 
-    /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of
-    /// that port on, this end of the line neither sends nor receives, and blocks until that port is dropped. `None` if
-    /// the robot ends with this program.
+    /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of the
+    /// emergency port on, this port neither sends nor receives, and blocks until the emergency port is dropped. `None`
+    /// if the robot ends with this program.
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }
@@ -131,7 +132,7 @@ pub enum PortError {
     /// Another program has opened the device for exclusive use.
     #[error("port {0} is locked by {1}: end that program")]
     Exclusive(String, String),
-    /// This user has no permission to use it.
+    /// This user has no permission to use the device.
     #[error("no permission to use port {0}: join its group (often `dialout`) and log in again")]
     Forbidden(String),
     /// No program listens at the address.

@@ -23,9 +23,9 @@ use super::PortError;
 
 /// Rate of serial lines, baud.
 const BAUD: u32 = 115_200;
-/// Time after which a device that accepts no byte is given up.
+/// Time for which a device may accept no byte before it counts as lost.
 const STALLED: Duration = Duration::from_secs(2);
-/// Time for which an emergency stop waits for a device that accepts nothing. It is then sent again.
+/// Time for which an emergency stop waits for a device that accepts nothing. The stop is then sent again.
 const EMERGENCY_WAIT: Duration = Duration::from_millis(100);
 /// Interval at which a holder polls whether the emergency stop of another program is over. The emergency stop tries to
 /// lock the bytes at the same interval.
@@ -36,7 +36,7 @@ const SILENCE_TRIES: u32 = 10;
 /// An open serial device. It never blocks for longer than the requested wait.
 pub struct Serial {
     file: File,
-    /// True if this is the emergency stop's own handle, for which other handles are silent.
+    /// True if this handle sends an emergency stop. The other handles of the device neither send nor receive meanwhile.
     is_for_emergency: bool,
 }
 
@@ -73,7 +73,7 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Reports whether another program needs the line for an emergency stop, so that this one must not read.
+    /// Reports whether this handle must not read, because another program uses the line for an emergency stop.
     fn must_yield(&self) -> bool {
         if self.is_for_emergency {
             return false;
@@ -141,7 +141,7 @@ impl Serial {
         Ok(())
     }
 
-    /// Sends bytes in one write. Drops all bytes that wait to be sent.
+    /// Sends bytes in one write, before all bytes that wait to be sent. The waiting bytes are dropped.
     ///
     /// # Errors
     /// If the device is gone, or does not accept them as a whole within 100 ms.
@@ -164,7 +164,7 @@ impl Serial {
     }
 
     /// Waits for bytes. `None` after the timeout, if another program has read them first, or if `leaves` returns true
-    /// once there are some, because they belong to another thread.
+    /// once bytes have arrived, because these bytes belong to another thread.
     ///
     /// # Errors
     /// If the device is gone.
@@ -223,8 +223,8 @@ fn holder(device: &str) -> String {
     found_holder(device).unwrap_or_else(|| "another program".to_string())
 }
 
-/// Returns the name of the program that has a device open, if the system reports it. Linux does for this user's
-/// programs.
+/// Returns the name of the program that has a device open, if the system reports it. Linux reports it for the programs
+/// of this user.
 fn found_holder(device: &str) -> Option<String> {
     let device = fs::canonicalize(device).ok()?;
     let has_it = |process: &Path| {

@@ -15,30 +15,31 @@ use super::{Port, PortError};
 
 /// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Time after which a connection that accepts no byte is given up.
+/// Time for which a connection may accept no byte before it counts as lost.
 const STALLED: Duration = Duration::from_secs(2);
-/// Timeout of a read of bytes that have arrived. A timeout of zero would mean to wait for ever.
+/// Timeout of a read that is made after bytes have arrived. It is not zero, because a timeout of zero means to wait for
+/// ever.
 const AT_ONCE: Duration = Duration::from_millis(1);
-/// Interval at which an end that has left the line to an emergency stop checks whether the stop is over.
+/// Interval at which a stream that waits for an emergency stop of another thread checks whether that stop is over.
 const YIELD_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
 /// A robot at the other end of a stream of bytes.
 pub struct Stream {
     name: String,
     bytes: Bytes,
-    /// Number of ends of this line with which an emergency stop is being sent.
+    /// Number of streams over this connection with which an emergency stop is being sent.
     emergencies: Arc<AtomicU32>,
     role: StreamRole,
 }
 
-/// Use of an end of a line.
+/// Use of a stream: several streams may share one connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum StreamRole {
-    /// Requests and responses. It yields to emergency stops.
+    /// Requests and responses. Such a stream waits while an emergency stop is being sent.
     Requests,
     /// An emergency stop that has not been sent.
     Emergency,
-    /// An emergency stop that is being sent. All ends for requests yield until this one is dropped.
+    /// An emergency stop that is being sent. All streams for requests wait until this stream is dropped.
     ActiveEmergency,
 }
 
@@ -115,19 +116,21 @@ impl Stream {
         PortError::Lost(self.name.clone(), error.to_string())
     }
 
-    /// Reports whether the line is left to the emergency stop of another thread.
+    /// Reports whether this stream must wait, because an emergency-stop stream of another thread uses the connection.
     fn is_left_to_emergency(&self) -> bool {
         self.role == StreamRole::Requests && self.emergencies.load(Ordering::SeqCst) > 0
     }
 
-    /// Leaves the line to the emergency stops of other threads, until the last of their ends is dropped.
+    /// Waits while emergency-stop streams of other threads use this connection, until the last of those streams is
+    /// dropped.
     fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
             thread::sleep(YIELD_POLL_INTERVAL);
         }
     }
 
-    /// Silences the ends of this line for requests in this program, until this end is dropped.
+    /// Makes all streams that send requests over this connection in this program wait, until this emergency-stop stream
+    /// is dropped.
     fn take_line(&mut self) {
         if self.role == StreamRole::Emergency {
             self.role = StreamRole::ActiveEmergency;

@@ -374,7 +374,7 @@ impl RunLog {
         open.lines.drain().map_err(|error| RunLogError::Write { file: open.file.clone(), error })
     }
 
-    /// Returns the number of lines that are not in the file: those that wait and those that are lost.
+    /// Returns the number of lines of the log that are not in the file: waiting lines and lost lines.
     #[must_use]
     pub fn missing_lines(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())
@@ -392,7 +392,7 @@ fn command_line() -> Vec<String> {
     std::env::args_os().map(|part| part.to_string_lossy().into_owned()).collect()
 }
 
-/// Format of times of day: seconds with three decimals.
+/// Format of dates and times: seconds have three decimals.
 const MILLISECONDS: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
 
@@ -402,7 +402,7 @@ pub fn utc_now() -> String {
     utc_text(OffsetDateTime::now_utc())
 }
 
-/// Formats a time of day in RFC 3339 format with milliseconds.
+/// Formats a date and time in RFC 3339 format with milliseconds.
 #[must_use]
 pub fn utc_text(time: OffsetDateTime) -> String {
     time.format(&Iso8601::<MILLISECONDS>).unwrap_or_default()

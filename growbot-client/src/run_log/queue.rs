@@ -11,7 +11,7 @@ pub(super) struct LineQueue {
     out: Box<dyn Write + Send>,
     /// Lines that are not written yet, the oldest first.
     waiting: VecDeque<String>,
-    /// Number of bytes in them.
+    /// Number of bytes in the waiting lines.
     waiting_bytes: usize,
     /// Number of lines that were dropped because the queue was full.
     lost: usize,

@@ -13,7 +13,7 @@ const LONGEST_LINE: usize = 16 << 20;
 pub struct Damage {
     /// Number of lines that are not JSON objects.
     pub lines: usize,
-    /// Line number of the first of them, from 1.
+    /// Line number of the first line that is not a JSON object, counted from 1.
     pub first: usize,
     /// Number of bytes at the end that belong to a line that was cut off.
     pub cut_off: usize,

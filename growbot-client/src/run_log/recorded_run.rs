@@ -211,7 +211,7 @@ impl RecordedRun {
         self.result.as_ref().map_or(OutcomeKind::Unfinished, |result| result.outcome)
     }
 
-    /// Returns the error of the board's clock, if the board was stopped for it.
+    /// Returns the error of the board's clock, if the board was stopped because of this error.
     #[must_use]
     pub fn clock_drift(&self) -> Option<ClockDrift> {
         self.result.as_ref()?.clock_drift
@@ -268,7 +268,7 @@ impl RecordedRun {
         }
     }
 
-    /// Returns the layers as built up to the first whose line is lost. The board need not report these again.
+    /// Returns the layers as built up to the first whose line is lost. The board need not report these layers again.
     #[must_use]
     pub fn known_layers(&self) -> Vec<Option<LayerBytes>> {
         let end = self.lost.first().copied().unwrap_or(self.as_built.len());

@@ -36,7 +36,7 @@ pub struct GrowthResult {
     pub error: Option<String>,
     /// Code of the fault that ended the growth. Null if none did.
     pub fault: Option<String>,
-    /// Error of the board's clock, if the growth was stopped for it.
+    /// Error of the board's clock, if the growth was stopped because of this error.
     #[serde(default, deserialize_with = "lenient")]
     pub clock_drift: Option<ClockDrift>,
     /// Pose of the tip and its errors from the goal. If nothing was grown, the tip is at the start.

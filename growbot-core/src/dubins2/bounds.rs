@@ -9,16 +9,18 @@ use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use super::path_types::Tangent;
 
-/// An angle that is less than this below a full turn, radians, counts as 0, because its true value may be 0. The error
-/// of an angle is the 0.004 of the arc tangent, and that of a difference of two angles is twice as large. The test
-/// `no_path_type_is_shorter_than_its_bound` checks this margin and those below.
+/// An angle that is less than this below a full turn, radians, counts as 0, because its true value may be 0. The
+/// arc-tangent approximation errs by up to 0.004 rad, so the difference of two angles errs by up to 0.008 rad. The test
+/// `no_path_type_is_shorter_than_its_bound` checks all margins of this module.
 const ANGLE_MARGIN: f32 = 0.01;
-/// Margin of a length for the errors of its angles, radii. It is twice what LRL needs, whose length has four times the
-/// 0.004 of the arc tangent.
+/// Margin of a path length, in radii, for the errors of its angles. The arc-tangent approximation errs by up to 0.004
+/// rad. The length of LRL contains four such errors (0.016), so the margin is about twice what LRL needs.
 const LENGTH_MARGIN: f32 = 0.03;
-/// Margin of a length for each radius of a line: several times the rounding of single precision, 6e-8.
+/// Margin of a path length for each radius of its line. It is several times the rounding error of single precision,
+/// 6e-8.
 const RELATIVE_MARGIN: f32 = 1e-6;
-/// Circles whose centres are closer than this (radii) may coincide. In that case the lower bound is 0.
+/// Two circles may coincide if their centres are closer than this (radii). The lower bound of their path type is then
+/// 0.
 const COINCIDING: f32 = 1e-4;
 /// Tolerance for a square below 0: larger than the rounding error of single precision.
 const EDGE: f32 = 1e-4;

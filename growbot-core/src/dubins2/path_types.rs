@@ -111,7 +111,7 @@ pub(super) struct Tangent {
     pub(super) outer: bool,
     /// x component of a vector in the direction of the tangent.
     pub(super) x: f64,
-    /// y component of that vector.
+    /// y component of the vector in the direction of the tangent.
     pub(super) y: f64,
     /// Square of the tangent's length. It is below 0 if the tangent does not exist, or by rounding.
     pub(super) square: f64,

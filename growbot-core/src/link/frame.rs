@@ -48,7 +48,7 @@ pub struct FrameHeader {
     pub ack: u16,
 }
 
-/// Returns the sequence number after this one.
+/// Returns the sequence number that follows a sequence number.
 #[must_use]
 pub const fn next_seq(seq: u16) -> u16 {
     match seq.wrapping_add(1) {

@@ -21,7 +21,7 @@ pub enum State {
     Done,
     /// A request stopped the job. Heater and steppers are off.
     Stopped,
-    /// A fault is latched. Heater and steppers are off until it is cleared.
+    /// A fault is latched. Heater and steppers are off until the fault is cleared.
     Fault,
     /// The board has just started and tests its sensors. Everything is off.
     SelfTest,
@@ -29,7 +29,7 @@ pub enum State {
     Parked,
     /// The board oscillates the nozzle round a temperature to find the gains of its controller.
     Tuning,
-    /// The emergency stop was pressed. Heater and steppers are off until it is released and cleared.
+    /// The emergency stop was pressed. Heater and steppers are off until the emergency stop is released and cleared.
     EmergencyStop,
     /// The nozzle is hot, and head and feed move as a host requests, without a job. The board leaves this state after
     /// some minutes.

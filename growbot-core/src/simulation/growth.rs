@@ -47,7 +47,7 @@ pub struct GrownBody {
 /// Limit of the layers of a closed loop, as a multiple of the layers of its plan. A closed loop in which almost nothing
 /// grows would not end, so it is stopped after this limit plus [`MIN_PATIENCE`].
 const MAX_LAYERS_FACTOR: u64 = 20;
-/// Number of layers that a closed loop may lay in addition to [`PATIENCE`] times those of its plan.
+/// Number of layers that a closed loop may lay in addition to [`MAX_LAYERS_FACTOR`] times the layers of its plan.
 const MIN_PATIENCE: u64 = 100;
 
 /// Grows in open loop, which lays the layers as given. `each` is called with every layer as laid.

@@ -57,7 +57,7 @@ pub struct RootStress {
     pub stress: f64,
     /// Moment of bending and twist, N mm.
     pub moment: f64,
-    /// Length of the body at that time, mm.
+    /// Length of the body at the time of the greatest stress, mm.
     pub length: f64,
 }
 
@@ -97,7 +97,8 @@ impl Sections {
         self.moved += crossed * moment(at);
     }
 
-    /// Returns the effect on all sections of a weight at this position, beyond all of them.
+    /// Returns the sag that a weight causes in all sections, if the weight is at this position, beyond the last
+    /// section.
     fn under(&self, weight: f64, at: &Vector3<f64>) -> Sag {
         let moment = moment(at);
         Sag {

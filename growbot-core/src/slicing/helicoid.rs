@@ -75,7 +75,7 @@ struct Cursor {
     /// Frame at the start of the segment.
     from: Frame,
     walk: HelicoidIntegrator,
-    /// Frame at this place.
+    /// Frame of the tip at the present point of the arc.
     here: Frame,
 }
 

@@ -38,7 +38,8 @@ pub enum Slicing {
 /// `n + 1`.
 pub const LIMIT_SLACK: f64 = 1e-9;
 
-/// Max number of times that a helicoidal arc is sliced again, into more layers, because one of them exceeds a limit.
+/// Max number of times that a helicoidal arc is sliced again, into more layers, because one of its layers exceeds a
+/// limit.
 const MORE_LAYERS: u32 = 5;
 
 /// A layer and the segment it belongs to.
@@ -58,7 +59,7 @@ pub struct SlicedLayers<'a> {
     slicing: Slicing,
     /// Index of the segment that is being sliced.
     segment: usize,
-    /// Number of the remaining layers of that segment. `cut` produces these layers.
+    /// Number of the remaining layers of the current segment. `cut` produces these layers.
     left: u64,
     cut: Slices<'a>,
     /// Roll of the tip relative to the path, radians, caused by the layers of helicoidal arcs.

@@ -31,11 +31,11 @@ mod prior {
     /// Standard deviation of the growth's bias, as a fraction of the height, and of its change from layer to layer.
     pub const GROWTH_BIAS: f64 = 0.1;
     pub const GROWTH_BIAS_DRIFT: f64 = 1e-4;
-    /// Standard deviation of the growth of a single layer, as a fraction of its height, before it is estimated, and the
-    /// min of the estimate.
+    /// Standard deviation of the growth of a single layer, as a fraction of the layer's height. The filter starts with
+    /// this value, and its estimate never falls below it.
     pub const GROWTH: f64 = 0.06;
     pub const GROWTH_MIN: f64 = 1e-3;
-    /// Number of layers over which the growth's noise is estimated.
+    /// Number of layers over which the variance of a single layer's growth is estimated.
     pub const GROWTH_WINDOW: f64 = 100.0;
     /// Standard deviation of the tilt's bias, as a fraction of the tilt.
     pub const TILT_GAIN: f64 = 0.05;
@@ -51,10 +51,10 @@ mod prior {
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
     /// Standard deviation of the twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
-    /// Number of measured angles, two for each layer, over which the surprise is averaged.
+    /// Number of measured angles, two for each layer, over which the normalised innovation squared (NIS) is averaged.
     pub const NIS_WINDOW: f64 = 60.0;
-    /// Max excess of the surprise over 1 that counts as chance. One in some 10,000 growths of a thousand layers exceeds
-    /// it by chance.
+    /// Max excess of the mean normalised innovation squared (NIS) over 1 that counts as chance. One in some 10,000
+    /// growths of a thousand layers exceeds it by chance.
     pub const NIS_EXCESS_BY_CHANCE: f64 = 0.7;
 }
 
@@ -72,7 +72,8 @@ pub struct SystematicErrors {
 }
 
 impl SystematicErrors {
-    /// Returns the errors, limited to the max that a robot can have, so that broken sensors cannot lead to larger ones.
+    /// Returns the systematic errors, each limited to the max that a robot can have, so that broken sensors cannot lead
+    /// to larger errors.
     fn clamped(&self) -> Self {
         Self {
             growth: self.growth.clamp(-prior::MAX_SHARE, prior::MAX_SHARE),
@@ -82,13 +83,14 @@ impl SystematicErrors {
         }
     }
 
-    /// Returns the layer that results from a commanded one with this growth (mm), and the twist after it (radians).
+    /// Returns the layer that a robot with these systematic errors lays for a commanded layer, if the tip grows by
+    /// `growth` (mm), and the twist after the layer (radians).
     fn of(&self, commanded: &Layer, growth: f64) -> (Layer, f64) {
         let tilt = commanded.tilt * (1.0 + self.tilt);
         (Layer { alpha: commanded.alpha + self.alpha, height: growth, tilt }, self.twist)
     }
 
-    /// Returns `base_from_tip` after a commanded layer.
+    /// Returns `base_from_tip` after a commanded layer that a robot with these systematic errors lays.
     pub fn lay(&self, base_from_tip: &Frame, commanded: &Layer) -> Frame {
         self.lay_grown(base_from_tip, commanded, commanded.height * (1.0 + self.growth))
     }
@@ -135,7 +137,7 @@ struct MeasuredGrowth {
     growth: f64,
     /// Variance of that growth, mm^2.
     variance: f64,
-    /// Correction of the unmeasured layers before it, mm.
+    /// Correction of the growth of the unmeasured layers before this layer, mm.
     correction: f64,
 }
 

@@ -14,11 +14,11 @@ use crate::plan::GoalError;
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::trigonometry;
 
-/// Max number of segments.
+/// Max number of segments of a reference trajectory.
 const MAX_PIECES: usize = 48;
 /// Approximate number of segments into which a path is divided at first.
 const FIRST_PIECES: f64 = 40.0;
-/// Min number of segments, provided that each is longer than a layer.
+/// Min number of segments of a reference trajectory, as long as each segment is longer than a layer.
 const MIN_PIECES: usize = 12;
 /// Max number of Gauss-Newton steps for one correction.
 const ROUNDS: usize = 5;
@@ -26,9 +26,10 @@ const ROUNDS: usize = 5;
 const HALVINGS: usize = 4;
 /// Max number of steps of Newton's method on the dual, for one Gauss-Newton step.
 const NEWTON_STEPS: usize = 20;
-/// Number of constraints: three of the end's position, two of its direction.
+/// Number of constraints on the end of the path: three for its position, two for its direction.
 const CONSTRAINTS: usize = 5;
-/// Size of a correction below which the remaining error is about its square, in radii and radians.
+/// Size of a correction, in radii and radians, below which the error that remains is about the square of the
+/// correction.
 const NEARLY: f64 = 1e-3;
 /// Standard deviations of position (radii) and direction (radians) that weight an error at the goal, so that smaller
 /// errors cause no curvature.
@@ -82,7 +83,7 @@ impl Piece {
         Variances { curvature: curvature * curvature / length, length: along * along * length }
     }
 
-    /// Returns the segment without its first `length` mm.
+    /// Returns the rest of the segment after its first `length` mm.
     fn without(self, length: f64) -> Self {
         let share = ((self.length - length) / self.length).max(0.0);
         let planned = PieceShape { length: self.planned.length * share, ..self.planned };
@@ -96,8 +97,8 @@ pub struct ReferenceTrajectory {
     pieces: Vec<Piece, MAX_PIECES>,
     /// Scale of lengths and curvatures, mm.
     radius: f64,
-    /// Dual variables of the latest correction. They are a pull on the end that bends the segments to their present
-    /// shapes.
+    /// Dual variables of the latest correction. They act like a force at the path's end that bends the segments to
+    /// their present shapes.
     multipliers: Constraint,
 }
 
@@ -131,7 +132,7 @@ impl ReferenceTrajectory {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
 
-    /// Removes `length` mm from the beginning.
+    /// Removes the first `length` mm of the reference trajectory.
     pub fn advance(&mut self, mut length: f64) {
         while let Some(first) = self.pieces.first_mut() {
             if first.length > length {
@@ -198,7 +199,7 @@ impl ReferenceTrajectory {
                 self.back_halfway(&before);
                 linear.set(self, base_from_tip, goal, max_curvature);
             }
-            // A goal that is out of reach remains so in further rounds.
+            // Further Gauss-Newton steps would not reach a goal that is out of reach.
             if linear.error.norm() < NEARLY * NEARLY || linear.weighted_error() > 0.99 * error {
                 break;
             }
@@ -215,7 +216,7 @@ impl ReferenceTrajectory {
         self.multipliers = (self.multipliers + before.multipliers) * 0.5;
     }
 
-    /// Divides the longest segments while there are few.
+    /// Divides the longest segments until there are at least [`MIN_PIECES`] segments, if they are long enough.
     fn refine(&mut self, resolution: f64) {
         while self.pieces.len() < MIN_PIECES {
             let longest = self.pieces.iter().enumerate().max_by(|a, b| a.1.length.total_cmp(&b.1.length));
@@ -239,7 +240,7 @@ type Constraint = SVector<f64, CONSTRAINTS>;
 struct Linear {
     /// Error from the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
     error: Constraint,
-    /// Error as linearised for segments of planned shape.
+    /// Error at the goal that the linearisation gives if all segments have their planned shapes.
     from_planned: Constraint,
     /// Change of the end by the shape of each segment, from the last segment to the first.
     columns: Vec<Columns, MAX_PIECES>,
@@ -284,7 +285,7 @@ impl Columns {
         (PieceShape { curvature, length: length.clamp(self.min_length, self.max_length) }, unbounded)
     }
 
-    /// Adds the segment's part to the dual.
+    /// Adds the contribution of this segment to the dual.
     fn add_to(&self, dual: &mut Dual, pull: &Constraint) {
         let (PieceShape { curvature, length }, unbounded) = self.give_way(pull);
         let [by_x, by_y] = &self.by_curvature;
@@ -295,7 +296,8 @@ impl Columns {
         dual.slope += moved;
         let tightness = unbounded.norm();
         if tightness > self.max_curvature {
-            // The curvature moves along the bound only. The further the pull is beyond the bound, the less it moves.
+            // A curvature at its bound changes only along the bound. The further the unbounded curvature exceeds the
+            // bound, the smaller this change is.
             let across = (by_y * unbounded.x - by_x * unbounded.y) / tightness;
             dual.hessian += across * across.transpose() * (self.variances.curvature * self.max_curvature / tightness);
         } else {
@@ -320,7 +322,7 @@ impl Linear {
             let turned = end_from.rotation * axis;
             constraint(end_from.translation.vector.cross(&turned), turned)
         };
-        // The loop goes from the end backwards, in the end's frame.
+        // The loop goes from the last segment to the first, in the frame of the path's end.
         self.columns.clear();
         let mut from_planned = Constraint::zeros();
         let mut end_from_tip = Frame::identity();

@@ -17,7 +17,7 @@ use crate::robot::Robot;
 /// Estimate of the tip from all measurements so far.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Estimate {
-    /// The estimated frame of the tip.
+    /// Estimated frame of the tip, `base_from_tip`.
     pub base_from_tip: Frame,
     /// Standard deviation of the position, mm: the root of the sum over the axes.
     pub position_sd: f64,
@@ -32,16 +32,16 @@ pub struct Estimate {
 pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
-    /// The reference trajectory to the next goal. It begins with the next layer that can be changed.
+    /// The reference trajectory to the next goal. Its first part is the next layer that can still be changed.
     reference: ReferenceTrajectory,
     /// Estimated frame of the tip at the beginning of the reference trajectory.
     begins: Frame,
     stages: Stages<'a>,
     /// Number of layers laid.
     laid: u64,
-    /// Number of layers that can no longer be changed. Their part of the reference trajectory has been removed.
+    /// Number of layers that can no longer be changed. The reference trajectory no longer contains them.
     committed: u64,
-    /// Error at the end of the reference trajectory.
+    /// Error at the goal that the end of the reference trajectory has.
     miss: GoalError,
 }
 
@@ -95,7 +95,7 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// Steers along another path, which begins at this pose, at the beginning of the reference trajectory.
+    /// Replaces the rest of the path by another path, which begins at this pose, where the reference trajectory begins.
     pub fn switch_path(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
         self.stages = Stages::new(self.robot, start, path, legs);
         let Some(reference) = self.stages.next(&self.begins) else { return };
@@ -145,7 +145,7 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// Returns the next layer to command. `None` at the end.
+    /// Returns the next layer to command. `None` at the end of the path.
     #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
         let (layer, _) = first_layer(&self.reference, self.robot, self.estimator.systematic(), self.max_curvature())?;
@@ -191,7 +191,7 @@ impl<'a> Tracker<'a> {
 struct Stages<'a> {
     path: &'a [Segment],
     legs: &'a [Leg],
-    /// Number of remaining segments of the first leg.
+    /// Number of segments of the first leg that remain.
     left: usize,
     /// Planned frame at the beginning of the rest of the path.
     planned: Frame,
@@ -302,7 +302,7 @@ mod tests {
         }
     }
 
-    /// Grows while a number of layers beyond the measured one can no longer be changed.
+    /// Simulates a growth in which the next layers after the measured layer can no longer be changed.
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;

@@ -12,11 +12,11 @@ use crate::hal::{Board, Watchdog};
 use crate::safety::transitions::may_heat;
 
 /// Time at rest after which a nozzle counts as cold, whatever its thermistor reads, us. Without this limit a
-/// description of the wrong thermistor could not be replaced, because the nozzle might always read as hot. A nozzle
-/// cools below 50 C in a quarter of this time (`no_false_alarms.rs`).
+/// description of the wrong thermistor could not be replaced, because the nozzle might always read as hot. In
+/// `no_false_alarms.rs` a nozzle cools below 50 C in a quarter of this time.
 const COOLED_US: u64 = 20 * 60 * 1_000_000;
-/// Time from the response to the restart, us. In this time the response leaves the board, and a repeated request is
-/// answered too.
+/// Time from the response to the restart, us. In this time the board sends the response, and answers a repeated request
+/// too.
 const RESTART_US: u64 = 500_000;
 
 /// Description that is being received.

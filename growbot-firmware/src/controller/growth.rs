@@ -22,7 +22,7 @@ const LEAD_S: f64 = 1.5;
 /// Limit of that time as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
 
-/// Min time for which a robot waits for filament before it parks, s. It is an hour, as with 3D printers.
+/// Min time for which a robot waits for filament before the robot parks, s. 3D printers wait for an hour too.
 const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
 
 /// The moves handed to the step engine, and the positions in which they left head and filament.
@@ -30,7 +30,7 @@ const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
 pub(super) struct MoveTracker {
     /// Number of moves handed to the engine and not yet reported.
     outstanding: u8,
-    /// Latest time at which the first of them must be reported, us.
+    /// Latest time at which the first of the submitted moves must be reported as ended, us.
     due: Option<u64>,
     /// Time that the latest move may take, us.
     latest_us: u64,
@@ -38,10 +38,10 @@ pub(super) struct MoveTracker {
     feeding: Option<FilamentDirection>,
     /// Current move of maintenance.
     maintained: Option<MaintenanceMove>,
-    /// Steps by which the filament is behind the nozzle. It was pulled back for a pause or by maintenance, and is
-    /// pushed forward again before the next layer.
+    /// Number of feed steps by which the filament is behind the nozzle. A pause or maintenance has retracted the
+    /// filament, and it is pushed forward again before the next layer.
     retracted_steps: u32,
-    /// The next turn has the reverse direction, back to the start of the turn before.
+    /// True if the head's next turn is in reverse, back to the start of the previous turn.
     backwards: bool,
     /// Reason for a pause after the current layer. `None` if no pause was requested.
     pause: Option<PauseCause>,
@@ -80,7 +80,7 @@ impl MoveTracker {
         self.maintained.is_some()
     }
 
-    /// Records a move of maintenance that should take this time.
+    /// Records a move of maintenance that is expected to take this time.
     pub fn start_maintenance(&mut self, what: MaintenanceMove, seconds: f64, now: u64) {
         if let MaintenanceMove::Filament { back, .. } = what {
             // If the move is cut off, its full length counts as pulled back. Too much is then pushed forward again
@@ -96,7 +96,7 @@ impl MoveTracker {
         matches!(self.maintained, Some(MaintenanceMove::Filament { .. }))
     }
 
-    /// Records the end of a move of maintenance. Returns `false` if there was none.
+    /// Records the end of a move of maintenance. Returns `false` if no such move was in progress.
     fn finish_maintenance(&mut self, now: u64) -> bool {
         let Some(what) = self.maintained.take() else { return false };
         self.on_reported(now);
@@ -131,7 +131,7 @@ impl MoveTracker {
         self.due.is_some_and(|due| now > due)
     }
 
-    /// Records a move that should take this time.
+    /// Records a submitted move that is expected to take this time.
     fn on_submitted(&mut self, seconds: f64, now: u64) {
         self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
         if self.outstanding == 0 {
@@ -164,7 +164,8 @@ impl<B: Board> Controller<B> {
         self.latch_fault(fault, handover);
     }
 
-    /// Handles the report of a move that has ended. It latches no fault, so it can be called while a fault is latched.
+    /// Handles the report of a move that has ended. The function latches no fault, so the caller can call it while a
+    /// fault is latched.
     pub(super) fn handle_ended_move(&mut self, report: Report, handover: &Mailbox) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
@@ -188,7 +189,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Counts a layer as laid: first in the journal, then for the host.
+    /// Counts a layer as laid: records it in the journal first, then reports it to the host.
     pub(super) fn record_turn(&mut self, turn: &TurnReport, handover: &Mailbox) {
         let measured = self.measure(handover);
         self.commit(LayerEncoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
@@ -201,7 +202,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Takes the next step of the growth if its conditions are met.
+    /// Makes the next step of the growth if the conditions for that step are met.
     pub(super) fn advance_growth(&mut self, handover: &Mailbox) {
         match self.state {
             State::Heating if self.heater.is_steady(self.now_us) && self.parts.drivers.are_configured() => {
@@ -317,7 +318,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Handles a pause. The growth continues as soon as a layer is stored and the nozzle is hot. Otherwise the nozzle
-    /// cools to standby and later parks, each after its time.
+    /// first cools to standby and the robot later parks, each after its own timeout.
     fn pause_or_continue(&mut self, handover: &Mailbox) {
         let description = self.robot.description();
         let (heater, pause) = (&description.heater, &description.pause);
@@ -368,9 +369,9 @@ impl<B: Board> Controller<B> {
         waits && (self.in_state_us() as f64) < lead_s * 1e6
     }
 
-    /// Returns the flow that the heater must melt now, mm^3/s. While the step engine feeds, this is its feed rate,
-    /// which varies in a bend and from layer to layer. Before the first layer begins, it is the mean flow of that
-    /// layer.
+    /// Returns the flow that the heater must melt now, mm^3/s. While the step engine feeds, the flow follows from the
+    /// engine's feed rate, which varies in a bend and from layer to layer. Before the first layer begins, the flow is
+    /// the mean flow of that layer.
     pub(super) fn plastic_flow_mm3_per_s(&self, handover: &Mailbox) -> f64 {
         if let Some(MaintenanceMove::Filament { flow, .. }) = self.motion.maintained {
             return flow;

@@ -51,8 +51,8 @@ pub(super) struct ActiveJob {
     pub journal_failed: bool,
     /// Carry from the layers that are laid to the next layers.
     pub carry: journal::RoundingCarry,
-    /// Planner of the next turns. It holds the rounding errors of the layers handed to the engine, and the speeds at
-    /// their end.
+    /// Planner of the next turns. The planner holds the rounding errors of the layers that the step engine has got, and
+    /// the speeds at the end of these layers.
     pub material: TurnPlanner,
     /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
     pub carries: Deque<journal::LayerRecord, MAX_LAYERS_IN_FLIGHT>,
@@ -68,8 +68,7 @@ struct MeasuredLayer {
 }
 
 impl ActiveJob {
-    /// Forgets the layers that were handed to the engine and not laid, so that the next layer follows those that were
-    /// laid.
+    /// Forgets the layers that the step engine has got and not laid, so that the next layer follows the laid layers.
     pub fn forget_given(&mut self) {
         self.layers_begun = self.layers_laid;
         self.carries.clear();
@@ -180,7 +179,7 @@ impl<B: Board> Controller<B> {
         })
     }
 
-    /// Counts the interrupted layer as laid, as far as it was made.
+    /// Counts the interrupted layer as laid, with the part of it that was made.
     fn skip_interrupted(&mut self) -> Result<(), Refusal> {
         let index = self.job.layers_laid;
         let unknown = journal::LayerRecord {
@@ -219,7 +218,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Checks all layers of a batch before any is stored, because a batch is stored as a whole or not at all.
+    /// Checks all layers of a batch before a layer is stored, because a batch is stored as a whole or not at all.
     fn check_layers(&self, first: u32, batch: &[LayerBytes], end: u32) -> Result<(), Refusal> {
         for (index, bytes) in (first..end).zip(batch) {
             self.check_layer(index, bytes)?;
@@ -359,7 +358,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Restores the job from the journal after a start of the board. None of its layers are in the store then.
+    /// Restores the job from the journal after a start of the board. The layer store does not contain the job's layers
+    /// after a start.
     pub(super) fn restore_job(&mut self) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.
@@ -399,8 +399,8 @@ impl<B: Board> Controller<B> {
         self.motion.set_retracted_steps(if is_retracted { self.retract_steps() } else { 0 });
     }
 
-    /// Records in the journal that a layer is begun, before it is handed to the engine. If a layer follows another
-    /// without a pause, the record of the layer before includes this.
+    /// Records in the journal that a layer is begun, before the step engine gets the layer. If the layer follows
+    /// another without a pause, the record of the previous layer already contains its beginning.
     pub(super) fn note_begun(&mut self) {
         if self.job.layers_begun == self.job.layers_laid {
             self.job.journal_failed |= self.parts.journal.record_begun(self.job.layers_begun).is_err();

@@ -11,11 +11,11 @@ use crate::hal::{Board, StepperDrivers};
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Mailbox, Move};
 
-/// Time after the latest request for maintenance at which heater and motors switch off, us. It is ten minutes.
+/// Time after the latest request for maintenance after which heater and motors are switched off, us: ten minutes.
 pub const UNATTENDED_US: u64 = 600_000_000;
-/// Max time of one move, s. It is well below [`UNATTENDED_US`].
+/// Max duration of one maintenance move, s. The duration is well below [`UNATTENDED_US`].
 const MAX_MOVE_S: f64 = 300.0;
-/// Min distance of a target from the max temperature, degrees. It is the same as for `heater.target_c`.
+/// Min distance of a preheat target from the max temperature, degrees. The limit for `heater.target_c` is the same.
 const MARGIN_C: f64 = 5.0;
 /// Hundredths of a degree in a turn of the head, which is the max of one request.
 const TURN_CENTI_DEG: u32 = 36_000;
@@ -109,7 +109,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Feeds filament. The speed forward is the mean speed of the robot's growth, which its heater can melt. The speed
-    /// in reverse is that before a pause.
+    /// in reverse is the speed at which filament is retracted before a pause.
     fn feed_by(&mut self, um: i32, handover: &Mailbox) -> Result<(), Refusal> {
         self.check_maintenance_move(Event::MoveFilament, handover)?;
         let backwards = um < 0;
@@ -145,7 +145,7 @@ impl<B: Board> Controller<B> {
         if backwards { back } else { grows.min(back) }
     }
 
-    /// Returns a move of an axis, and its time in s.
+    /// Returns a move of an axis, and the duration of the move, s.
     fn axis_move(&self, steps: f64, steps_per_s: f64, backwards: bool, changes_filament: bool) -> (AxisMove, f64) {
         let tick_hz = f64::from(self.robot.description().motion.tick_hz);
         let steps = libm::rint(steps) as u32;
@@ -184,7 +184,7 @@ impl<B: Board> Controller<B> {
         self.readings.filament_present != Some(false)
     }
 
-    /// Switches off after the time without requests has passed.
+    /// Switches heater and motors off once no request for maintenance has arrived for [`UNATTENDED_US`].
     pub(super) fn check_maintenance_timeout(&mut self, handover: &Mailbox) {
         if self.state == State::Maintenance && self.in_state_us() >= UNATTENDED_US {
             self.switch_off(handover);

@@ -20,12 +20,12 @@ use crate::link::FrameAction;
 use crate::safety::transitions::{Event, next_state};
 use crate::stepping::Mailbox;
 
-/// Kind of a stop request, which is carried out whatever its body contains.
+/// Message kind of a stop request. The board carries out a stop whatever the body of the message contains.
 const STOP: u8 = 0x06;
-/// Min target of tuning, degrees Celsius. Below it there is nothing to tune.
+/// Min target temperature of tuning, degrees Celsius. A nozzle that is colder than this needs no tuning.
 pub(super) const MIN_TUNING_C: f64 = 50.0;
 /// Min distance of the target from the max temperature while tuning, degrees, because the nozzle's temperature swings.
-/// In `heater::tests::regulating` it swings by 15 C at most.
+/// In `heater::tests::regulating` the nozzle temperature swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
@@ -140,7 +140,7 @@ impl<B: Board> Controller<B> {
         self.accepted()
     }
 
-    /// Refuses an event that is not possible in this state.
+    /// Refuses an event that the current state does not allow.
     pub(super) fn check_event(&self, event: Event) -> Result<(), Refusal> {
         match next_state(self.state, event) {
             Some(_) => Ok(()),

@@ -15,8 +15,8 @@ use crate::safety::retained::{RetainedError, fault_for_reset};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Mailbox;
 
-/// Min time of the self-test, us. It is long enough to detect a problem that counts only if it persists, and an ADC
-/// that stops right after the start.
+/// Min duration of the self-test, us. This time is long enough to detect a problem that counts only if it persists, and
+/// an ADC that stops right after the start.
 const SELF_TEST_MIN_US: u64 = 600_000;
 /// Max time of the self-test, in which every sensor must be found healthy, us. The derivation of this value is not
 /// recorded.
@@ -45,7 +45,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Checks the tip once and updates everything that depends on it.
+    /// Reads the tip's sensors once, raises the faults that they show, and updates heater, fan and everything else that
+    /// depends on them.
     fn supervise_tip(&mut self, handover: &Mailbox) {
         let look = self.read_sensors(handover);
         let grows = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
@@ -190,7 +191,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Sets the fan. Its speed rises and falls slowly, because power takes seconds from the heater to the nozzle.
+    /// Sets the fan's duty. The fan's speed rises and falls slowly, because power takes seconds from the heater to the
+    /// nozzle.
     fn update_fan(&mut self, handover: &Mailbox) {
         let growing = if self.state == State::Growing { self.robot.description().fan.growing_duty } else { 0.0 };
         let step = heater::PERIOD_US as f64 * 1e-6 / FAN_RAMP_S;
@@ -275,7 +277,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Returns the record of a fault at this moment.
+    /// Returns a fault record with the present state of the board.
     fn record(&self, fault: Option<Fault>) -> FaultRecord {
         FaultRecord {
             fault,

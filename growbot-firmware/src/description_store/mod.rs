@@ -27,7 +27,7 @@ const MAGIC: u32 = u32::from_le_bytes(*b"GBRD");
 const HEADER_BYTES: usize = 16;
 /// Length of the longest description, filled up to whole words, bytes.
 const LONGEST: usize = MAX_VERSIONED_LEN.next_multiple_of(4);
-/// Invalid header. It can overwrite any other one, because flash can always be programmed to zero.
+/// Invalid header. This header can overwrite any other header, because flash can always be programmed to zero.
 const STRUCK: [u8; HEADER_BYTES] = [0; HEADER_BYTES];
 
 /// Bytes of a description, filled up to the max length.
@@ -51,7 +51,7 @@ pub enum StoredDescription {
 }
 
 impl StoredDescription {
-    /// Returns the robot, if there is one.
+    /// Returns the robot, if a valid description is stored.
     #[must_use]
     pub fn robot(self) -> Option<Robot> {
         match self {
@@ -89,7 +89,7 @@ impl Header {
         bytes
     }
 
-    /// Returns the CRC of a description and of a header's bytes without those of the CRC.
+    /// Returns the CRC of a description and of a header's bytes, except for the bytes of the CRC itself.
     fn checksum(self, header: &[u8; HEADER_BYTES], description: &PaddedDescription) -> u32 {
         let mut covered = [0; HEADER_BYTES + LONGEST];
         let content = header.iter().take(HEADER_BYTES - 4).chain(description.iter().take(self.length as usize));

@@ -23,45 +23,48 @@ use growbot_core::link::message::{Gains, Tuned};
 
 use super::model::NozzleModel;
 
-/// Number of first swings that are not measured, because they are not yet steady
+/// Number of swings at the beginning of the tuning that are not measured, because they are not yet steady
 /// (docs/decisions/0022-heater-regulation.md).
 const FIRST_CYCLES: u32 = 2;
 /// Number of swings that are measured (decision 0022).
 const CYCLES: u32 = 4;
-/// Hysteresis, counts of the ADC: the largest noise of the trials (`heater::tests::plant`).
+/// Hysteresis of the relay, counts of the ADC. It equals the largest noise of the trials (`heater::tests::plant`).
 const HYSTERESIS_COUNTS: f32 = 1.5;
-/// Min hysteresis, degrees. The derivation of this value is not recorded. `heater::tests::regulating` bounds it.
+/// Min hysteresis of the relay, degrees. The derivation of this value is not recorded. `heater::tests::regulating`
+/// bounds this value.
 const MIN_HYSTERESIS_C: f32 = 0.4;
-/// Half the distance of the levels, as a share of the distance from the middle to zero or full power. A tenth is left,
-/// so that neither level is zero or full power. `heater::tests::regulating` bounds it.
+/// Half the distance of the relay's two power levels, as a share of the distance from their middle to zero or full
+/// power. A tenth is left, so that neither level is zero or full power. `heater::tests::regulating` bounds this share.
 const SHARE_OF_ROOM: f32 = 0.9;
-/// Limits of the middle, as a share of the power, so that the levels can differ from it.
+/// Limits of the middle of the two power levels, as a share of the heater's power, so that both levels can differ from
+/// the middle.
 const MIN_MIDDLE: f32 = 0.05;
 const MAX_MIDDLE: f32 = 0.95;
-/// Factors by which one swing may change the middle, because a swing that is not yet steady is a poor measure of it.
-/// `heater::tests::regulating` bounds them.
+/// Factors by which one swing may change the middle of the two power levels. They are limited because a swing that is
+/// not yet steady is a poor measure of the middle. `heater::tests::regulating` bounds these factors.
 const MIN_STEP: f32 = 0.7;
 const MAX_STEP: f32 = 1.4;
-/// Distance below the target, degrees, up to which full power flows on the way up. The derivation of this value is not
-/// recorded. `heater::tests::regulating` bounds it from below: the nozzle stays 15 C above its target at most.
+/// Distance below the target, degrees, up to which the nozzle is heated at full power at the beginning of the tuning.
+/// The derivation of this value is not recorded. `heater::tests::regulating` bounds it from below: the nozzle stays 15
+/// C above its target at most.
 const FULL_POWER_BELOW_C: f32 = 10.0;
-/// Min square of the swing beyond the hysteresis, as a share of the squared amplitude. It is a fifth of the amplitude,
-/// squared. The derivation of this value is not recorded. Without a bound the gains would be infinite if the hysteresis
-/// were all of the swing.
+/// Min square of the swing beyond the hysteresis, as a share of the squared amplitude. The value is the square of a
+/// fifth of the amplitude. The derivation of this value is not recorded. Without a bound the gains would be infinite if
+/// the hysteresis were all of the swing.
 const MIN_SWING_SQUARED: f32 = 0.04;
-/// Share of Tyreus' and Luyben's proportional and integral gain (decision 0022).
+/// Share of Tyreus' and Luyben's proportional and integral gain that is used as gain (decision 0022).
 const GAIN_SHARE: f32 = 0.5;
 
-/// State of a tuning, in which the nozzle swings about a target.
+/// State of a tuning, in which the nozzle temperature oscillates around a target.
 #[derive(Debug, Clone, Copy)]
 pub struct RelayTuner {
     high: bool,
-    /// Middle of the two levels, as a share of the need by the model.
+    /// Middle of the two power levels, as a share of the holding power by the model.
     middle: f32,
     cycles: u32,
     /// Length of the current swing, s.
     length_s: f32,
-    /// Time at the high level in the current swing, s.
+    /// Time at the high power level in the current swing, s.
     on_s: f32,
     /// Extremes of the reading in the current swing, degrees Celsius.
     lowest_c: f32,
@@ -93,7 +96,7 @@ impl Default for RelayTuner {
 }
 
 impl RelayTuner {
-    /// Returns the length of the current swing, s. `None` on the way up.
+    /// Returns the length of the current swing, s. `None` while the nozzle is still heated up to the target.
     pub fn swing_s(&self) -> Option<f32> {
         (self.cycles > 0 || !self.high).then_some(self.length_s)
     }
@@ -118,14 +121,14 @@ impl RelayTuner {
             }
         } else if !self.high && reading_c < target_c - hysteresis {
             self.high = true;
-            // The first way up is not a swing.
+            // Heating up to the target is not a swing.
             if self.cycles >= FIRST_CYCLES {
                 self.sums.period_s += self.length_s;
                 self.sums.amplitude_c += 0.5 * (self.highest_c - self.lowest_c);
                 self.sums.relay += reach * available / nozzle.power_w;
             }
             if self.cycles > 0 && self.length_s > 0.0 {
-                // With the right middle both levels last equally long.
+                // If the middle is right, both power levels last equally long.
                 let share = self.on_s / self.length_s;
                 self.middle *= ((middle + (2.0 * share - 1.0) * reach) / middle).clamp(MIN_STEP, MAX_STEP);
             }
@@ -136,7 +139,7 @@ impl RelayTuner {
                 return Err(self.found(hysteresis));
             }
         }
-        // The nozzle gets full power on the way up.
+        // The nozzle gets full power while it is heated up to the target.
         let first = self.cycles == 0 && self.high && reading_c < target_c - FULL_POWER_BELOW_C;
         Ok(if first {
             1.0

@@ -1,4 +1,4 @@
-//! The heater: regulation of the nozzle's temperature, and the conditions under which it is switched off.
+//! The heater: regulation of the nozzle's temperature, and the conditions under which the heater is switched off.
 //!
 //! Call [`HeaterController::update`] ten times a second with the mean of the period's conversions
 //! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty.
@@ -29,29 +29,32 @@ use crate::thermistor::{ThermistorError, celsius_from_raw};
 
 /// Time between two updates of the regulation, us (docs/decisions/0022-heater-regulation.md).
 pub const PERIOD_US: u64 = 100_000;
-/// Max age of the reading with which power flows, us. The conversions of a reading may be one period older, so that
-/// power never flows on a conversion older than 0.5 s (decision 0022).
+/// Max age of a temperature reading while the heater gets power, us. The ADC conversions of a reading may be one period
+/// older, so the heater never gets power by a conversion that is older than 0.5 s (decision 0022).
 const OLDEST_READING_US: u64 = 400_000;
-/// Time for which the temperature must stay in its band to count as hot, us. The derivation of this value is not
-/// recorded. `heater::tests::times` checks it, and `heater::tests::sound` bounds it from below: if a nozzle counts as
-/// hot too early, its temperature drops.
+/// Time for which the temperature must stay in its band before the nozzle counts as hot, us. The derivation of this
+/// value is not recorded. `heater::tests::times` checks it, and `heater::tests::sound` bounds it from below: if a
+/// nozzle counts as hot too early, its temperature drops.
 const SETTLING_US: u64 = 2_000_000;
-/// Share of the band within which the temperature must stay for [`STEADY_US`] before a layer is laid. With both limits
-/// the overshoot is over by then. `tests/no_false_alarms.rs` demands 1.5 C while growing, which is half of robot A's
-/// band.
+/// The temperature must stay within this share of the band for [`STEADY_US`] before a layer is laid. The share and the
+/// time together ensure that the overshoot has decayed. `tests/no_false_alarms.rs` allows 1.5 C while growing, which is
+/// half of robot A's band.
 const STEADY_BANDS: f32 = 0.45;
-/// Time within [`STEADY_BANDS`] before a layer is laid, us. It is bounded like [`STEADY_BANDS`].
+/// Time for which the temperature must stay within [`STEADY_BANDS`] before a layer is laid, us. The same test bounds
+/// both values.
 const STEADY_US: u64 = 10_000_000;
-/// Time anywhere in its band after which a layer is laid too, us, so that a nozzle that never comes nearer to the
-/// target still grows. The derivation of this value is not recorded. `heater::tests::times` checks it.
+/// A layer is also laid once the temperature has stayed anywhere in its band for this time, us. So a robot still grows
+/// if its nozzle never comes nearer to the target. The derivation of this value is not recorded. `heater::tests::times`
+/// checks it.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
-/// Distance from the target within which the power is dithered, in bands. The reading of a working sensor then shows
-/// the dither before the nozzle is hot. The derivation of this value is not recorded. `heater::tests::sound` and
-/// `heater::tests::faults` bound it.
+/// Distance from the target, in bands, within which the heater's power is dithered. The reading of a working sensor
+/// therefore shows the dither before the nozzle counts as hot. The derivation of this value is not recorded.
+/// `heater::tests::sound` and `heater::tests::faults` bound it.
 const DITHERED_BANDS: f32 = 2.0;
 /// Max duration of tuning, as a multiple of the robot's heating timeout (docs/decisions/0022-heater-regulation.md).
 const TUNING_TIMEOUTS: u64 = 2;
-/// Time, s, after which a reading that does not swing counts as not following the power (decision 0022).
+/// Max duration of a swing during tuning, s. If a swing lasts longer, the reading does not follow the heater's power
+/// (decision 0022).
 const MAX_SWING_S: f32 = 90.0;
 
 /// The load of the nozzle, and the supply voltage of its heater.
@@ -95,19 +98,19 @@ pub struct HeaterController {
     /// Target, degrees Celsius. `None` while the heater is off.
     target: Option<f64>,
     reading: Option<Reading>,
-    /// Reason why the latest conversions gave no reading.
+    /// Reason why the latest ADC conversions gave no temperature reading.
     broken: Option<ThermistorError>,
     /// Latest duty of the power stage, 0 to 1.
     duty: f64,
     /// Time of the latest update, us.
     updated: Option<u64>,
-    /// Time at which the heater was switched on, got its target, or began to heat, us.
+    /// Latest time at which the heater was switched on, got its target, or began to heat, us.
     on_since: u64,
     /// Time since which the temperature has been in its band, us.
     in_band_since: Option<u64>,
-    /// Time since which the temperature has been near enough to the target for a layer, us.
+    /// Time since which the temperature has been within [`STEADY_BANDS`] of the target, us.
     steady_since: Option<u64>,
-    /// Readings while the heater is off.
+    /// Trend of the readings while the heater is off.
     rest: UnheatedTrend,
     /// Proof test of the switches. `None` unless it is running.
     proof: Option<ProofTest>,
@@ -124,7 +127,8 @@ impl HeaterController {
         (self.target, self.on_since, self.proof) = (Some(target_c), now, Some(ProofTest::default()));
     }
 
-    /// Sets a new target without switching off in between. It has no effect while the heater is off or being tuned.
+    /// Sets a new target without switching the heater off in between. It has no effect while the heater is off or being
+    /// tuned.
     pub fn set_target(&mut self, target_c: f64, now: u64) {
         if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
             return;
@@ -142,8 +146,8 @@ impl HeaterController {
         *self = Self { reading, broken, rest, tuned: self.tuned.take(), ..Self::default() };
     }
 
-    /// Switches the heater on and lets the nozzle swing about a target to find its gains. The heater is off once they
-    /// are found.
+    /// Switches the heater on and lets the nozzle temperature oscillate around a target, to find the PID gains. The
+    /// heater is off once the gains are found.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
         (self.tuning, self.tuned) = (Some(RelayTuner::default()), None);
@@ -177,8 +181,8 @@ impl HeaterController {
         }
     }
 
-    /// Returns the duty of the power stage after the latest update, 0 to 1. In the proof test it is at full duty while
-    /// the second switch is open.
+    /// Returns the duty of the power stage after the latest update, 0 to 1. In the proof test the power stage has full
+    /// duty while the second switch is open.
     #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
@@ -197,14 +201,15 @@ impl HeaterController {
         lasts(self.steady_since, STEADY_US) || lasts(self.in_band_since, STEADY_ENOUGH_US)
     }
 
-    /// Returns whether power flows although the reading has grown too old since the latest update.
+    /// Returns whether the heater still gets power although the latest reading has become too old since the latest
+    /// update.
     #[must_use]
     pub fn is_powered_without_reading(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }
 
-    /// Updates the heater with the mean conversion of the period, if there is one. Returns the states of the switches
-    /// until the next update. Call it every [`PERIOD_US`].
+    /// Updates the heater with the mean ADC conversion of the period, if the ADC converted anything. Returns the states
+    /// of the switches until the next update. Call it every [`PERIOD_US`].
     ///
     /// # Errors
     /// Returns the fault for which the heater must be switched off.
@@ -216,7 +221,7 @@ impl HeaterController {
         robot: &RobotDescription,
         now: u64,
     ) -> Result<HeaterOutput, Fault> {
-        // A fault leaves the duty unchanged, so that the fault's record contains it.
+        // A fault leaves the duty unchanged, so that the record of the fault contains that duty.
         let output = self.next(raw, demand, robot, now)?;
         self.duty = output.duty;
         Ok(output)
@@ -248,7 +253,7 @@ impl HeaterController {
             None => {}
         }
         let Some(reading_c) = self.temperature(now) else {
-            // The first reading after switching on may still be pending.
+            // The first reading after the heater is switched on may still be missing.
             let waiting = now.saturating_sub(self.on_since) <= OLDEST_READING_US;
             return if waiting { Ok(HeaterOutput::OFF) } else { Err(Fault::ThermistorSilent) };
         };
@@ -314,7 +319,8 @@ impl HeaterController {
         0.0
     }
 
-    /// Records whether the temperature is in its band, and fails if it does not get there in time.
+    /// Records whether the temperature is in its band, and returns a fault if the temperature does not reach the band
+    /// in time.
     fn watch_band(&mut self, error: f32, band: f32, timeout: u64, now: u64) -> Result<(), Fault> {
         if error.abs() > STEADY_BANDS * band {
             self.steady_since = None;
@@ -322,7 +328,7 @@ impl HeaterController {
             self.steady_since = Some(now);
         }
         if error.abs() > band {
-            // Once the nozzle is hot, the supervision judges a dip.
+            // Once the nozzle is hot, the supervision checks for a temperature drop instead.
             if !self.is_hot(now) {
                 self.in_band_since = None;
             }

@@ -1,17 +1,19 @@
-//! Model of the nozzle from the robot's description, with one heat capacity: `C dT/dt = P duty - need`.
+//! Model of the nozzle from the robot's description, with one heat capacity: `C dT/dt = P duty - need`. The *need* is
+//! the power that the nozzle loses at its temperature, to its surroundings, fan and filament. The heater must deliver
+//! it to hold the temperature.
 
 use growbot_core::robot::{RobotDescription, Thermistor};
 
 use super::Demand;
 use crate::thermistor;
 
-/// Assumed temperature of the surroundings, degrees Celsius. A difference of ten degrees changes the need of robot A by
-/// 1.2 W. The trials cover 15 to 35 C (`heater::tests::plant`).
+/// Assumed temperature of the surroundings, degrees Celsius. A difference of ten degrees changes the power that robot A
+/// needs to hold a temperature by 1.2 W. The trials cover 15 to 35 C (`heater::tests::plant`).
 const SURROUNDINGS_C: f32 = 25.0;
 /// Min share of the nominal voltage that is assumed for a measured supply. A lower voltage is a fault of the supply
-/// (`supply.min_v`). The limit also prevents a division by zero. No trial bounds it.
+/// (`supply.min_v`). The limit also prevents a division by zero. No trial bounds this limit.
 const MIN_SUPPLY: f64 = 0.5;
-/// Max share, like [`MIN_SUPPLY`].
+/// Max share of the nominal voltage that is assumed for a measured supply. See [`MIN_SUPPLY`].
 const MAX_SUPPLY: f64 = 1.5;
 
 /// The nozzle under a load. The model is in single precision, which the microcontroller's hardware computes. Readings
@@ -24,7 +26,7 @@ pub struct NozzleModel<'a> {
     pub available_w: f32,
     /// Power at full duty and the nominal voltage, W.
     pub power_w: f32,
-    /// The supply is measured.
+    /// True if the supply voltage is measured.
     pub measured: bool,
     pub heat_capacity_j_per_k: f32,
     pub max_c: f32,
@@ -55,7 +57,7 @@ impl<'a> NozzleModel<'a> {
         }
     }
 
-    /// Returns the power that holds a temperature, W.
+    /// Returns the holding power, W: the power that keeps the nozzle at a temperature.
     pub fn needed_w(&self, celsius: f32) -> f32 {
         self.loss_w_per_k * (celsius - SURROUNDINGS_C)
     }

@@ -32,49 +32,52 @@ use super::model::NozzleModel;
 
 /// Time over which readings are averaged, s (decision 0021).
 const MEAN_S: f32 = 1.0;
-/// Number of means in a reference: two halves of [`HALF_S`], and one mean at the beginning (decision 0021).
+/// Number of one-second means from which the reference line is computed: two halves of [`HALF_S`], and one mean at the
+/// beginning (decision 0021).
 const MEANS: usize = 7;
-/// Time of the half that gives the slope, s (decision 0021).
+/// Duration of the latter half of the means, from which the slope of the reference line is computed, s (decision 0021).
 const HALF_S: f32 = 3.0;
-/// Max distance of the means from a straight line, degrees. Decision 0021. Healthy nozzles whose noise is 1.5 counts of
-/// half a degree must pass.
+/// Max distance of the means from a straight line, degrees (decision 0021). Healthy nozzles whose noise is 1.5 counts
+/// of half a degree must pass the test.
 const BEND_C: f32 = 0.4;
-/// Max rise of a reference, degrees a second. Decision 0021. After recent heating the test waits until the nozzle rises
-/// no faster.
+/// Max slope of a rising reference line, degrees a second (decision 0021). After recent heating the test waits until
+/// the nozzle rises no faster.
 const RISING_C_PER_S: f32 = 0.3;
-/// Max fall of a reference, degrees a second, beyond [`FALL_TIMES`]. Decision 0021. A faster fall, as in a draught,
-/// levels off too soon.
+/// Degrees a second by which the fall of a reference line may exceed the limit of [`FALL_TIMES`] (decision 0021). A
+/// faster fall, as in a draught, levels off too soon.
 const FALLING_C_PER_S: f32 = 0.3;
-/// Max fall of a reference, as a multiple of the nozzle's loss. It is supervision's limit of a fall (decision 0023).
+/// Max fall of a reference line, as a multiple of the fall that the nozzle's loss causes. The supervision limits a fall
+/// by the same factor (decision 0023).
 const FALL_TIMES: f32 = 1.6;
-/// Max difference between the means of a reading that does not change, degrees. It is far less than a count of the ADC
-/// and more than the rounding of a mean.
+/// Max difference between the means of a reading that does not change, degrees. This difference is far less than a
+/// count of the ADC and more than the rounding of a mean.
 const STILL_C: f32 = 1e-3;
-/// Time, s, after which a nozzle that still rises without power counts as heated. Decision 0021.
+/// Time at rest, s, after which the fault is `heater-stuck-on` if the temperature still rises although both switches
+/// are open (decision 0021).
 const STILL_RISING_S: f32 = 30.0;
-/// Degrees by which the whole power would raise the nozzle in a stage. Decision 0021. The rise must pass [`LIMIT_C`] on
-/// a nozzle with 10 % less power and a lag of 4 s.
+/// Degrees by which the heater's full power would raise the nozzle in one stage of the test (decision 0021). The rise
+/// must exceed [`LIMIT_C`] on a nozzle with 10 % less power and a lag of 4 s.
 const RISE_C: f32 = 8.0;
 /// Time that the reading takes to show a rise, s: the lag of 4 s of the slowest healthy thermistor, and a second for
 /// the cartridge (decision 0021).
 const DELAY_S: f32 = 5.0;
-/// Distance above the reference, degrees, beyond which a mean counts as a rise. Decision 0021.
+/// Distance above the reference line, degrees, beyond which a one-second mean counts as a rise (decision 0021).
 const LIMIT_C: f32 = 3.5;
-/// Min distance of the reading below `max_c` at which the test may begin, degrees, because a switch that conducts heats
-/// the nozzle. Decision 0021. In the trial no nozzle exceeded `max_c`.
+/// Min distance of the reading below `max_c` at which the test may begin, degrees, because a broken switch that
+/// conducts heats the nozzle (decision 0021). In the trial `heater::tests::proof` no nozzle exceeded `max_c`.
 const HEADROOM_C: f32 = 35.0;
 
 /// One-second means of the reading while the heater is off.
 #[derive(Debug, Clone, Default)]
 pub struct UnheatedTrend {
     means: Deque<f32, MEANS>,
-    /// Sum of the readings of the current mean.
+    /// Sum of the readings for the current one-second mean.
     sum: f32,
-    /// Time of the current mean, s.
+    /// Time covered by the current one-second mean so far, s.
     seconds: f32,
 }
 
-/// The line that the reading would follow without heat.
+/// The reference line: the line that the reading would follow if nothing heated the nozzle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Baseline {
     /// Latest mean, degrees Celsius.
@@ -84,7 +87,7 @@ struct Baseline {
 }
 
 impl UnheatedTrend {
-    /// Adds a reading. Returns the mean that it completes.
+    /// Adds a reading. Returns the one-second mean that this reading completes. `None` if the mean is not complete.
     pub fn add(&mut self, reading_c: f32, seconds: f32) -> Option<f32> {
         self.sum += reading_c * seconds;
         self.seconds += seconds;
@@ -101,14 +104,14 @@ impl UnheatedTrend {
         Some(mean)
     }
 
-    /// Returns the line through the latter half of the means. `None` while there are too few.
+    /// Returns the line through the latter half of the means. `None` while there are too few means.
     fn latter_half(&self) -> Option<Baseline> {
         let at = |index: usize| self.means.iter().nth(index).copied();
         let (middle, last) = (at(MEANS / 2)?, at(MEANS - 1)?);
         Some(Baseline { at_c: last, slope_c_per_s: (last - middle) / HALF_S })
     }
 
-    /// Returns the largest distance of a mean from the line through the first and the latest one, degrees.
+    /// Returns the largest distance of a mean from the line through the first and the latest mean, degrees.
     fn bend_c(&self) -> f32 {
         let (Some(first), Some(last)) = (self.means.front(), self.means.back()) else { return 0.0 };
         let step = (last - first) / (MEANS - 1) as f32;
@@ -120,7 +123,8 @@ impl UnheatedTrend {
         bend
     }
 
-    /// Returns the reference from the means. `None` while they are not straight or too steep.
+    /// Returns the reference line from the one-second means. `None` while the means are not on a straight line, or the
+    /// line is too steep.
     fn reference(&self, nozzle: &NozzleModel) -> Option<Baseline> {
         let Baseline { at_c, slope_c_per_s: slope } = self.latter_half()?;
         let fall = FALL_TIMES * nozzle.needed_w(at_c).max(0.0) / nozzle.heat_capacity_j_per_k;
@@ -145,7 +149,7 @@ impl UnheatedTrend {
 pub struct ProofTest {
     stage: Stage,
     second_switch_is_proven: bool,
-    /// Time at rest, s.
+    /// Time for which both switches have been open, s.
     waited_s: f32,
 }
 
@@ -158,7 +162,7 @@ enum Stage {
 }
 
 impl ProofTest {
-    /// Evaluates a reading. Returns the states of the switches until the next one, or `None` once both switches are
+    /// Evaluates a reading. Returns the states of the switches until the next reading, or `None` once both switches are
     /// proven.
     ///
     /// # Errors
@@ -176,7 +180,7 @@ impl ProofTest {
             Stage::AtRest => self.waited_s += seconds,
             Stage::Closed { seconds: closed_s, .. } => *closed_s += seconds,
         }
-        // Each stage begins and ends with a mean, so that the stages last a whole number of means.
+        // Each stage begins and ends at the end of a one-second mean, so a stage lasts a whole number of means.
         if let Some(mean_c) = mean {
             if let Stage::Closed { seconds: closed_s, reference } = self.stage {
                 if mean_c - reference.after(closed_s, nozzle) > LIMIT_C {
@@ -210,7 +214,7 @@ impl ProofTest {
     }
 }
 
-/// Returns the time for which one switch stays closed alone, s.
+/// Returns the time for which one switch is closed while the other is open, s.
 fn stage_s(nozzle: &NozzleModel) -> f32 {
     DELAY_S + RISE_C * nozzle.heat_capacity_j_per_k / nozzle.available_w
 }

@@ -52,104 +52,118 @@ use self::models::{
 use super::model::NozzleModel;
 use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
 
-/// Rise of the lower model, degrees, from which on the reading must follow. Decision 0023. `sound` bounds it from
-/// below, `faults` (a heater's open wire) from above.
+/// Rise of the lower model, degrees, from which on the reading must rise too (decision 0023). A smaller value raises
+/// false alarms in the trial `sound`; with a larger one the trial `faults` finds a heater's open wire too late.
 const LOWER_C: f32 = 12.0;
-/// Share of that rise that the reading must show. Decision 0023. `sound` bounds it from above, `faults` from below.
+/// Share of the lower model's rise that the reading must show (decision 0023). A larger share raises false alarms in
+/// the trial `sound`; with a smaller one the trial `faults` finds faults too late.
 const LOWER_SHARE: f32 = 0.7;
-/// Change of the nominal model, degrees, from which on the reading must follow. It was raised from 22 until `sound`
-/// raised no alarm.
+/// Change of the nominal model, degrees, from which on the reading must change too. The value was raised from 22 until
+/// the trial `sound` raised no alarm.
 const NOMINAL_C: f32 = 26.0;
-/// Share of that change that the reading must show. Decision 0023. `faults` bounds it from below, because its detached
-/// thermistors still get up to 40 % of the nozzle's warmth.
+/// Share of the nominal model's change that the reading must show (decision 0023). With a smaller share the trial
+/// `faults` fails, because a detached thermistor still gets up to 40 % of the nozzle's warmth there.
 const NOMINAL_SHARE: f32 = 0.4;
-/// Change of the nominal model, degrees, through which the reading of a working sensor cannot stand still. Decision
-/// 0023. `faults` (a frozen reading must be detected within 15 s of switching on) bounds it from above.
+/// Change of the nominal model, degrees, during which the reading of a working sensor must change (decision 0023). With
+/// a larger value the trial `faults` fails: a frozen reading must be detected within 15 s after the heater is switched
+/// on.
 const FROZEN_C: f32 = 12.0;
-/// Time of dither, s, through which the reading of a working sensor cannot stand still. Decision 0023. `faults` (a
-/// frozen reading must be detected within 60 s) bounds it from above.
+/// Duration of the dither, s, during which the reading of a working sensor must change (decision 0023). With a longer
+/// time the trial `faults` fails: a frozen reading must be detected within 60 s.
 const FROZEN_S: f32 = 45.0;
-/// Time, s, after which a reading that does not follow and has not changed at all is frozen. In `sound`, a working
-/// reading of half a degree a count stands still for nearly 3 s when a draught turns a rise into a fall.
+/// Time, s, after which a reading that does not follow the models and has not changed at all counts as frozen. In the
+/// trial `sound`, the reading of a working sensor of half a degree a count stands still for nearly 3 s when a draught
+/// turns a rise into a fall.
 const STILL_S: f32 = 4.0;
 /// Distance from the first value, degrees, up to which a reading counts as never having moved. Such a reading may also
-/// be that of a heater without effect. Decision 0023. It is well above the noise of `sound`, 1.5 counts of half a
-/// degree.
+/// be caused by a heater without effect (decision 0023). The distance is well above the noise in the trial `sound`,
+/// which is 1.5 counts of half a degree.
 const MOVED_C: f32 = 3.0;
-/// Max rise above the upper model, degrees. Decision 0023. `sound` bounds it from below, `faults` (a power stage that
-/// is stuck on) from above.
+/// Max rise of the reading above the upper model, degrees (decision 0023). A smaller value raises false alarms in the
+/// trial `sound`; with a larger one the trial `faults` finds a power stage that is stuck on too late.
 const RISE_C: f32 = 6.0;
-/// Max rise above the upper model, degrees, if there was no power in the whole time. Decision 0023. It is bounded like
-/// [`RISE_C`].
+/// Max rise of the reading above the upper model, degrees, if the heater had no power in the whole time (decision
+/// 0023). The trials bound it like [`RISE_C`].
 const RISE_UNPOWERED_C: f32 = 2.0;
-/// Ages of the marks since which a rise is judged, s. Decision 0023. Bounded like [`RISE_C`].
+/// Ages of the checkpoints since which a rise of the reading is judged, s (decision 0023). The trials bound them like
+/// [`RISE_C`].
 const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
-/// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall is
-/// not that of the nozzle. Decision 0023. `sound` bounds it from below, `faults` (a thermistor that comes out) from
-/// above.
+/// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall
+/// cannot be that of the nozzle (decision 0023). A smaller value raises false alarms in the trial `sound`; with a
+/// larger one the trial `faults` finds a thermistor that comes out too late.
 const FALL_TIMES: f32 = 1.6;
-/// Degrees of a fall beyond [`FALL_TIMES`]. Decision 0023. Bounded like [`FALL_TIMES`].
+/// Degrees by which a fall of the reading may exceed the limit of [`FALL_TIMES`] (decision 0023). The trials bound them
+/// like [`FALL_TIMES`].
 const FALL_C: f32 = 4.0;
-/// Ages of the marks since which a fall is judged, s. Decision 0023. Bounded like [`FALL_TIMES`].
+/// Ages of the checkpoints since which a fall of the reading is judged, s (decision 0023). The trials bound them like
+/// [`FALL_TIMES`].
 const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
-/// Distance of a hot nozzle below its target, degrees, that is a temperature drop after [`DROP_S`]. Decision 0023.
-/// Sound, whose flow varies by 35 %, bounds it from below.
+/// Distance of a hot nozzle below its target, degrees, which counts as a temperature drop after [`DROP_S`] (decision
+/// 0023). A smaller distance raises false alarms in the trial `sound`, in which the flow varies by 35 %.
 const DROP_C: f32 = 8.0;
-/// Time of a drop by [`DROP_C`], s. Decision 0023. `faults` (20 s for a heater's open wire) bounds it from above.
+/// Time for which a hot nozzle must be [`DROP_C`] below its target to count as a temperature drop, s (decision 0023).
+/// With a longer time the trial `faults` fails: a heater's open wire must be detected within 20 s.
 const DROP_S: f32 = 3.0;
-/// Max time of a hot nozzle below its band, s. It was lengthened from 20 s until `sound` raised no alarm.
+/// Max time for which a hot nozzle may be below its band, s. The time was lengthened from 20 s until the trial `sound`
+/// raised no alarm.
 const OUT_OF_BAND_S: f32 = 30.0;
-/// Time over which power and need are averaged, s. Decision 0023. `sound` bounds it from below, `faults` from above.
+/// Time over which the heater's actual power and the power that the model expects are averaged, s (decision 0023). A
+/// shorter time raises false alarms in the trial `sound`; a longer one finds faults too late in the trial `faults`.
 const ENERGY_S: f32 = 60.0;
-/// Max mean power, as a multiple of the mean need. Decision 0023. `sound` bounds it from below: 10 % more loss and 10 %
-/// less power than described already give 1.22 times.
+/// Max mean power of the heater, as a multiple of the mean power that the model expects (decision 0023). A smaller
+/// value raises false alarms in the trial `sound`: 10 % more loss and 10 % less power than described already give 1.22.
 const ENERGY_TIMES: f32 = 1.6;
-/// Time over which the regulation's trim is learned, s. `sound` bounds it from above, because the nominal model is
-/// wrong until then. `faults` bounds it from below, because a fault is learned too.
+/// Time over which the supervision learns the integral term (trim) of the temperature control, s. A longer time raises
+/// false alarms in the trial `sound`, because the nominal model is wrong until the term is learned. A shorter time
+/// hides faults in the trial `faults`, because a fault is learned too.
 const LEARNING_S: f32 = 30.0;
-/// Distance from the target within which the trim is learned, degrees. Bounded like [`LEARNING_S`].
+/// Distance from the target within which the integral term (trim) is learned, degrees. The trials bound it like
+/// [`LEARNING_S`].
 const LEARNING_C: f32 = 2.0;
-/// Share of the dither's amplitude below which it is missing in the reading. Decision 0023. `sound` bounds it from
-/// above, `faults` (a standing voltage with noise) from below.
+/// Share of the dither's amplitude below which the dither counts as missing in the reading (decision 0023). A larger
+/// share raises false alarms in the trial `sound`; with a smaller one the trial `faults` does not find a constant
+/// voltage with noise.
 const DITHER_SHARE: f32 = 0.15;
-/// Number of consecutive periods without the dither that are a fault. Decision 0023. `faults` allows 120 s for them.
+/// Number of consecutive periods without the dither that count as a fault (decision 0023). The trial `faults` allows
+/// 120 s for the detection.
 const DITHERS_MISSED: u32 = 2;
-/// Share of a period beyond which the power counts as saturated in it. It was raised from 0.3 until `sound` raised no
-/// alarm.
+/// Share of a dither period beyond which the power counts as saturated in that period. The share was raised from 0.3
+/// until the trial `sound` raised no alarm.
 const SATURATED_SHARE: f32 = 0.6;
-/// Number of consecutive saturated periods that a hot nozzle cannot need. Decision 0023. Bounded like
-/// [`SATURATED_SHARE`].
+/// Number of consecutive saturated dither periods that count as a fault, because no hot nozzle needs so much power
+/// (decision 0023). The trials bound it like [`SATURATED_SHARE`].
 const PERIODS_SATURATED: u32 = 3;
-/// Time, s, by which the reading is extrapolated, because the nozzle is ahead of its thermistor. It is the lag of the
-/// slowest healthy reading, [`LAG_S`].
+/// Time, s, by which the reading is extrapolated, because the nozzle is ahead of its thermistor. The time equals the
+/// lag of the slowest healthy thermistor, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
-/// Rate, degrees a second, beyond which the reading is extrapolated. Decision 0023. `faults` (the nozzle stays below 5
-/// C above `max_c`) bounds it from above.
+/// Rate of the reading, degrees a second, beyond which the reading is extrapolated (decision 0023). With a higher rate
+/// the trial `faults` fails: the nozzle must stay below 5 C above `max_c`.
 const AHEAD_C_PER_S: f32 = 0.5;
-/// Ages of the marks since which that rate is measured, s. They are about 3 s (decision 0023).
+/// Ages of the checkpoints since which the rate for [`AHEAD_C_PER_S`] is measured, s. They are about 3 s (decision
+/// 0023).
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
-/// Data that is compared after each period.
+/// Inputs of the supervision after each control period.
 pub struct SupervisionInput<'a> {
     pub reading_c: f32,
     pub target_c: f32,
-    /// Duty in the period.
+    /// Duty of the heater in the control period, 0 to 1.
     pub duty: f32,
-    /// Length of the period, s.
+    /// Length of the control period, s.
     pub seconds: f32,
     /// The target has been reached.
     pub hot: bool,
-    /// State of the regulation. `None` while the gains are tuned.
+    /// State of the temperature control. `None` while the gains are tuned.
     pub regulated: Option<ControlState>,
     pub nozzle: &'a NozzleModel<'a>,
 }
 
-/// The part of the regulation's state that supervision needs.
+/// The part of the temperature control's state that the supervision needs.
 #[derive(Debug, Clone, Copy)]
 pub struct ControlState {
     pub trim: f32,
     pub saturated: bool,
-    /// `None` without dither.
+    /// Phase and amplitude of the dither. `None` while the power is not dithered.
     pub dither: Option<Dither>,
 }
 
@@ -162,13 +176,13 @@ pub struct Supervision {
     nominal: Change,
     upper: Change,
     fall_c: f32,
-    /// Trim, learned slowly.
+    /// Integral term (trim) of the temperature control, averaged over [`LEARNING_S`].
     learned: f32,
     /// Reading when the heater was switched on, degrees Celsius.
     first_c: Option<f32>,
-    /// The reading has left its first value since then.
+    /// True once the reading has differed from `first_c` by [`MOVED_C`].
     moved: bool,
-    /// Time in which the reading has not changed at all.
+    /// The time for which the reading has not changed at all. `None` if the reading changes.
     still: Option<FrozenReading>,
     /// Time without power, s.
     unpowered_s: f32,
@@ -176,24 +190,24 @@ pub struct Supervision {
     low_s: f32,
     /// Time for which a hot nozzle has been below its band, s.
     out_s: f32,
-    /// Power and need, each a mean over [`ENERGY_S`].
+    /// Power of the heater and the power that the model expects, each a mean over [`ENERGY_S`].
     mean: MeanHeat,
     dither: DitherPeriod,
 }
 
-/// A reading that stands still.
+/// A reading that does not change.
 #[derive(Debug, Clone, Copy)]
 struct FrozenReading {
     reading_c: f32,
-    /// Time for which it has stood still, s.
+    /// Time for which the reading has not changed, s.
     seconds: f32,
-    /// Part of that time in which the power was dithered, s.
+    /// Time for which the power was dithered while the reading did not change, s.
     dithered_s: f32,
-    /// Change of the nominal model when the reading began to stand still.
+    /// Change of the nominal model at the time of the last change of the reading.
     nominal: Change,
 }
 
-/// Mean power and mean need, W.
+/// Mean power of the heater and mean power that the model expects, W.
 #[derive(Debug, Clone, Copy, Default)]
 struct MeanHeat {
     power_w: f32,
@@ -206,7 +220,7 @@ struct DitherPeriod {
     sine: f32,
     cosine: f32,
     seconds: f32,
-    /// Part of the period in which the power was saturated, s.
+    /// Part of the dither period in which the power was saturated, s.
     saturated_s: f32,
     /// Number of consecutive periods in which the dither was missing in the reading.
     missed: u32,
@@ -215,7 +229,7 @@ struct DitherPeriod {
 }
 
 impl Supervision {
-    /// Resets everything that refers to the previous target.
+    /// Resets all state of the supervision that refers to the previous target.
     pub fn retarget(&mut self) {
         (self.low_s, self.out_s) = (0.0, 0.0);
         self.dither = DitherPeriod::default();
@@ -247,7 +261,7 @@ impl Supervision {
         let Self { lower, nominal, upper, fall_c, .. } = *self;
         // The queue is not full: its oldest element was removed above.
         let _ = self.marks.push_back(Checkpoint { age_s: 0.0, reading_c, lower, nominal, upper, fall_c });
-        // All changes count from this mark on.
+        // All changes count from this checkpoint on.
         for mark in &mut self.marks {
             mark.lower.rebase(&lower);
             mark.nominal.rebase(&nominal);
@@ -263,7 +277,7 @@ impl Supervision {
         }
     }
 
-    /// Advances the three models, and the means, by a period.
+    /// Advances the three models, and the mean powers, by a control period.
     fn advance_models(&mut self, look: &SupervisionInput) {
         let (seconds, capacity) = (look.seconds, look.nozzle.heat_capacity_j_per_k);
         let (min, max) = if look.nozzle.measured { (1.0, 1.0) } else { (UNMEASURED_MIN, UNMEASURED_MAX) };
@@ -294,8 +308,8 @@ impl Supervision {
         }
     }
 
-    /// Checks for a reading that rises faster than the given power can heat, is about to be too hot, or falls faster
-    /// than a nozzle without power.
+    /// Checks for a reading that rises faster than the heater's power allows, is about to exceed `max_c`, or falls
+    /// faster than a nozzle without power.
     fn check_rate(&self, look: &SupervisionInput) -> Option<Fault> {
         for mark in &self.marks {
             let (age, change) = (mark.age_s, look.reading_c - mark.reading_c);
@@ -317,13 +331,13 @@ impl Supervision {
         None
     }
 
-    /// Checks for a reading that does not change at all although it must.
+    /// Checks for a reading that does not change at all, although the models or the dither require a change.
     fn check_frozen(&mut self, look: &SupervisionInput) -> Option<Fault> {
         let first = *self.first_c.get_or_insert(look.reading_c);
         self.moved |= (look.reading_c - first).abs() > MOVED_C;
         let fresh = FrozenReading { reading_c: look.reading_c, seconds: 0.0, dithered_s: 0.0, nominal: self.nominal };
         let still = self.still.get_or_insert(fresh);
-        // If the mean of whole counts does not change, it is equal to the last bit.
+        // A mean of whole counts that does not change is equal to the last bit.
         if (still.reading_c - look.reading_c).abs() > 1e-6 {
             *still = fresh;
             return None;
@@ -343,7 +357,7 @@ impl Supervision {
         frozen.then_some(Fault::ThermistorFrozen)
     }
 
-    /// Checks for a reading that does not follow the power.
+    /// Checks for a reading that changes less than the heater's power requires.
     fn check_response(&self, look: &SupervisionInput) -> Option<Fault> {
         for mark in &self.marks {
             let change = look.reading_c - mark.reading_c;
@@ -380,7 +394,7 @@ impl Supervision {
         (look.hot && power_w > ENERGY_TIMES * need_w).then_some(Fault::HeaterEnergy)
     }
 
-    /// Checks for a dither that is missing in the reading, or that saturated power does not allow.
+    /// Checks for a dither that is missing in the reading, and for power that is saturated for too many dither periods.
     fn check_dither(&mut self, look: &SupervisionInput) -> Option<Fault> {
         let Some(Dither { phase, amplitude_c }) = look.regulated.and_then(|regulated| regulated.dither) else {
             self.dither = DitherPeriod::default();
@@ -403,15 +417,16 @@ impl Supervision {
         period.cosine += error * cos * look.seconds;
         period.seconds += look.seconds;
         if period.missed >= DITHERS_MISSED {
-            // Full power leaves no room for the dither. If the reading stands still then, the nozzle is not hot either.
+            // Full power leaves no room for the dither. If the reading does not change at full power, the nozzle is not
+            // hot either.
             return Some(if period.saturated > 0 { Fault::HeaterEnergy } else { Fault::ThermistorFrozen });
         }
         (period.saturated >= PERIODS_SATURATED).then_some(Fault::HeaterEnergy)
     }
 }
 
-/// Returns whether the heater gets full power. If the reading stands still then, it may be that of a nozzle that warms
-/// no further, as in a draught.
+/// Returns whether the heater gets full power. A reading that does not change at full power may be that of a nozzle
+/// that warms no further, as in a draught.
 fn has_all_the_power(look: &SupervisionInput) -> bool {
     look.duty >= 1.0
 }

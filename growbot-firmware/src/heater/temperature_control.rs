@@ -22,52 +22,54 @@ use growbot_core::trigonometry;
 
 use super::model::NozzleModel;
 
-/// Period of the dither, s. Decision 0022. `heater::tests::faults` bounds it from above: a reading without the dither
-/// must be detected within 120 s.
+/// Period of the dither, s (decision 0022). With a longer period, `heater::tests::faults` fails: a reading without the
+/// dither must be detected within 120 s.
 pub const DITHER_PERIOD_S: f32 = 16.0;
-/// Amplitude of the dither, counts of the ADC. Decision 0022. With more than a count the mean of a period changes even
-/// without noise.
+/// Amplitude of the dither, counts of the ADC (decision 0022). Because it exceeds a count, the mean of a period changes
+/// even if the reading has no noise.
 const DITHER_COUNTS: f32 = 1.2;
-/// Min amplitude of the dither, degrees. Decision 0022. `tests/no_false_alarms.rs` bounds it from above (the nozzle
-/// stays within 1.5 C), `heater::tests::sound` from below (it must be detectable in noise of 1.5 counts).
+/// Min amplitude of the dither, degrees (decision 0022). With a larger amplitude the nozzle leaves the 1.5 C of
+/// `tests/no_false_alarms.rs`. A smaller amplitude is not detectable in the noise of `heater::tests::sound`, 1.5
+/// counts.
 const DITHER_MIN_C: f32 = 0.35;
 /// Max amplitude of the dither, degrees. It is bounded like [`DITHER_MIN_C`].
 const DITHER_MAX_C: f32 = 0.7;
-/// Lag of the reading by which the dither of the target is computed, s. The thermistors of the trials lag by 1 to 4 s
-/// (`heater::tests::plant`).
+/// Assumed lag of the reading behind the nozzle, s. The dither of the target is computed with it. The thermistors of
+/// the trials lag by 1 to 4 s (`heater::tests::plant`).
 const DITHER_LAG_S: f32 = 2.0;
-/// Time by which the reading is smoothed for the derivative, s (decision 0022).
+/// Time constant of the filter that smooths the reading for the derivative term, s (decision 0022).
 const SMOOTHING_S: f32 = 1.0;
-/// Rate, degrees a second, beyond which a reading counts as approaching the target by itself. It was lowered from 0.3
-/// C/s together with the fan's ramp and the lead of the power. Over 100 h of growth the nozzle then stayed within 1.24
-/// C of its target, instead of 1.81 C.
+/// Rate, degrees a second, beyond which a reading counts as approaching the target by itself, so that the integral term
+/// is frozen. The rate was lowered from 0.3 C/s together with the fan's ramp and the lead of the power. Over 100 h of
+/// growth the nozzle then stayed within 1.24 C of its target, instead of 1.81 C.
 const APPROACH_C_PER_S: f32 = 0.15;
-/// Bound of the trim, as a share of the need, if the supply is measured. Decision 0022. `heater::tests::sound` bounds
-/// it from below.
+/// Bound of the integral term (trim), as a share of the power that holds the temperature, if the supply voltage is
+/// measured (decision 0022). A smaller value raises false alarms in `heater::tests::sound`.
 const TRIM_MAX: f32 = 0.35;
-/// Bound of the trim, as a share of the need, if the supply is not measured. It is greater than [`TRIM_MAX`], because
-/// 10 % less voltage is 19 % less power. Decision 0022.
+/// Bound of the integral term (trim), as a share of the power that holds the temperature, if the supply voltage is not
+/// measured (decision 0022). It is greater than [`TRIM_MAX`], because 10 % less voltage is 19 % less power.
 const TRIM_MAX_UNMEASURED: f32 = 0.55;
-/// Min need by which the trim is scaled, as a share of the heater's power. Near the temperature of the surroundings the
-/// need is zero, and the scale would be infinite.
+/// Lower bound of the holding power by which the integral term (trim) is scaled, as a share of the heater's power. Near
+/// room temperature the holding power is zero, and the scale factor would be infinite.
 const MIN_NEED: f32 = 0.02;
 
-/// The dither at a moment.
+/// Phase and amplitude of the dither at a moment. The dither varies target and power together, so that a working sensor
+/// shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dither {
-    /// Phase within its period, 0 to 1.
+    /// Phase of the dither within its period, 0 to 1.
     pub phase: f32,
     pub amplitude_c: f32,
 }
 
-/// The regulation of one target.
+/// Temperature control of the nozzle at one target: feed-forward by the model, and PID.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct TemperatureControl {
-    /// Integral of the error, as a share of the need.
+    /// Integral term (trim), as a share of the power that holds the target by the model.
     trim: f32,
-    /// Latest reading, without the dither in it.
+    /// Latest reading, from which the expected effect of the dither is subtracted.
     previous_c: Option<f32>,
-    /// Smoothed slope of the reading without the dither.
+    /// Smoothed slope of the reading, from which the expected effect of the dither is subtracted.
     slope_c_per_s: f32,
     /// Phase of the dither, 0 to 1.
     phase: f32,
@@ -77,13 +79,14 @@ pub struct TemperatureControl {
 }
 
 impl TemperatureControl {
-    /// Prepares for another target. The trim is kept.
+    /// Prepares the temperature control for another target. The integral term (trim) is kept.
     pub fn retarget(&mut self) {
         *self =
             Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };
     }
 
-    /// Returns the deviation of the need from the model, as a share of the need.
+    /// Returns the integral term (trim): by how much the holding power differs from the model's, as a share of the
+    /// model's.
     pub fn trim(&self) -> f32 {
         self.trim
     }
@@ -93,12 +96,12 @@ impl TemperatureControl {
         self.saturated
     }
 
-    /// Returns the dither at this moment.
+    /// Returns phase and amplitude of the present dither.
     pub fn dither(&self) -> Dither {
         Dither { phase: self.phase, amplitude_c: self.amplitude_c.unwrap_or(DITHER_MIN_C) }
     }
 
-    /// Returns the duty, 0 to 1, after `seconds` since the latest one.
+    /// Returns the heater's duty, 0 to 1, for a time `seconds` after the previous call.
     pub fn duty(&mut self, target_c: f32, reading_c: f32, dithers: bool, seconds: f32, nozzle: &NozzleModel) -> f32 {
         let (available, need) = (nozzle.available_w, nozzle.needed_w(target_c));
         let (dither_c, dither_w) = if dithers { self.advance_dither(target_c, seconds, nozzle) } else { (0.0, 0.0) };
@@ -113,7 +116,7 @@ impl TemperatureControl {
         let correction = (nozzle.kp * error - nozzle.kd * self.slope_c_per_s) * nozzle.power_w;
         let unlimited = (need * (1.0 + self.trim) + dither_w + correction) / available;
         self.saturated = !(0.0..=1.0).contains(&unlimited);
-        // The trim is frozen while the reading approaches the target by itself or the power is saturated.
+        // The integral term is frozen while the reading approaches the target by itself or the power is saturated.
         let approaches = error * self.slope_c_per_s > APPROACH_C_PER_S * error.abs();
         if !self.saturated && !approaches {
             let max = if nozzle.measured { TRIM_MAX } else { TRIM_MAX_UNMEASURED };
@@ -123,7 +126,7 @@ impl TemperatureControl {
         unlimited.clamp(0.0, 1.0)
     }
 
-    /// Advances the dither. Returns its part in the reading, degrees, and its power, W.
+    /// Advances the dither. Returns the dither's part in the reading, degrees, and in the power, W.
     fn advance_dither(&mut self, target_c: f32, seconds: f32, nozzle: &NozzleModel) -> (f32, f32) {
         let amplitude = *self
             .amplitude_c

@@ -13,44 +13,44 @@ pub struct JournalJob {
     pub layer_count: u32,
     /// Number of layers laid, including the interrupted ones that count as laid.
     pub layers_laid: u32,
-    /// Number of layers begun: as many as laid, or one more.
+    /// Number of layers begun. It is the number of laid layers, or one more.
     pub layers_begun: u32,
-    /// The job is done or cancelled.
+    /// True if the job is done or cancelled.
     pub ended: bool,
 }
 
-/// Carry from the laid layers to the next ones.
+/// Rounding errors that the laid layers carry over to the next layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct RoundingCarry {
     /// Sum of the planned heights of the laid layers, units of [`growbot_core::layer_bytes`].
     pub height_units: u64,
-    /// Lean that is owed to the next layers.
+    /// Lean that the laid layers lack because of rounding. The next layers must add it.
     pub residual_lean: [i16; 2],
 }
 
-/// The present job, and its position in the journal.
+/// The current job, and the position of its records in the journal.
 pub(super) struct CurrentJob {
     pub state: JournalJob,
     pub carry: RoundingCarry,
-    /// Number of its records, as a record counts them.
+    /// Number of the job's records, counted like [`Record::count`].
     pub count: u32,
-    /// Slot of its first record.
+    /// Slot of the job's first record.
     pub at: u32,
     pub found: LookupHint,
-    /// The record applied last.
+    /// The job's record that was applied last.
     pub latest: Record,
 }
 
-/// Position at which a layer was found last.
+/// Position of the layer that was found last, where the next search starts.
 #[derive(Clone, Copy)]
 pub(super) struct LookupHint {
     pub layer: u32,
-    /// The min number of slots between the job's first record and the layer's record.
+    /// Min number of slots between the job's first record and the record of the layer.
     pub offset: u32,
 }
 
 impl CurrentJob {
-    /// Creates a job from its first record, with this content.
+    /// Creates a job from its first record, whose content is `[a, b, c, d, layers]`.
     pub fn new(record: &Record, at: u32, [a, b, c, d, layers]: [u32; 5]) -> Self {
         let state = JournalJob {
             plan_id: join(a, b),
@@ -64,7 +64,8 @@ impl CurrentJob {
         Self { state, carry: RoundingCarry::default(), count: 1, at, found, latest: *record }
     }
 
-    /// Applies one more record of the job. Returns `false` if it does not follow. The state of the job is unknown then.
+    /// Applies the next record of the job. Returns `false` if the record does not follow from the previous records. The
+    /// state of the job is then unknown.
     pub fn apply(&mut self, record: &Record) -> bool {
         if record.count != self.count {
             return false;

@@ -40,17 +40,16 @@ pub use current_job::{JournalJob, RoundingCarry};
 pub use record::LayerRecord;
 use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
-/// Number of slots in which a record is tried before the flash counts as broken.
+/// Number of slots in which the journal tries to write a record before the flash counts as broken.
 const MAX_WRITE_ATTEMPTS: u32 = 3;
-/// Number of readings after which a slot without a valid record counts as invalid.
+/// Number of times that a slot is read without a valid record before the slot counts as invalid.
 const MAX_READS: u32 = 3;
 /// Max number of sectors that the journal uses.
 const MAX_SECTORS: usize = 4;
-/// Max number of repairs that the flash has refused: one for each sector, the last record, the blank slot after it, and
-/// the first record of a job.
+/// Max number of repairs that wait because the flash has refused them: one for each sector, and one each for the last
+/// record, the blank slot after the last record, and the first record of a job.
 const MAX_REPAIRS: usize = MAX_SECTORS + 3;
-/// One part in this number of the area is reserved for records that are not layers: those of pauses and of amended
-/// plans.
+/// Divisor of the journal's slots: this part of them is reserved for records of pauses and of amended plans.
 const SPARE_DIVISOR: u32 = 4;
 
 /// The reason why a record is not in the journal, or why a sector was not erased.
@@ -60,20 +59,20 @@ pub enum JournalError {
     Full,
     /// The journal has no current job.
     NoJob,
-    /// The record does not follow from the records before it.
+    /// The record does not follow from the previous records of the job.
     OutOfOrder,
-    /// The sector contains a job that has not ended. The caller must end or forget it first.
+    /// The sector contains a job that has not ended. The caller must first end or forget that job.
     JobNotEnded,
     /// The flash refuses the operation, or reads back differently from what was written.
     Flash,
 }
 
-/// A layer of the present job that is laid.
+/// A laid layer of the current job, as the journal stores it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct StoredLayer {
     /// The layer as built.
     pub as_built: LayerBytes,
-    /// The layer was interrupted and counts as laid.
+    /// True if the layer was interrupted and counts as laid.
     pub interrupted: bool,
 }
 
@@ -82,17 +81,17 @@ pub struct StoredLayer {
 /// The slots of records are numbered through all sectors, without the first record of each sector.
 pub struct Journal<F> {
     flash: F,
-    /// Slot of the next record.
+    /// Slot in which the next record will be written.
     next_slot: u32,
-    /// Number of blank slots from there on, around the ring.
+    /// Number of blank slots from `next_slot` on, around the ring.
     free_slots: u32,
-    /// Largest number of erasures in any sector's record.
+    /// Largest number of erasures that the first record of any sector contains.
     erase_count: u32,
-    /// Largest number of any job.
+    /// Largest job number in the journal.
     last_job: u32,
-    /// Repairs that must succeed before anything is appended. The last one comes first.
+    /// Repairs that must succeed before a record is appended. They are made from the last to the first.
     repairs: Vec<Repair, MAX_REPAIRS>,
-    /// The last record of the area, if it could not be programmed again.
+    /// The last record in the journal, if it could not be programmed again. `None` otherwise.
     weak_tail: Option<LastRecord>,
     present: Option<CurrentJob>,
 }
@@ -121,8 +120,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (F::ERASE_SIZE / RECORD_BYTES - 1) as u32
     };
 
-    /// Reads the area, and fixes the content that a loss of power has left uncertain. Flash without a journal counts as
-    /// flash to be erased, and nothing is written there.
+    /// Reads the journal, and fixes the content that a loss of power has left uncertain. Flash without a journal counts
+    /// as flash that must be erased, and nothing is written to it.
     pub fn open(flash: F) -> Self {
         let mut journal = Self {
             flash,
@@ -156,7 +155,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         journal
     }
 
-    /// Returns the latest job. `None` if not all of it can be read.
+    /// Returns the latest job. `None` if some of its records cannot be read.
     pub fn job(&self) -> Option<&JournalJob> {
         self.present.as_ref().map(|present| &present.state)
     }
@@ -171,8 +170,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.free_slots < layers.saturating_add(self.places() / SPARE_DIVISOR)
     }
 
-    /// Erases one sector for a job of this number of layers, if it needs that. Returns `true` while more sectors must
-    /// be erased. The erasure takes up to two seconds in which the controller does nothing else, so heater and steppers
+    /// Erases one sector, if a job of this number of layers needs an erasure. Returns `true` while more sectors must be
+    /// erased. The erasure takes up to two seconds in which the controller does nothing else, so heater and steppers
     /// must be off and the nozzle cold.
     ///
     /// # Errors
@@ -218,13 +217,13 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Ok(self.can_erase(layers))
     }
 
-    /// Forgets the present job, so that its sectors can be erased. A reset restores the job unless a sector of it has
-    /// been erased or another job has begun.
+    /// Forgets the current job, so that its sectors can be erased. After a reset the journal finds the job again,
+    /// unless one of its sectors has been erased or another job has begun.
     pub fn forget(&mut self) {
         self.present = None;
     }
 
-    /// Records the beginning of a job. The previous job is over, even if this fails.
+    /// Records the beginning of a job. The previous job is over, even if the record cannot be written.
     ///
     /// # Errors
     /// Returns [`JournalError::Full`] if a sector must be erased first, or if the job has more layers than
@@ -244,7 +243,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         place.map(|_| ())
     }
 
-    /// Records the beginning of a layer: the first one, or the first one after a pause.
+    /// Records the beginning of a layer: the first layer of a job, or the first layer after a pause.
     ///
     /// # Errors
     /// Returns the same errors as [`Journal::record_laid`].
@@ -252,17 +251,17 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Begun, index, [0; 5])
     }
 
-    /// Records that a layer is laid, and whether the next one has begun at once.
+    /// Records that a layer is laid, and whether the next layer has begun at once.
     ///
     /// # Errors
-    /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if it is not the next layer of the job,
+    /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if the layer is not the next layer of the job,
     /// [`JournalError::Full`] or [`JournalError::Flash`]. After an error the job can no longer be resumed.
     pub fn record_laid(&mut self, index: u32, laid: &LayerRecord, next_begun: bool) -> Result<(), JournalError> {
         let kind = if next_begun { RecordKind::LaidNextBegun } else { RecordKind::Laid };
         self.append_to_job(kind, index, laid.to_content())
     }
 
-    /// Records an interrupted layer that counts as laid, as far as it was made.
+    /// Records an interrupted layer that counts as laid, with the part of the layer that was made.
     ///
     /// # Errors
     /// Returns the same errors as [`Journal::record_laid`].
@@ -270,11 +269,11 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Interrupted, index, laid.to_content())
     }
 
-    /// Records a new plan from a layer on.
+    /// Records that a new plan replaces the rest of the job, from a layer on.
     ///
     /// # Errors
-    /// Returns the same errors as [`Journal::record_laid`], and [`JournalError::OutOfOrder`] also if that layer is laid
-    /// already or beyond the job.
+    /// Returns the same errors as [`Journal::record_laid`], and also [`JournalError::OutOfOrder`] if the first layer of
+    /// the new plan is laid already or beyond the job.
     pub fn record_amended(&mut self, from: u32, plan_id: u64, layers: u32) -> Result<(), JournalError> {
         let [a, b] = split(plan_id);
         self.append_to_job(RecordKind::Amended, from, [a, b, layers, 0, 0])
@@ -288,7 +287,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Ended, 0, [0; 5])
     }
 
-    /// Returns a layer of the present job. The search is fast, and fastest in the order of the layers.
+    /// Returns a laid layer of the current job. The search is fastest if the layers are read in their order.
     pub fn layer(&mut self, index: u32) -> Option<StoredLayer> {
         let present = self.present.as_ref().filter(|present| index < present.state.layers_laid)?;
         let (at, LookupHint { layer: near, offset }) = (present.at, present.found);
@@ -315,7 +314,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         None
     }
 
-    /// Returns the carry from the laid layers to the next ones.
+    /// Returns the rounding errors that the laid layers carry over to the next layers.
     pub fn carry(&self) -> RoundingCarry {
         self.present.as_ref().map_or_else(RoundingCarry::default, |present| present.carry)
     }
@@ -324,7 +323,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         (self.flash.capacity() / F::ERASE_SIZE).min(MAX_SECTORS) as u32
     }
 
-    /// Returns the number of slots in the area.
+    /// Returns the number of record slots in the journal.
     fn places(&self) -> u32 {
         self.sectors() * Self::SLOTS_PER_SECTOR
     }
@@ -375,7 +374,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.look(sector * F::ERASE_SIZE as u32).1.filter(|record| record.kind == RecordKind::Sector)
     }
 
-    /// Reads a sector's records except for the last one, which becomes the tail, and finds the blank part of the ring.
+    /// Reads a sector's records and finds the blank slots of the ring. Applies every record except for the last one,
+    /// which is stored in `tail`.
     fn read_sector(&mut self, sector: u32, own: Option<Record>, tail: &mut Option<LastRecord>) {
         let first = sector * Self::SLOTS_PER_SECTOR;
         let Some(own) = own else {
@@ -399,15 +399,16 @@ impl<F: MultiwriteNorFlash> Journal<F> {
             }
         }
         if blank {
-            // Power may have been lost while this record was written.
+            // Power may have been lost while the first record of this sector was written.
             self.repair(Repair { offset: sector * F::ERASE_SIZE as u32, bytes: own.to_bytes() });
         }
     }
 
-    /// Fixes the last record, and decides in which slot the next one goes.
+    /// Fixes the last record, and selects the slot for the next record.
     fn repair_tail(&mut self, tail: Option<LastRecord>) {
         if self.free_slots > 0 {
-            // This slot is struck out once something is appended, so that a start alone takes no slot.
+            // This blank slot is struck out before the next record is appended. A start without a new record therefore
+            // uses no slot.
             self.postpone(Repair { offset: Self::offset(self.next_slot), bytes: STRUCK });
             (self.next_slot, self.free_slots) = (self.wrap(self.next_slot + 1), self.free_slots - 1);
         }
@@ -416,7 +417,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.apply(&record, tail.place);
         if !self.write(Self::offset(tail.place), &tail.bytes) && record.job == self.last_job {
             self.weak_tail = Some(tail);
-            // If this is refused, it is tried again before the next record.
+            // If the flash refuses the repair, the journal tries it again before the next record.
             let _ = self.finish_repairs();
         }
     }
@@ -433,14 +434,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let _ = self.repairs.push(repair);
     }
 
-    /// Makes a repair. Returns `false` if it must be tried again. A slot needs only a wrong CRC to be struck out, so
-    /// that a cell that stays set does no harm there.
+    /// Makes a repair. Returns `false` if the repair must be tried again. A slot is struck out as soon as its CRC is
+    /// wrong, so a cell that stays set does no harm in such a slot.
     fn is_repaired(&mut self, Repair { offset, bytes }: &Repair) -> bool {
         self.flash.write(*offset, bytes).is_ok() && (*bytes == STRUCK || self.read(*offset) == *bytes)
     }
 
-    /// Makes the repairs that the flash has refused. The last record comes first: it must not cease to be the last one
-    /// while it may read differently.
+    /// Makes the repairs that the flash has refused. The repair of the last record comes first, because no record may
+    /// follow it while it may read differently.
     fn settle(&mut self) -> Result<(), JournalError> {
         if let Some(LastRecord { place, bytes, .. }) = self.weak_tail
             && self.write(Self::offset(place), &bytes)
@@ -469,19 +470,19 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Ok(())
     }
 
-    /// Strikes a slot out, so that it never reads as a record again.
+    /// Strikes a slot out: overwrites it with zeros, so that it never reads as a record again.
     #[inline(never)]
     fn invalidate_slot(&mut self, place: u32) {
         self.repair(Repair { offset: Self::offset(place), bytes: STRUCK });
     }
 
-    /// Writes a record and reads it back. Returns `false` if it reads differently.
+    /// Writes a record and reads it back. Returns `false` if the bytes differ.
     #[inline(never)]
     fn write(&mut self, offset: u32, bytes: &RecordBytes) -> bool {
         self.flash.write(offset, bytes).is_ok() && self.read(offset) == *bytes
     }
 
-    /// Writes a record of the present job.
+    /// Appends a record of the current job.
     fn append_to_job(&mut self, kind: RecordKind, index: u32, content: [u32; 5]) -> Result<(), JournalError> {
         let Some(present) = self.present.as_mut().filter(|present| !present.state.ended) else {
             // The record of a job that failed may still wait to be struck out.
@@ -496,7 +497,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         written.map(|_| ())
     }
 
-    /// Writes a record to the next slot, or to one of those after it, and returns the slot.
+    /// Writes a record to the next slot, or to a later slot if that fails, and returns the slot.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         self.settle()?;
         self.write_next(&record.to_bytes())
@@ -519,14 +520,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         Err(JournalError::Flash)
     }
 
-    /// Strikes out the first record of the present job.
+    /// Strikes out the first record of the current job, so that the job cannot be resumed.
     fn invalidate_job(&mut self) {
         if let Some(present) = self.present.take() {
             self.invalidate_slot(present.at);
         }
     }
 
-    /// Applies a record. The caller passes the records in the order in which they were written.
+    /// Applies a record to the journal's state. The caller passes the records in the order in which they were written.
     fn apply(&mut self, record: &Record, at: u32) {
         if record.job > self.last_job {
             (self.last_job, self.present) = (record.job, None);

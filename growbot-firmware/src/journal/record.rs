@@ -16,9 +16,9 @@ use growbot_core::link::frame;
 /// Bytes of a record.
 pub(super) const RECORD_BYTES: usize = 32;
 
-/// Max count of records.
+/// Max value of [`Record::count`], after which the count starts again at 0.
 pub(super) const LAST_COUNT: u32 = 15;
-/// Max index of a layer in a record.
+/// Max index of a layer that a record can contain.
 pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
 
 /// A record as stored in flash.
@@ -34,20 +34,20 @@ pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum RecordKind {
-    /// The first record of a sector. It has the number of erasures in the area up to and including this one. Its job
-    /// number is that of the last job begun before the erasure.
+    /// The first record of a sector. It contains the number of erasures in the journal, including the erasure of this
+    /// sector. Its job number is that of the last job that began before the erasure.
     Sector,
-    /// The beginning of a job: plan id, robot's hash, layers.
+    /// The beginning of a job: plan id, hash of the robot's description, and number of layers.
     Job,
     /// The beginning of a layer.
     Begun,
-    /// A layer that is laid, with the next one not begun.
+    /// A layer is laid, and the next layer has not begun.
     Laid,
-    /// A layer that is laid, with the next one begun at once.
+    /// A layer is laid, and the next layer has begun at once.
     LaidNextBegun,
     /// A layer that was interrupted and counts as laid.
     Interrupted,
-    /// A new plan from a layer on: its id and its number of layers.
+    /// A new plan replaces the rest of the job from a layer on: its plan id and its number of layers.
     Amended,
     /// The end of a job that is done or cancelled.
     Ended,
@@ -72,17 +72,17 @@ impl RecordKind {
 pub struct LayerRecord {
     /// The layer as built.
     pub as_built: LayerBytes,
-    /// The height that was planned, units of [`growbot_core::layer_bytes`].
+    /// Planned height of the layer, units of [`growbot_core::layer_bytes`].
     pub height_units: u32,
-    /// The lean that is owed to the next layers, in the caller's units.
+    /// Lean that the laid layers lack because of rounding, in the caller's units. The next layers must add it.
     pub residual_lean: [i16; 2],
 }
 
-/// A record, decoded.
+/// A decoded record of the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub kind: RecordKind,
-    /// Number of the job's records before this one: 0 to [`LAST_COUNT`], then from 0 again.
+    /// Number of the job's previous records: 0 to [`LAST_COUNT`], then from 0 again.
     pub count: u32,
     /// Index of a layer, 24 bits.
     pub index: u32,
@@ -142,7 +142,7 @@ impl LayerRecord {
     }
 }
 
-/// Unpacks the lean from the last word of a layer's content.
+/// Unpacks the residual lean (see [`LayerRecord::residual_lean`]) from the last word of a layer's content.
 pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
     [lean as i16, (lean >> 16) as i16]
 }

@@ -4,14 +4,15 @@
 use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};
 
-/// Number of consecutive samples that raise a fault of the supply or of a driver. It is 0.2 s, so that one disturbed
-/// sample raises none (`transient_inputs_are_not_faults`). SAFETY.md and `cargo fault-campaign` have the time.
+/// Number of consecutive bad samples that raise a fault of the supply or of a driver. The samples take 0.2 s. There are
+/// two, so that one disturbed sample raises no fault (`transient_inputs_are_not_faults`). SAFETY.md states the time of
+/// detection, and `cargo fault-campaign` measures it.
 const FAULT_SAMPLES: u8 = 2;
-/// Number of consecutive samples without filament that raise a fault. It is 0.5 s, because the switch bounces as the
-/// filament's end passes. `cargo fault-campaign` has the time.
+/// Number of consecutive samples without filament that raise a fault. The samples take 0.5 s, because the switch
+/// bounces as the filament's end passes. `cargo fault-campaign` measures the time of detection.
 const NO_FILAMENT_SAMPLES: u8 = 5;
-/// Number of consecutive samples without a reading of the supply's voltage that raise a fault. It is 1 s, as in
-/// SAFETY.md. The derivation of this value is not recorded.
+/// Number of consecutive samples without a reading of the supply's voltage that raise a fault. The samples take 1 s, as
+/// in SAFETY.md. The derivation of this value is not recorded.
 const NO_VOLTAGE_SAMPLES: u8 = 10;
 
 /// The present inputs. A value is `None` if the robot has no such sensor, or if the sensor gives no reading.

@@ -14,7 +14,8 @@ pub struct LivenessCheck {
 }
 
 impl LivenessCheck {
-    /// Returns `true` once all parts have reported, and clears the reports. Feed the watchdog only then.
+    /// Returns `true` once all parts have reported, and clears the reports. Feed the watchdog only if the result is
+    /// `true`.
     pub fn take_if_complete(&mut self) -> bool {
         let complete = self.sampler && self.regulator && self.supervisor && self.steps;
         if complete {

@@ -27,7 +27,7 @@ pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
 /// Bytes of a generation number, and of a checksum.
 const NUMBER_BYTES: usize = 4;
 
-/// The activity before a reset.
+/// The work that was in progress before a reset, as retained in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActiveWork {
     /// State of the board.
@@ -115,7 +115,7 @@ impl RetainedError {
 /// The part of the retained state that decides what the next start does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct StartupAction {
-    /// Work was in progress, so that its interruption is a fault.
+    /// True if work was in progress, so that a reset during it is a fault.
     under_way: bool,
     /// Latched fault, `Some(None)` for the emergency stop. `None` if nothing is latched.
     latched: Option<Option<Fault>>,
@@ -133,7 +133,7 @@ pub struct RetainedStore {
 }
 
 impl RetainedStore {
-    /// Finds the newer of the copies that are whole, and decodes it.
+    /// Finds the copies whose checksum is right, and decodes the newer of them.
     pub fn find(memory: &mut impl RetainedMemory) -> (Self, Result<RetainedState, RetainedError>) {
         let bytes = memory.read();
         let mut found = Self::default();

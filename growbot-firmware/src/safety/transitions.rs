@@ -124,8 +124,8 @@ impl Event {
     }
 }
 
-/// Returns the state that an event leads to. It is the same state if the event is accepted and changes nothing. `None`
-/// if the state refuses the request, or ignores an event that is not a request.
+/// Returns the state that an event leads to. The result is the unchanged state if the state accepts the event and the
+/// event changes nothing. `None` if the state refuses the request, or ignores an event that is not a request.
 #[must_use]
 pub const fn next_state(state: State, event: Event) -> Option<State> {
     use State as S;

@@ -11,7 +11,7 @@ pub(super) struct AxisMoveRun {
     pub ticks_to_step: u32,
     steps_left: u32,
     pub changes_filament: bool,
-    /// The steps are monitored for a jam.
+    /// True if the move's steps are monitored for a filament jam.
     watched: bool,
 }
 
@@ -27,7 +27,7 @@ impl AxisMoveRun {
         }
     }
 
-    /// Returns whether the next tick makes a step that is monitored for a jam.
+    /// Returns whether the next tick makes a step that is monitored for a filament jam.
     pub fn is_watched_step(&self) -> bool {
         self.watched && self.ticks_to_step <= 1 && self.steps_left > 0
     }
@@ -41,7 +41,7 @@ impl AxisMoveRun {
         if self.ticks_to_step > 0 {
             return Ok(false);
         }
-        // The last step gets its full time too, so that the next move does not follow too fast.
+        // The last step lasts as long as the others, so that the next move does not follow too fast.
         if self.steps_left == 0 {
             return Ok(true);
         }

@@ -29,7 +29,7 @@ impl Bresenham {
         due
     }
 
-    /// Returns the number of ticks until a step is due, including that tick.
+    /// Returns the number of ticks until a step is due, including the tick of the step.
     pub fn ticks_to_step(&self) -> u32 {
         if self.steps == 0 { u32::MAX } else { (self.ticks - self.accumulator).div_ceil(self.steps) }
     }

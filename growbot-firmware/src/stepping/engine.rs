@@ -66,15 +66,17 @@ enum Mode {
     Homing(HomingRun),
     Feeding(AxisMoveRun),
     Rotating(AxisMoveRun),
-    /// Laying of a turn. The turn's outline is in [`Engine::turn`], its progress in [`Engine::progress`].
+    /// A layer is laid in one turn of the head. [`Engine::turn`] has the turn's header, and [`Engine::progress`] its
+    /// progress.
     Laying,
-    /// Everything is off after an alarm. No move begins before the controller halts, which also drops a pending one.
+    /// Everything is off after an alarm. No move begins until the controller requests a halt, which also drops a
+    /// pending move.
     Alarmed,
 }
 
 /// Progress of the current turn.
 struct TurnProgress {
-    /// Sector, by angle.
+    /// Index of the current sector, by angle.
     sector: usize,
     sectors_left: usize,
     /// Remaining virtual ticks of the sector and of the turn.
@@ -82,7 +84,7 @@ struct TurnProgress {
     turn_left: u32,
     head: Bresenham,
     feed: Bresenham,
-    /// Steps made. For the feed, those in this sector.
+    /// Numbers of steps made: by the head in the turn, and by the feed in the current sector.
     head_made: u32,
     feed_made: u32,
 }
@@ -110,14 +112,14 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     mode: Mode,
     turn: TurnHeader,
     progress: TurnProgress,
-    /// Slot in which the steps made are counted.
+    /// Slot of the mailbox in which the feed steps of the current turn are counted.
     made: Slot,
     clock: VirtualClock,
     watch: IndexMonitor,
     ticks: u32,
     filament_pulses: u32,
     filament_high: bool,
-    /// Feed steps of layers since the encoder's latest pulse.
+    /// Number of feed steps in layers since the latest pulse of the filament's encoder.
     feed_steps_without_pulse: u32,
 }
 
@@ -134,7 +136,7 @@ where
     S: InputPin,
     O: Outputs,
 {
-    /// Creates an idle engine, with both drivers off. An emergency stop and an alarm switch `outputs` off.
+    /// Creates an idle engine, with both stepper drivers off. An emergency stop or an alarm switches `outputs` off.
     pub fn new(
         head: StepperPins<HS, HD, HE>,
         feed: StepperPins<FS, FD, FE>,
@@ -176,8 +178,8 @@ where
         }
     }
 
-    /// Returns the number of ticks until something happens, including that tick. `u32::MAX` if nothing happens without
-    /// a new move.
+    /// Returns the number of ticks up to and including the next tick that does more than count: it makes a step, begins
+    /// a sector or a move, changes the pace, or halts. `u32::MAX` if nothing happens without a new move.
     pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
         if self.head.raised || self.feed.raised || handover.is_halt_requested() || handover.is_link_stop_pending() {
             return 1;
@@ -196,7 +198,7 @@ where
         }
     }
 
-    /// Skips ticks in which nothing happens. Their number must be below [`Engine::ticks_to_event`].
+    /// Skips ticks that only count. The number of skipped ticks must be below [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
@@ -230,7 +232,8 @@ where
         if stopped || halted {
             self.release(handover);
             if stopped {
-                // The interrupt switches the outputs off itself, because the main loop may hang with the heater on.
+                // The step interrupt itself switches the outputs off, because the main loop may hang while the heater
+                // is on.
                 self.outputs.make_safe();
             }
             return Ok(());
@@ -244,11 +247,11 @@ where
         if high && !before {
             self.feed_steps_without_pulse = 0;
         }
-        // Filament that is changed does not count as growth.
+        // Filament that moves while it is changed does not count as growth.
         if matches!(&self.mode, Mode::Feeding(run) if run.changes_filament) {
             return Ok(());
         }
-        // The position at which the line rises forwards is that at which it falls in reverse.
+        // The encoder's level rises in forward motion at the position at which it falls in reverse motion.
         self.filament_pulses = match (before, high, self.feed.reverse == Some(true)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
@@ -258,8 +261,8 @@ where
         Ok(())
     }
 
-    /// Returns whether the emergency stop is pressed, or was received over the link. It is latched for the controller,
-    /// however short it was.
+    /// Returns whether the emergency stop is pressed, or was received over the link. The engine latches even a very
+    /// short emergency stop for the controller.
     fn check_emergency_stop(&mut self, halted: bool, handover: &Mailbox) -> Result<bool, EngineFault> {
         let pressed =
             self.settings.emergency_stop && self.inputs.emergency_stop.is_high().map_err(|_| EngineFault::Hardware)?;
@@ -326,8 +329,8 @@ where
         }
     }
 
-    /// Begins a move. Returns whether the move continues in the same tick, as a turn does that follows another one in
-    /// the same direction.
+    /// Begins a move. Returns whether the move makes its first tick at once. A turn does so if it follows another turn
+    /// in the same direction.
     fn begin(&mut self, task: PendingMove, handover: &Mailbox) -> Result<bool, EngineFault> {
         match task {
             PendingMove::Home(homing) => {

@@ -12,11 +12,11 @@ pub(super) struct HomingRun {
     homing: HomingMove,
     pub ticks_to_step: u32,
     steps_made: u32,
-    /// Number of consecutive steps at which the mark was detected.
+    /// Number of consecutive head steps at which the index mark was detected.
     on_mark_for: u32,
-    /// The head has been outside of the mark, so that the next edge is the leading one.
+    /// True once the head has been outside the index mark, so that the next edge is the mark's leading edge.
     left_mark: bool,
-    /// Remaining steps after the leading edge. `None` before that edge.
+    /// Number of head steps from the present position to the tip's x axis. `None` before the mark's leading edge.
     steps_to_zero: Option<u32>,
 }
 

@@ -28,24 +28,29 @@ use growbot_core::robot::Robot;
 use super::mailbox::Mailbox;
 use super::moves::EngineFault;
 
-/// Number of consecutive samples that must contradict.
+/// Number of consecutive samples of the index sensor that must contradict the head's position before an alarm is
+/// raised.
 const MIN_CONTRADICTING_SAMPLES: u32 = 2;
 
-/// Position of the mark, in head steps.
+/// Positions of the index mark and of its tolerances, in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct IndexWindow {
     steps_per_turn: u32,
-    /// The tip's x axis, counted from the beginning of the tolerance before the mark.
+    /// Position of the tip's x axis, in head steps from the beginning of the tolerance before the index mark.
     zero: u32,
-    /// Width of the mark with the tolerance on both sides. The mark is never detected beyond it.
+    /// Width of the index mark with the tolerance on both sides. A working sensor detects the mark only within this
+    /// width.
     reach: u32,
-    /// Beginning of the range in which the mark must be detected, counted from the beginning of the tolerance.
+    /// Beginning of the range in which the index mark must be detected, in head steps from the beginning of the
+    /// tolerance before the mark.
     certain_from: u32,
-    /// End of that range. The range is empty if the mark is narrower than the tolerances.
+    /// End of the range in which the index mark must be detected. The range is empty if the mark is narrower than the
+    /// tolerances.
     certain_to: u32,
-    /// Max number of steps for which homing may detect the mark.
+    /// Max number of consecutive head steps at which the sensor may detect the index mark during homing.
     pub longest: u32,
-    /// Number of steps with a detected mark beyond which lost steps cannot be the reason: the sensor is stuck.
+    /// Number of consecutive head steps with a detected index mark beyond which the sensor counts as stuck, because
+    /// lost steps cannot be the reason.
     stuck: u32,
 }
 
@@ -71,22 +76,23 @@ impl IndexWindow {
     }
 }
 
-/// The readings of the index sensor in this turn.
+/// The readings of the index sensor in the current turn of the head.
 pub(super) struct IndexMonitor {
-    /// Position of the head, counted like [`Mark::zero`]. `None` unless the head has homed since its motor was last
-    /// energised.
+    /// Position of the head, in head steps from the beginning of the tolerance before the index mark. `None` unless the
+    /// head has homed since its motor was last energised.
     place: Option<u32>,
     backwards: bool,
-    /// Number of consecutive samples with a detected mark.
+    /// Number of consecutive samples in which the index mark was detected.
     seen_for: u32,
-    /// Numbers of consecutive samples with a mark detected outside its position, and without a mark at its position.
+    /// Number of consecutive samples in which the index mark was detected outside its position. `absent_for` is the
+    /// number of those in which it was missing at its position.
     stray_for: u32,
     absent_for: u32,
-    /// The mark was detected at its position in this turn.
+    /// True if the index mark was detected at its position in the current turn.
     seen: bool,
-    /// The mark was not detected at its position.
+    /// True if the index mark was not detected at its position in the current turn.
     absent: bool,
-    /// The mark is detected outside its position.
+    /// True once [`MIN_CONTRADICTING_SAMPLES`] consecutive samples have detected the index mark outside its position.
     stray: bool,
 }
 
@@ -129,7 +135,7 @@ impl IndexMonitor {
     fn on_mark_seen(&mut self, place: u32, mark: &IndexWindow) -> Result<(), EngineFault> {
         self.seen_for += 1;
         self.absent_for = 0;
-        // A late mark is also stray, though still within its tolerance.
+        // A mark that is detected late is also detected outside its position, even if it is still within its tolerance.
         if place >= mark.reach || self.absent {
             self.stray_for += 1;
             self.stray |= self.stray_for >= MIN_CONTRADICTING_SAMPLES;
@@ -160,7 +166,7 @@ impl IndexMonitor {
         Ok(())
     }
 
-    /// Checks for a missing mark at the end of a turn, when all positions have been passed.
+    /// Checks for a missing index mark at the end of a turn, after the head has passed all positions.
     pub fn end_turn(&self) -> Result<(), EngineFault> {
         let missing = self.place.is_some() && !self.seen && !self.stray;
         if missing { Err(EngineFault::IndexMissing) } else { Ok(()) }

@@ -1,8 +1,9 @@
 //! The handover between controller and step interrupt: one pending move, reports, a halt, and the readings of the
 //! interrupt.
 //!
-//! The interrupt checks `halt` first in every tick, and accepts a turn at the end of the one before. Sectors are handed
-//! over and counted one by one, in two slots each, because copying a whole turn made the worst tick ten times as long.
+//! The interrupt checks `halt` first in every tick, and accepts a turn at the end of the previous turn. Sectors are
+//! handed over and counted one by one, in two slots each, because copying a whole turn made the worst tick ten times as
+//! long.
 //!
 //! No report is lost. Two ended moves can wait for the controller, and an alarm beside them. If a turn ends before the
 //! previous report is removed, it ends at rest, and no move begins until then. After a halt the interrupt changes
@@ -32,7 +33,8 @@ use super::moves::{AxisMove, EngineFault, HomingMove, Move, Report, TurnReport};
 use super::ramp::RampLimits;
 use super::turn::{Sector, Turn};
 
-/// A move as the engine accepts it, without its sectors, which it gets one after the other.
+/// A move as the engine accepts it. It does not contain the sectors of a turn, which the engine reads one by one from
+/// the mailbox.
 ///
 /// In the numbers here and in [`PendingReport`], 0 stands for `None`. An empty [`Mailbox`] is therefore all zeros, and
 /// costs a board no flash.
@@ -45,10 +47,10 @@ pub(super) enum PendingMove {
     Rotate(AxisMove) = 4,
 }
 
-/// A turn without its sectors.
+/// Header of a turn: all data except the sectors.
 #[derive(Clone, Copy)]
 pub(super) struct TurnHeader {
-    /// Slot of the turn's sectors.
+    /// Slot of the mailbox that contains the turn's sectors.
     slot: Slot,
     pub backwards: bool,
     pub ticks: u32,
@@ -59,8 +61,8 @@ impl TurnHeader {
     pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: RampLimits::FULL };
 }
 
-/// The report of an ended move as the engine writes it, without the steps in each sector, which it has written one
-/// after the other.
+/// The report of an ended move as the engine writes it. It does not contain the steps of each sector, which the engine
+/// has already written one by one to the mailbox.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingReport {
@@ -70,15 +72,16 @@ pub(super) enum PendingReport {
     Rotated = 4,
 }
 
-/// Number of reports of ended moves that can wait. Two turns are counted in two slots.
+/// Max number of reports of ended moves that wait for the controller. There are two, because the steps of two turns are
+/// counted in two slots.
 const MAX_REPORTS: u32 = 2;
 
-/// Reports that wait for the controller.
+/// Reports that the controller has not yet removed.
 #[derive(Clone, Copy)]
 struct Reports {
-    /// Ended moves, the oldest first.
+    /// Reports of ended moves, the oldest first.
     ended: [Option<PendingReport>; MAX_REPORTS as usize],
-    /// First alarm.
+    /// The first alarm that the controller has not yet removed.
     alarm: Option<EngineFault>,
 }
 
@@ -86,8 +89,8 @@ impl Reports {
     const NONE: Self = Self { ended: [None; MAX_REPORTS as usize], alarm: None };
 }
 
-/// One of two slots. One turn can be laid while the next one waits, and its steps are counted while the turn before is
-/// reported.
+/// One of two slots for the data of turns. One turn can be laid while the next turn waits, and the steps of a turn are
+/// counted while the previous turn is reported.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Slot {
     A,
@@ -134,15 +137,15 @@ impl<T: Copy> Slots<T> {
 /// critical section, so that no tick can occur between the two changes.
 pub struct Mailbox {
     task: Mutex<Cell<Option<PendingMove>>>,
-    /// Sectors of the current turn, and of the pending one.
+    /// Sectors of the current turn and of the pending turn.
     sectors: Slots<Sector>,
     /// Slot of the current turn. The controller owns the other slot.
     laying: Mutex<Cell<Slot>>,
     reports: Mutex<Cell<Reports>>,
-    /// Feed steps of the current turn, and of the reported one.
+    /// Feed steps made in each sector of the current turn, and of the turn that is being reported.
     made: Slots<u32>,
     order_waits: AtomicBool,
-    /// Number of waiting reports of ended moves.
+    /// Number of reports of ended moves that the controller has not yet removed.
     ended: AtomicU32,
     alarm_waits: AtomicBool,
     halt: AtomicBool,
@@ -172,7 +175,7 @@ impl Default for Mailbox {
 }
 
 impl Mailbox {
-    /// Creates an empty handover.
+    /// Creates an empty mailbox.
     #[must_use]
     pub const fn new() -> Self {
         Self {
@@ -231,7 +234,8 @@ impl Mailbox {
         });
     }
 
-    /// Removes and returns the oldest report, an alarm after the ended moves (controller side).
+    /// Removes and returns the next report: first those of ended moves, oldest first, then the alarm. The controller
+    /// calls it.
     pub fn pop_report(&self) -> Option<Report> {
         if let Some(ended) = self.pop_ended_move() {
             return Some(ended);
@@ -266,7 +270,7 @@ impl Mailbox {
                 Report::Laid(TurnReport { head, feed })
             }
         };
-        // The report waits until here, so that no turn is counted in its slot meanwhile.
+        // The report is removed only after its steps are read, so that no other turn is counted in its slot meanwhile.
         exclusive::with(|cs| {
             let mut reports = self.reports.borrow(cs).get();
             let [_, next] = reports.ended;
@@ -286,7 +290,7 @@ impl Mailbox {
         });
     }
 
-    /// Drops the reports of ended moves (controller side). An alarm stays.
+    /// Drops the reports of ended moves (controller side). An alarm is kept.
     pub fn discard_ended_moves(&self) {
         while self.pop_ended_move().is_some() {}
     }
@@ -374,7 +378,7 @@ impl Mailbox {
         self.alarm_waits.load(Ordering::Acquire)
     }
 
-    /// Returns whether a move can begin (engine side): one is pending, and its report will have room.
+    /// Returns whether a move can begin (engine side): a move is pending, and the mailbox has room for its report.
     #[inline]
     pub(super) fn can_begin_move(&self) -> bool {
         self.has_move() && self.ended.load(Ordering::Acquire) < MAX_REPORTS
@@ -389,7 +393,7 @@ impl Mailbox {
     /// Returns whether to halt now, and clears the request (engine side).
     #[inline]
     pub(super) fn take_halt_request(&self) -> bool {
-        // The load comes first, because a swap in each tick would cost more than the rest of an idle tick.
+        // A load comes before the swap, because a swap in each tick would cost more than the rest of an idle tick.
         self.is_halt_requested() && self.halt.swap(false, Ordering::AcqRel)
     }
 
@@ -399,8 +403,9 @@ impl Mailbox {
         self.order_waits.load(Ordering::Acquire)
     }
 
-    /// Returns the rate at which the next turn can follow this one (engine side). It is 0 if the engine must stop,
-    /// because no turn is pending, or none can begin while the report of the turn before this one waits.
+    /// Returns the rate at which the pending turn can follow the current turn (engine side). The rate is 0 if the
+    /// engine must stop, because no turn is pending, or because the report of the previous turn still waits for the
+    /// controller.
     #[inline]
     pub(super) fn next_entry_rate(&self) -> u32 {
         if self.ended.load(Ordering::Acquire) > 0 { 0 } else { self.entry.load(Ordering::Acquire) }
@@ -439,7 +444,8 @@ impl Mailbox {
         self.made.set(slot, sector, steps);
     }
 
-    /// Writes the report of an ended move (engine side). There is room: see [`Mailbox::can_begin_move`].
+    /// Writes the report of an ended move (engine side). The mailbox has room for it, because a move begins only if
+    /// [`Mailbox::can_begin_move`] returns true.
     pub(super) fn post_report(&self, report: PendingReport) {
         exclusive::with(|cs| {
             let mut reports = self.reports.borrow(cs).get();
@@ -453,7 +459,7 @@ impl Mailbox {
         });
     }
 
-    /// Writes an alarm (engine side). The first one counts.
+    /// Writes an alarm (engine side). Only the first alarm is kept until the controller removes it.
     pub(super) fn post_alarm(&self, alarm: EngineFault) {
         exclusive::with(|cs| {
             let mut reports = self.reports.borrow(cs).get();
@@ -468,7 +474,7 @@ impl Mailbox {
         self.called.load(Ordering::Acquire)
     }
 
-    /// Returns whether an emergency stop was received over the link, and clears it (engine side).
+    /// Returns whether an emergency stop was received over the link, and clears this flag (engine side).
     #[inline]
     pub(super) fn take_link_stop(&self) -> bool {
         self.is_link_stop_pending() && self.called.swap(false, Ordering::AcqRel)
@@ -478,7 +484,7 @@ impl Mailbox {
         self.progress.store(sectors as u32 + 1, Ordering::Release);
     }
 
-    /// Records that no turn is under way.
+    /// Records that no turn is being laid.
     pub(super) fn end_progress(&self) {
         self.progress.store(0, Ordering::Release);
     }
@@ -494,7 +500,7 @@ impl Mailbox {
         self.emergency_stop.store(pressed, Ordering::Release);
     }
 
-    /// Latches the emergency stop, and counts it if it was not latched (engine side).
+    /// Latches the emergency stop, and counts it if no emergency stop was latched before (engine side).
     pub(super) fn latch_emergency_stop(&self) {
         if !self.is_emergency_stopped() {
             self.presses.store(self.emergency_stop_presses().wrapping_add(1), Ordering::Release);

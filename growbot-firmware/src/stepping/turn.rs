@@ -37,7 +37,7 @@ pub struct Sector {
 pub struct Turn {
     /// The sectors by angle, from the tip's x axis on.
     pub sectors: [Sector; SECTORS],
-    /// The head turns clockwise: from the last sector to the first.
+    /// True if the head turns clockwise, from the last sector to the first.
     pub reverse: bool,
     /// Ticks of all sectors.
     pub ticks: u32,
@@ -57,9 +57,9 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// Computes the turn that lays this profile from one position of the feed to another, and its end. `feed_steps`
-    /// returns the position, in steps and not rounded, after a share of the layer. `before` is the end of the turn
-    /// before.
+    /// Computes the turn that lays this profile from one position of the feed to another. Also returns the state at the
+    /// end of the turn. `feed_steps` returns the position, in steps and not rounded, after a share of the layer.
+    /// `before` is the state at the end of the previous turn.
     ///
     /// # Errors
     /// Returns [`StepRate`] if a sector needs more than one step in two ticks, feed taken back, or more acceleration
@@ -107,7 +107,7 @@ impl Turn {
         for (index, sector) in sectors.iter_mut().enumerate() {
             let to = edge(index + 1);
             let [ticks, head, feed] = [to[0] - from[0], to[1] - from[1], to[2] - from[2]];
-            // A lean of more than the whole height would take feed back. No checked layer has one.
+            // A lean of more than the whole height would need feed steps in reverse. No checked layer has such a lean.
             if ticks < 1.0 || head < 0.0 || feed < 0.0 || 2.0 * head.max(feed) > ticks {
                 return Err(StepRateError);
             }
@@ -123,8 +123,8 @@ impl Turn {
         self.pace.start_rate == FULL_RATE
     }
 
-    /// Returns the max number of ticks that the turn can take, from rest to rest and with a next move that arrives
-    /// late. A longer turn is stuck.
+    /// Returns the max number of ticks that the turn can take, if it starts and ends at rest and the next move arrives
+    /// late. A turn that takes longer counts as stuck.
     #[must_use]
     pub fn longest_ticks(&self) -> u32 {
         self.ticks.saturating_add(self.pace.ramps_ticks())

@@ -9,10 +9,10 @@ use tmc2209::{MASTER_ADDR, ReadRequest, SYNC_AND_RESERVED, WriteRequest, crc};
 
 /// Serial line with one wire for both directions. Its functions never wait.
 pub trait SingleWireUart {
-    /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all of them. Then
-    /// none is sent.
+    /// Sends some bytes, at most 8. Returns `false` if the transmit buffer has too little room for all bytes. In that
+    /// case no byte is sent.
     fn send(&mut self, bytes: &[u8]) -> bool;
-    /// Returns the next received byte, including the board's own ones.
+    /// Returns the next received byte. The bytes that the board itself has sent are received too.
     fn receive(&mut self) -> Option<u8>;
 }
 
@@ -20,7 +20,8 @@ pub trait SingleWireUart {
 pub const BAUD: u32 = 115_200;
 /// Bytes of a response.
 const ANSWER_BYTES: usize = 8;
-/// Time until 8 bytes of 10 bits are written and the line is quiet again, us. It is twice the time of the bytes.
+/// Time until 8 bytes of 10 bits are written and the line is quiet again, us. The value is twice the time that the
+/// bytes take on the line.
 const WRITTEN_US: u64 = 2 * 8 * 10 * 1_000_000 / BAUD as u64;
 /// Max time from a request to the end of its response, us. 12 bytes and the driver's delay take 1.3 ms.
 const ANSWER_US: u64 = 10_000;
@@ -93,7 +94,7 @@ impl<W: SingleWireUart> Bus<W> {
         self.send(now);
     }
 
-    /// Sends the pending bytes if there is room.
+    /// Sends the pending bytes if the transmit buffer has room for them.
     fn send(&mut self, now: u64) {
         let Transaction::Sending { node, what, attempts, .. } = self.exchange else { return };
         // Bytes received until now are not a response to this request.
@@ -113,7 +114,8 @@ impl<W: SingleWireUart> Bus<W> {
         }
     }
 
-    /// Returns the result of the exchange. `None` while it is in progress, and if there is none.
+    /// Returns the result of the exchange with a driver. `None` while the exchange is in progress, and if no exchange
+    /// was started.
     pub(super) fn poll(&mut self, now: u64) -> Option<TransactionResult> {
         // Received bytes are processed first, so that a response that arrived in time counts even if it is read late.
         let answer = self.take();

@@ -5,11 +5,11 @@ use tmc2209::reg::{DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 
 use super::settings::STALL_MAX_STEP_TIME;
 
-/// Number of consecutive samples of a moving motor that mean an open wire. It is some 0.3 s, because the flag is also
-/// set as a motor starts (data sheet of the TMC2209, rev. 1.09, 10.3).
+/// Number of consecutive samples of a moving motor with the open-load flag that mean an open wire. The samples take
+/// some 0.3 s, because the flag is also set as a motor starts (data sheet of the TMC2209, rev. 1.09, 10.3).
 const OPEN_LOOKS: u8 = 10;
-/// Number of consecutive samples that mean a stall. It is some 0.1 s, because a measurement covers one full step and is
-/// noisy.
+/// Number of consecutive samples below the stall threshold that mean a stall. The samples take some 0.1 s, because a
+/// measurement covers one full step and is noisy.
 const STALL_LOOKS: u8 = 3;
 
 /// The registers read in one sample.
@@ -38,7 +38,7 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
 }
 
 impl HealthMonitor {
-    /// Returns the driver's problem. A stall is checked only if there is a threshold.
+    /// Returns the problem that the driver's samples show. A stall is checked only if a threshold is given.
     pub(super) fn look(&mut self, look: &HealthSample, threshold: Option<u8>) -> Option<DriverProblem> {
         let status = look.status;
         let moves = !status.stst();

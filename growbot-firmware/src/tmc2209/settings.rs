@@ -19,8 +19,8 @@ const BLANK_TIME: u32 = 1;
 const SEND_DELAY: u8 = 2;
 /// All flags of GSTAT. Writing ones clears them (table 5.1).
 const ALL_FLAGS: u32 = 0b111;
-/// Max time between two 256ths of a step at which StallGuard's reading is used, clocks of 12 MHz. It is one turn a
-/// second of a motor of 200 steps. Below about that speed StallGuard is not reliable (11.5).
+/// Max time between two 256ths of a step at which StallGuard's reading is used, clocks of 12 MHz. The value corresponds
+/// to one turn a second of a motor of 200 steps. Below about this speed StallGuard is not reliable (11.5).
 pub(super) const STALL_MAX_STEP_TIME: u32 = 12_000_000 / (200 * 256);
 
 /// The settings of one driver.
@@ -36,7 +36,7 @@ pub struct DriverConfig {
     pub microsteps: u16,
     /// The driver runs in SpreadCycle, otherwise in StealthChop.
     pub spread_cycle: bool,
-    /// Load at which the motor counts as stalled (SGTHRS). It is measured in StealthChop only.
+    /// Load at which the motor counts as stalled (SGTHRS). The driver measures the load only in StealthChop.
     pub stall_threshold: Option<u8>,
 }
 
@@ -112,8 +112,8 @@ impl DriverConfig {
     }
 
     /// Returns IHOLD_IRUN, and whether the sense resistors' full scale is the lower one (data sheet, 9). The current is
-    /// the same whether the motor turns or not, because a motor without current loses its position. It is the next
-    /// lower current that the driver can be set to.
+    /// the same whether the motor turns or not, because a motor without current loses its position. The current is
+    /// rounded down to a current that the driver can be set to.
     fn current(&self) -> (IHOLD_IRUN, bool) {
         let milliamps = (self.current_a * 1000.0) as f32;
         let (high_sensitivity, scale) = tmc2209::rms_current_to_vsense_cs(self.sense_ohm as f32, milliamps);

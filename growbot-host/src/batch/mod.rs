@@ -66,7 +66,7 @@ pub enum QueryError {
     /// The planner does not exist.
     #[error("planner: {reason}")]
     Planner {
-        /// Explanation with the existing planners.
+        /// Error message, which lists the planners that exist.
         reason: String,
     },
     /// Only one of the two angles is given.

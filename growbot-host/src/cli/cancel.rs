@@ -32,7 +32,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let hello = client.open_session()?;
     let plan_id = hello.status.plan_id;
     if plan_id == 0 {
-        return Ok(print(&format!("the {}board does not store a body\n", port.kind()))?);
+        return Ok(print(&format!("the {}board has no stored job: there is nothing to cancel\n", port.kind()))?);
     }
     client.request("to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(

@@ -79,7 +79,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
         }))
     } else {
         format!(
-            "the {}board is configured as {} ({:016x}), before: {}\n",
+            "the {}board is now configured as {} ({:016x}); it was {}\n",
             port.kind(),
             now.robot_name,
             now.robot_hash,

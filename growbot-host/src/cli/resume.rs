@@ -76,9 +76,9 @@ const LONGEST_ANSWER: u64 = 4096;
 /// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum InterruptedLayerChoice {
-    /// Lay it again, on top of its finished part
+    /// Lay the whole layer again, on top of the part that is finished
     Redo,
-    /// Keep it as it is
+    /// Keep the interrupted layer as it is
     Keep,
 }
 

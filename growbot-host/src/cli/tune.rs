@@ -19,10 +19,10 @@ use super::{Failure, RequiredPortArg, RobotArg};
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);
 
-/// Find the gains of the heater's control loop by driving the nozzle round a temperature
+/// Find the PID gains of the heater by letting the nozzle temperature oscillate around a target
 ///
-/// The command prints lines for the heater section of the robot file. The board itself changes nothing. Tuning takes
-/// some minutes, and Ctrl-C stops it. Nothing moves.
+/// The command prints the gains for the [heater] section of the robot file; the board does not store them. The nozzle
+/// gets hot, but no motor moves. Tuning takes some minutes, and Ctrl-C stops it.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
 pub struct TuneArgs {

@@ -28,9 +28,10 @@ use super::problem::Problem;
 
 /// Maximum number of open connections, for pages and for growbot's commands separately.
 pub const CONNECTIONS: usize = 256;
-/// Maximum number of them that read-only clients have. The others are for clients that can send commands.
+/// Maximum number of open connections of read-only clients. The other connections are for clients that can send
+/// commands.
 const VIEW_CONNECTIONS: usize = 128;
-/// Number of connections beyond the limit. They serve stops only.
+/// Number of connections that are accepted beyond [`CONNECTIONS`]. They serve only stops.
 const STOP_CONNECTIONS: usize = 32;
 /// Time after which a connection is closed if the client does not read a response.
 const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
@@ -55,7 +56,8 @@ fn too_many() -> Vec<u8> {
 /// The connections of one listener.
 pub struct ConnectionLimiter {
     open: Mutex<BTreeMap<u64, OpenConnection>>,
-    /// Timeout of a request's body. Its head, and the pause before the next request, have half of it.
+    /// Timeout of a request's body. The head of a request, and the pause before the next request, have half of this
+    /// time.
     request: Duration,
 }
 
@@ -76,8 +78,8 @@ pub struct ConnectionHandle {
 }
 
 impl ConnectionHandle {
-    /// Marks the connection as authenticated. New connections never replace it. Returns an error if a client with these
-    /// rights has no place for a request other than a stop.
+    /// Marks the connection as authenticated. New connections never replace it. Returns an error if the limits on
+    /// connections allow a client with these rights no request except a stop.
     fn authenticate(&self, access: Access) -> Result<(), Problem> {
         let mut open = self.limiter.open();
         let is_view = |connection: &OpenConnection| connection.access == Some(Access::View);
@@ -126,8 +128,9 @@ impl ConnectionLimiter {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a connection. If the limit is reached, it replaces the oldest connection that has not authenticated. If all
-    /// have, it is for stops only. `None` if all places for stops are in use, too.
+    /// Adds a connection. If the limit is reached, the connection replaces the oldest one that has not authenticated.
+    /// If all connections have authenticated, the new connection serves only stops. `None` if all connections for stops
+    /// are in use too.
     fn admit(self: &Arc<Self>, number: u64) -> Option<ConnectionGuard> {
         let mut open = self.open();
         let mut is_for_stops = false;
@@ -192,7 +195,8 @@ where
     let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
 }
 
-/// Handles a request if its client has a place. A stop by a client that can send commands needs none.
+/// Handles a request if the limits on connections allow it. They do not apply to a stop by a client that can send
+/// commands.
 pub async fn require_place(
     Extension(connection): Extension<ConnectionHandle>,
     Extension(access): Extension<Access>,

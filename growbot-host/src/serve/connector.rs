@@ -62,7 +62,8 @@ pub struct BoardConnection {
     pub simulation: Option<Box<dyn SimulatedTip>>,
     pub robot: Robot,
     pub hello: BoardInfo,
-    /// True if a stop that was ordered earlier was delivered over this connection, before anything else.
+    /// True if an earlier stop that the board had not confirmed was delivered over this connection before anything
+    /// else.
     pub is_stopped: bool,
 }
 

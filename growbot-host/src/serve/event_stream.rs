@@ -141,7 +141,7 @@ struct LogTail {
     offset: u64,
     /// Number of lines that were read.
     number: u64,
-    /// Number of lines to skip.
+    /// Number of lines of the log that the client already has and that are skipped.
     after: u64,
     /// Start of an incomplete line.
     rest: Vec<u8>,

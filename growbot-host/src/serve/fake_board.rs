@@ -45,22 +45,22 @@ pub struct FakeBoard {
     pub pause: PauseCause,
     pub plan_id: u64,
     layers: u32,
-    /// Number of layers that it counts as laid. It reports none of them.
+    /// Number of layers that the board counts as laid. The board reports none of these layers.
     pub laid: u32,
-    /// True if it belongs to another robot.
+    /// True if the board belongs to another robot.
     pub is_of_other_robot: bool,
     next: u32,
     boots: u32,
     session: u32,
     uptime_ms: u64,
-    /// True while the last order of a person allows heat.
+    /// True while the last command of a person allows the board to heat.
     pub may_heat: bool,
-    /// Requests that made the board heat without a valid order of a person.
+    /// Requests that made the board heat without a valid command of a person.
     pub violations: Vec<String>,
     receiver: FrameDecoder,
     detector: EmergencyStopDetector,
     sent: VecDeque<u8>,
-    /// Number of frames that it has received.
+    /// Number of frames that the board has received.
     pub frames: u32,
 }
 
@@ -244,7 +244,7 @@ pub struct FakeLine {
     is_killed: Arc<AtomicBool>,
     /// True once the robot's thread is to panic at its next use of the line.
     thread_ends: Arc<AtomicBool>,
-    /// True once it has.
+    /// True once the robot's thread has panicked.
     thread_ended: Arc<AtomicBool>,
     /// Number of times that the robot's thread has waited for bytes.
     waits: Arc<AtomicU32>,
@@ -304,7 +304,7 @@ impl FakeLine {
 /// An open end of the line.
 struct FakePort {
     line: FakeLine,
-    /// True if it belongs to the thread of the emergency stop.
+    /// True if this end of the line belongs to the thread of the emergency stop.
     is_for_emergency: bool,
     now: Duration,
 }

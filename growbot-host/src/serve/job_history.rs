@@ -11,7 +11,7 @@ use super::job_store::{COLUMNS, Job, JobState, JobStore, of_row};
 use super::job_updates::JobUpdate;
 use super::robot_worker::RobotWorker;
 
-/// Reason of a job whose body the board no longer has. If the board has it again, the job can be resumed again.
+/// Reason of the end of a job that the board no longer stores. If the board stores the job again, it can be resumed.
 const NOT_ON_BOARD: &str = "discarded: the board does not have its body";
 
 /// Returns the reason of a job that ended with this result, of a board in this state.
@@ -112,7 +112,7 @@ impl RobotWorker {
         self.shared.signal_change();
     }
 
-    /// Keeps the log of a job that has ended, because some of its lines could not be written.
+    /// Keeps the run log of a job that has ended, because some lines of the log could not be written.
     pub(super) fn keep_log(&self, job: &str, log: RunLog) {
         self.lock_kept_logs().push((job.to_owned(), log));
     }
@@ -122,7 +122,8 @@ impl RobotWorker {
         self.lock_kept_logs().retain(|(of, _)| of != job);
     }
 
-    /// Writes what could not be written to the list of jobs and to run logs before. Does not wait for other threads.
+    /// Writes the changes of the list of jobs, and the lines of run logs, that could not be written before. Does not
+    /// wait for other threads.
     pub(super) fn write_kept(&self) {
         if let Ok(mut store) = self.shared.job_writer.try_lock()
             && store.has_kept()
@@ -133,7 +134,7 @@ impl RobotWorker {
         self.lock_kept_logs().retain_mut(|(_, log)| log.write_waiting().is_err());
     }
 
-    /// Reports whether something could not be written yet.
+    /// Reports whether changes of the list of jobs or lines of run logs have still to be written.
     pub(super) fn has_kept(&self) -> bool {
         self.shared.job_writer.try_lock().is_ok_and(|store| store.has_kept()) || !self.lock_kept_logs().is_empty()
     }

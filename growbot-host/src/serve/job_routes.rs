@@ -39,7 +39,7 @@ use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, LiveEvent, updates_of};
 use crate::watch::sockets::{limited, send_texts};
 
-/// Delay before the page of a disconnected robot's job has to request updates again.
+/// Time after which the page of a job requests updates again, if the robot is disconnected.
 const AWAY: Duration = Duration::from_secs(2);
 /// Maximum number of jobs that are listed.
 const MAX_JOBS: u32 = 1000;
@@ -73,14 +73,14 @@ pub async fn new_job(
     made
 }
 
-/// An order that arrived: its permit, and whether its requester is still there.
+/// A command that has arrived: its permit, and whether its requester is still connected.
 pub(super) struct Order {
     pub permit: Permit,
     pub claim: Claim,
 }
 
-/// The requester of an order. The server drops it when the connection closes. An order that the robot's thread has not
-/// taken by then does not begin.
+/// The requester of a command. The server drops this value when the connection closes. A command that the robot's
+/// thread has not taken by then is not carried out.
 struct Requester(Claim);
 
 impl Drop for Requester {

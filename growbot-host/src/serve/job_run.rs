@@ -32,7 +32,7 @@ use crate::watch::LiveGrowth;
 
 type Reply = Sender<Result<(), String>>;
 
-/// Message for an order that a later stop has voided.
+/// Message for a job that was not started because a later stop has voided its request.
 const VOIDED: &str = "not started, because the robot was stopped after this order: order it again";
 
 impl RobotWorker {
@@ -179,7 +179,8 @@ impl RobotWorker {
         growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
-    /// Ends the job of a board that was stopped when the connection was back, because a stop was ordered meanwhile.
+    /// Ends a job whose board was stopped as soon as the connection was back, because a user had commanded a stop
+    /// meanwhile.
     pub(super) fn end_stopped_job(&self, job: &Job, status: &Status) -> LinkState {
         let stop = if status.state == State::EmergencyStop { State::EmergencyStop.name() } else { "stopped" };
         self.leave_job(job, status, &format!("{stop}, as requested while the board was disconnected"))

@@ -10,13 +10,14 @@ use rusqlite::{Connection, named_params};
 use super::job_store::{BUSY_TIMEOUT, JobState, JobStore};
 use super::notification::{AlertUpdate, MAX_QUEUED_PER_CHANNEL, NotificationChannel};
 
-/// Maximum number of kept changes. Beyond it the oldest ones are dropped.
+/// Maximum number of changes that are kept until they can be written. If there are more, the oldest changes are
+/// dropped.
 const MAX_KEPT: usize = 1000;
 
 /// A change of the database.
 #[derive(Debug, Clone)]
 pub(super) enum JobUpdate {
-    /// Number of laid layers of a job, and of its layers.
+    /// Number of laid layers of a job, and number of all its layers.
     Progress { id: String, laid: u32, layers: u32 },
     /// State of a job.
     State { id: String, state: JobState, reason: Option<String>, ended_utc: Option<String> },
@@ -117,7 +118,7 @@ impl JobStore {
         self.write(JobUpdate::ReleasedKey { id: id.to_owned() });
     }
 
-    /// Writes a change after all kept ones. Keeps it if that is not possible.
+    /// Writes all kept changes, then this change. Keeps the change if the database cannot be written.
     pub(super) fn write(&mut self, update: JobUpdate) {
         let fails_already = self.has_kept();
         self.kept.retain(|earlier| !update.replaces(earlier));

@@ -31,7 +31,7 @@ const MAX_COMMAND: usize = 4 << 10;
 /// Maximum length of the body of a request by a read-only client, bytes. The number of bodies up to this length is not
 /// limited, nor is that of responses.
 const SHORT: usize = 64 << 10;
-/// Maximum number of longer bodies of a role that are read or handled at a time.
+/// Maximum number of HTTP bodies longer than [`SHORT`] that are read or handled at a time, for each role.
 const LONG_BODIES: usize = 2;
 /// Maximum numbers of plans and pages that are computed at a time, for read-only clients and for each other role.
 const COMPUTATIONS: [usize; 2] = [2, 4];
@@ -40,15 +40,15 @@ const DOWNLOADS: [usize; 2] = [8, 16];
 /// Maximum duration of a computation.
 const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
-/// Priority of a computation. Robots and stops come first, with 0.
+/// Niceness of the threads that compute. Threads that drive robots or stop them have 0, so they run first.
 const NICENESS: i32 = 10;
 
 /// Kind of a request, by which its limits differ.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RequestKind {
-    /// A stop or an emergency stop. It needs no body, and no place.
+    /// A stop or an emergency stop. It needs no HTTP body, and no limit on the number of requests applies to it.
     Stop,
-    /// A command to a robot, for example a stop in a body.
+    /// A command to a robot, for example a stop that the HTTP body contains.
     Command,
     /// A stream of events.
     Stream,
@@ -94,7 +94,7 @@ pub struct RoleLimits {
     downloads: Arc<Semaphore>,
 }
 
-/// Permit for a stream of events. It is released when its last clone is dropped.
+/// Permit for a stream of events. The permit is released when its last clone is dropped.
 #[derive(Clone)]
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
@@ -121,8 +121,9 @@ impl RoleLimits {
         })
     }
 
-    /// Waits for its turn, then runs a computation on a thread of its own. The computation ends when it is late or when
-    /// the returned future is dropped because the requester has gone, as far as it calls [`Computation::check`].
+    /// Waits until the number of running computations allows one more, then runs the computation on a thread of its
+    /// own. The computation ends when its time is over or when the returned future is dropped because the requester has
+    /// gone, as far as it calls [`Computation::check`].
     pub async fn compute<T: Send + 'static>(
         &self,
         what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,
@@ -150,7 +151,7 @@ pub struct Computation {
 }
 
 impl Computation {
-    /// Starts the time of a computation. It is abandoned once the flag is set.
+    /// Starts the time limit of a computation. The computation is abandoned once the flag `is_abandoned` is set.
     pub fn new(is_abandoned: &Arc<AtomicBool>) -> Self {
         Self { deadline: Instant::now() + COMPUTATION_TIME, is_abandoned: Arc::clone(is_abandoned) }
     }
@@ -175,7 +176,7 @@ impl Computation {
     }
 }
 
-/// The requester of a computation. It is dropped when the connection closes.
+/// The requester of a computation. The server drops this value when the connection closes.
 #[derive(Default)]
 struct Requester(Arc<AtomicBool>);
 

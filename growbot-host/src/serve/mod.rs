@@ -150,12 +150,13 @@ struct ServiceContext {
     audit: Audit,
     notifier: Notifier,
     previews: Mutex<Previews>,
-    /// Counter of changes. Each open connection waits for it to change.
+    /// Counter of changes of the service's state. Each open connection waits until the counter changes.
     changes: watch::Sender<u64>,
 }
 
 impl ServiceContext {
-    /// Keeps the page of a plan, in place of the oldest one if there are too many. Returns the page's number.
+    /// Keeps the page of a plan. Drops the oldest page if there are more than [`MAX_PREVIEWS`] pages. Returns the
+    /// number of the new page.
     fn keep_preview(&self, page: Bytes) -> u64 {
         let mut previews = self.previews.lock().unwrap_or_else(PoisonError::into_inner);
         previews.latest += 1;
@@ -228,7 +229,7 @@ impl Service {
         self.robots.values().map(|robot| robot.status()).collect()
     }
 
-    /// Returns a permit for each robot, for an order that arrives now.
+    /// Returns a permit for each robot, for a command that arrives now.
     fn permits(&self) -> ArrivalPermits {
         let permits = self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect();
         ArrivalPermits { permits, age: OrderAge::default() }

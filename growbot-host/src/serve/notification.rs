@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 use super::JobStoreError;
 use super::job_store::JobStore;
 
-/// Maximum number of queued notices of a channel. Beyond it the oldest ones are dropped.
+/// Maximum number of queued notices of a channel. If there are more, the oldest notices are dropped.
 pub(super) const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
 /// Version of [`Notice`].
 const VERSION: u32 = 1;
@@ -230,7 +230,7 @@ impl AlertState {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Alert {
     name: &'static str,
-    /// The condition. Empty if there is none.
+    /// Text of the condition. Empty if the robot does not have the condition.
     value: String,
     /// True if the first condition of a robot causes no notice.
     needs_earlier: bool,

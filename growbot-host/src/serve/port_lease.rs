@@ -40,7 +40,7 @@ pub struct PortLease {
     is_over: Arc<AtomicBool>,
 }
 
-/// Guard of a lease. The lease ends when it is dropped.
+/// Guard of a lease. The lease ends when the guard is dropped.
 struct LeaseEndGuard(Arc<AtomicBool>);
 
 impl Drop for LeaseEndGuard {

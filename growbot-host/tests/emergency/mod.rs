@@ -60,7 +60,8 @@ pub struct Seen {
     pub stops: u32,
     /// Number of emergency stops that passed the line until the board obeyed one. `None` if it has not obeyed any.
     pub passed: Option<u32>,
-    /// True if everything was off as soon as the obeyed stop had arrived, before any time passed on the board.
+    /// True if heater and steppers were off as soon as the board had received the emergency stop that it carried out,
+    /// before any time passed on the board.
     pub off_at_once: Option<bool>,
     /// Number of the board's responses.
     pub answers: u32,

@@ -30,12 +30,16 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
         match &layers.commanded {
             Some(commanded) => {
                 groups.push(group(layers.built_name(), body(subject, built)));
-                groups.push(group("Commanded, by the board's steps", body(subject, commanded)));
+                groups
+                    .push(group("Commanded, computed from the steps that the board reports", body(subject, commanded)));
             }
             None if subject.laid.is_some() => {
                 groups.push(group(layers.built_name(), body(subject, built).into_iter().chain(strayed(subject))));
             }
-            None => groups.push(group(format!("{}, by the board's steps", layers.built_name()), body(subject, built))),
+            None => groups.push(group(
+                format!("{}, computed from the steps that the board reports", layers.built_name()),
+                body(subject, built),
+            )),
         }
     }
     let mut rows = vec![

@@ -78,7 +78,7 @@ impl PathShortener {
         Self { current: chain.clone(), chain, exponent: 0.5 * FINEST }
     }
 
-    /// Tries changes until this much work is done.
+    /// Tries changes of the path until the work that `meter` counts reaches `until`, or the budget is exhausted.
     pub(super) fn advance(
         &mut self,
         problem: &PlanningProblem,

@@ -26,7 +26,7 @@ const MAX_NODES: usize = 500_000;
 /// A tip that has been reached.
 struct SearchNode {
     tip: TipPose,
-    /// Index of the previous node. `edge` leads from there to this one.
+    /// Index of the previous node. `edge` leads from the previous node to this node.
     parent: u32,
     edge: ArcSegment,
     cost_to_come: f64,

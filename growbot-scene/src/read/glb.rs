@@ -160,7 +160,9 @@ impl<'a> GlbReader<'a> {
         let items = self.items(position, 12, &[FLOAT])?;
         let count = items.len();
         if first + count > MAX_POINTS {
-            return Err(format!("its nodes show more than {MAX_POINTS} points"));
+            return Err(format!(
+                "it has more than {MAX_POINTS} points, counting a mesh once for each node that uses it"
+            ));
         }
         for item in items {
             let number = |index: usize| {
@@ -175,7 +177,9 @@ impl<'a> GlbReader<'a> {
             None => (0..count as i64).collect(),
         };
         if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
-            return Err(format!("its nodes show more than {MAX_POINTS} triangles"));
+            return Err(format!(
+                "it has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it"
+            ));
         }
         // A node that mirrors turns its faces inside out. This is reversed here.
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;

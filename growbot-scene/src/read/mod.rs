@@ -159,12 +159,13 @@ fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     Ok(())
 }
 
-/// Edges at which a mesh is not closed, so that it encloses no volume.
+/// Numbers of edges at which a mesh is not closed. A mesh with such edges encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Number of edges at which a face is missing.
     pub open: usize,
-    /// Number of edges whose faces have it in the same order of corners, so that one of them is inside out.
+    /// Number of edges that both faces contain in the same order of corners, so that one of the two faces is inside
+    /// out.
     pub flipped: usize,
 }
 

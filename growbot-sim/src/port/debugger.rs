@@ -26,8 +26,8 @@ impl Debugger {
         Self { line, received: Vec::new(), watched: None, runs: false }
     }
 
-    /// Runs the board until it reaches a tick, less than [`table::ALARM_WORDS`] away. If the board still runs, it
-    /// continues to the previous tick. Returns true if the board stops there within `patience`.
+    /// Runs the board until it reaches a tick, less than [`table::ALARM_WORDS`] away. If the board still runs from an
+    /// earlier call, it continues to the tick of that call. Returns true if the board stops there within `patience`.
     ///
     /// # Errors
     /// QEMU has ended, or reports an error.

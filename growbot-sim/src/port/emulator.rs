@@ -38,15 +38,15 @@ use crate::tip::{IndexMark, Motor, TipFault, TipModel, Variation, encoder_pitch}
 
 /// Interval at which the tip polls its memory in real time.
 const TIP_POLL_INTERVAL: Duration = Duration::from_millis(1);
-/// Interval of these polls in virtual time. Each poll costs QEMU about 0.1 ms.
+/// Interval at which the tip polls its memory in virtual time. Each poll costs QEMU about 0.1 ms.
 const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
-/// Smallest number of ticks between two stops, and ticks between two bytes to the board. After a tick at which QEMU has
-/// stopped the board, the interrupt of the next tick follows immediately. So a stop at every tick would leave the main
-/// loop no time.
+/// Smallest number of ticks between two stops of the emulated board, and number of ticks between two bytes that are
+/// sent to it. After a tick at which QEMU has stopped the board, the interrupt of the next tick follows immediately. So
+/// a stop at every tick would leave the main loop no time.
 const FEWEST_TICKS: u32 = 2;
 /// Real time after which a board that reaches no tick counts as stopped. Its clock then advances by this time.
 const STANDING: Duration = Duration::from_secs(10);
-/// Timeout for the end of QEMU after its connection has broken.
+/// Timeout for the exit of QEMU after its connection has broken.
 const END: Duration = Duration::from_secs(1);
 /// Name of the board in error messages.
 const NAME: &str = "the emulated board";
@@ -59,11 +59,11 @@ pub struct Emulator {
     followed: Arc<Mutex<TipFollower>>,
     line: BoardLine,
     board: EmulatedBoard,
-    /// Sealed copy of the image. QEMU reads it some time after its start.
+    /// Sealed copy of the firmware image. QEMU reads this file some time after QEMU's start.
     _image: Option<File>,
 }
 
-/// Connection to the board, with the mode of its time.
+/// Connection to the board, and whether the board runs in virtual or in real time.
 enum BoardLine {
     Real { stream: Stream, _player: TipThread },
     Virtual(Rc<RefCell<SteppedBoard>>),
@@ -127,13 +127,14 @@ impl Emulator {
         what(&mut locked(&self.followed).tip);
     }
 
-    /// Returns the tip, to compare a growth with the layers that it really laid.
+    /// Returns the simulated tip, which knows the layers that were really laid, for comparison with the board's report.
     #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
 
-    /// Cuts the board's power. Returns the flash of its journal, which survives. The tip stays as it is.
+    /// Cuts the board's power. Returns the flash of the board's journal, which survives. The tip's state does not
+    /// change.
     ///
     /// # Errors
     /// The flash cannot be read.
@@ -239,7 +240,7 @@ struct SteppedBoard {
     from_board: VecDeque<u8>,
     /// Ticks per second.
     tick_hz: u32,
-    /// Ticks of all boots so far.
+    /// Number of ticks since the emulator started, over all boots of the board.
     passed: u64,
     /// Real time that was added while the board's clock was stopped.
     stood: Duration,
@@ -273,7 +274,7 @@ impl SteppedBoard {
         self.from_board.read(buffer)
     }
 
-    /// Runs the board to the next poll of the tip, or to a time.
+    /// Runs the board until the next poll of the tip, or until `deadline` if that is earlier.
     fn step(&mut self, deadline: Duration) -> io::Result<()> {
         // QEMU accepts one byte while the board is stopped.
         if let Some(byte) = self.to_board.pop_front() {
@@ -347,7 +348,8 @@ fn latest_firmware() -> PathBuf {
     beside.unwrap_or_else(|| Path::new("target").join(FIRMWARE_PATH))
 }
 
-/// Writes the host's words before the board starts.
+/// Writes the values that the host supplies (index mark, encoder pitch, robot description, entropy) to the shared
+/// memory before the board starts.
 fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
     let words = TipRegisters(memory.file().try_clone().map_err(doing("share the tip's memory"))?);
     let mark = IndexMark::of(robot);
@@ -376,7 +378,7 @@ fn entropy() -> u32 {
     now.subsec_nanos() ^ std::process::id().rotate_left(16)
 }
 
-/// Words of the tip's memory.
+/// The memory that the emulated board and the tip share, read and written as words.
 struct TipRegisters(File);
 
 impl TipRegisters {
@@ -386,7 +388,7 @@ impl TipRegisters {
         Ok(u32::from_le_bytes(bytes))
     }
 
-    /// Reads a counter that the board may be changing. It is read until two readings agree.
+    /// Reads a counter that the board may be changing. The counter is read until two readings agree.
     fn read_counter(&self, offset: usize) -> io::Result<u32> {
         let mut value = self.read(offset)?;
         loop {
@@ -462,8 +464,8 @@ impl TipRegisters {
     }
 
     /// Writes the index mark's position. The board computes the level of its index sensor from its own steps, so the
-    /// position includes the difference from the true steps. If the level no longer depends on the steps, a fault has
-    /// the level.
+    /// position includes the difference from the true steps. If a fault makes the level independent of the steps, the
+    /// constant level is written as a fault of the sensor.
     fn show_index(&self, tip: &TipModel) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
         let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
@@ -478,7 +480,7 @@ impl TipRegisters {
     }
 }
 
-/// The tip, with the state of its memory at the latest poll.
+/// The simulated tip, and the state of the shared memory at the latest poll.
 struct TipFollower {
     words: TipRegisters,
     tip: TipModel,
@@ -531,7 +533,7 @@ impl TipFollower {
         self.words.show(&mut self.tip)
     }
 
-    /// Lets time pass up to the board's clock, with the heating power of that time.
+    /// Advances the tip to the board's clock, with the heating power that the board has set since the latest poll.
     fn warm(&mut self) -> io::Result<()> {
         let ticks = self.clock()?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
@@ -554,7 +556,7 @@ impl TipFollower {
         Ok(())
     }
 
-    /// Makes the steps whose records come before the running index `written`.
+    /// Makes the recorded steps of the motors up to the running index `written`, which is excluded.
     fn step(&mut self, written: u32) -> io::Result<()> {
         while self.steps_read != written {
             // Reads as many records as are contiguous in the ring.
@@ -611,7 +613,8 @@ impl TipThread {
     }
 }
 
-/// The tip, to compare a growth with it.
+/// The simulated tip that follows the emulated board, shared with the thread that updates it. It returns the body that
+/// was really laid, for comparison with the board's report.
 struct SharedFollowed(Arc<Mutex<TipFollower>>);
 
 impl SimulatedTip for SharedFollowed {

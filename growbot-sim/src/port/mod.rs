@@ -78,7 +78,7 @@ pub enum PortName {
     Tcp(String),
     /// A serial device.
     Serial(String),
-    /// Any of these ports, behind a connection with faults.
+    /// Any other kind of port, behind a connection with faults.
     Faulty(Box<Self>, FaultSpec),
 }
 
@@ -94,7 +94,7 @@ impl PortName {
         }
     }
 
-    /// Returns the name of the resident simulated robot at the port. `None` for other ports.
+    /// Returns the name of the resident simulated robot behind this port. `None` for all other kinds of ports.
     #[must_use]
     pub fn resident(&self) -> Option<&str> {
         match self {
@@ -174,8 +174,8 @@ impl OpenPort {
     }
 }
 
-/// Opens a port. `robot` is the robot that is simulated or emulated, with a tip of these settings. On other ports the
-/// board reports its robot.
+/// Opens a port. `robot` is the robot that is simulated or emulated, with a tip of these settings. A real board reports
+/// its own robot.
 ///
 /// # Errors
 /// The port does not exist, is busy or does not start.

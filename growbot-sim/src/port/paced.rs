@@ -7,7 +7,7 @@ use growbot_client::port::{Port, PortError};
 
 use super::sim::Sim;
 
-/// Longest pause of this program that is made up for.
+/// Longest pause of this program after which the simulated robot catches up with real time.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
 
 /// A simulated robot whose time passes `times` as fast as real time, or as fast as it is computed if that is slower.

@@ -21,7 +21,8 @@ use super::debugger::Debugger;
 
 /// Program of the emulator.
 const PROGRAM: &str = "qemu-system-arm";
-/// Oldest major version known to run both boards. In older versions the robot's own image does not boot.
+/// Oldest major version of QEMU that is known to run both boards. In older versions the image of the robot's own board
+/// does not boot.
 pub const OLDEST: u32 = 10;
 /// Timeout for QEMU's connections.
 const START: Duration = Duration::from_secs(60);
@@ -36,7 +37,7 @@ const INSTRUCTIONS: &str = "shift=5,sleep=off";
 pub enum Time {
     /// The time passes with the instructions that the board executes, and only while the host waits for the board.
     Virtual,
-    /// The time is this machine's.
+    /// The time of the emulated robot is the real time of this machine.
     Real,
 }
 
@@ -237,7 +238,8 @@ impl Qemu {
         matches!(self.child.try_wait(), Ok(None))
     }
 
-    /// Returns all of QEMU's own output if QEMU ends within `patience`. Its connections break some moments before.
+    /// Returns all of QEMU's own output if QEMU ends within `patience`. The connections to QEMU break some moments
+    /// before QEMU ends.
     pub fn wait_for_exit(&mut self, patience: Duration) -> Option<String> {
         let deadline = Instant::now() + patience;
         while self.is_running() {
@@ -322,7 +324,7 @@ pub struct EmulatedBoard {
 }
 
 impl EmulatedBoard {
-    /// Starts the board with a firmware image on a memory. The caller has written the host's words there.
+    /// Starts the board with a firmware image on a memory. The caller has written the host's values to this memory.
     ///
     /// In virtual time the board stops at its reset until [`EmulatedBoard::debugger`] runs it.
     pub fn start(firmware: &Path, tip: SharedMemoryFile, time: Time) -> Result<Self, QemuError> {
@@ -348,7 +350,7 @@ impl EmulatedBoard {
         Ok(EmulatedBoard { qemu, line, debugger, tip })
     }
 
-    /// Returns the debugger that runs the board, the first time. `None` later and in real time.
+    /// Returns the debugger that runs the board. `None` if an earlier call has returned it, and in real time.
     pub fn debugger(&mut self) -> Option<Debugger> {
         self.debugger.take()
     }

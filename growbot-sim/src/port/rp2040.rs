@@ -29,7 +29,7 @@ use crate::tip::{Motor, TipFault, TipModel, Variation};
 
 /// Path of the firmware image in cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
-/// Longest time without an exchange, ns.
+/// Longest virtual time between two exchanges of the board with the simulated tip, ns.
 const EXCHANGE_NS: u64 = 1_000_000;
 /// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
 const HEAD_AT_FIRST: i64 = -137;
@@ -98,7 +98,8 @@ impl PinPolarity {
         }
     }
 
-    /// Returns the levels of the pins for the readings of the tip's sensors, in the order of the messages.
+    /// Returns the levels of the pins that correspond to the readings of the tip's sensors, in the order of the
+    /// messages to the emulator.
     fn of_sensors(&self, tip: &TipModel) -> [bool; 5] {
         [
             tip.on_index() != self.index_low_on_mark,
@@ -110,7 +111,7 @@ impl PinPolarity {
     }
 }
 
-/// Times during which heater and fan were on, ns, within a time span.
+/// Times for which heater and fan were on within a time span, ns.
 #[derive(Debug, Clone, Copy, Default)]
 struct DutyAccumulator {
     time: f64,
@@ -156,7 +157,7 @@ impl Rp2040Emulator {
         Self::start_on_link(HostLink::Uart, robot, firmware, variation)
     }
 
-    /// Like [`Rp2040Emulator::start_with`], over one of the board's lines.
+    /// Like [`Rp2040Emulator::start_with`], but the host is connected to the given link of the board.
     ///
     /// # Errors
     /// Those of [`Rp2040Emulator::start`].
@@ -204,7 +205,7 @@ impl Rp2040Emulator {
         self.tip.borrow_mut()
     }
 
-    /// Returns the tip, to compare a growth with the layers that it really laid.
+    /// Returns the simulated tip, which knows the layers that were really laid, for comparison with the board's report.
     #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
@@ -264,7 +265,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Restores the power, after a while. Only the flash and the state of the tip survive.
+    /// Switches the power on again, at once. Only the flash and the state of the tip are kept.
     ///
     /// # Errors
     /// The emulator has ended.

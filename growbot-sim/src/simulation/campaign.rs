@@ -17,7 +17,8 @@ use crate::parallel;
 /// Number of growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
 
-/// The growth that ended farthest from the goal. If there are several, the one with the smallest seed.
+/// The growth that ended farthest from the goal. If several growths ended equally far, it is that with the smallest
+/// seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WorstRun {
     /// Seed of the growth.
@@ -31,7 +32,7 @@ pub struct WorstRun {
 pub struct ObstacleStatistics {
     /// Number of growths whose true body touches an obstacle.
     pub contacts: u64,
-    /// Seed and contact of the first of them.
+    /// Seed of the first growth that touches an obstacle, and its contact.
     pub first_contact: Option<(u64, Contact)>,
     /// Minimum clearance of all growths, mm.
     pub clearance: f64,

@@ -11,7 +11,7 @@
 
 use super::nozzle::NozzleInputs;
 
-/// Parameters of the nozzle of one copy of a robot in parts.
+/// Parameters of a nozzle whose heater cartridge, block and thermistor are simulated as separate parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CartridgeParameters {
     /// Fraction of the heat capacity that belongs to the cartridge, 0 to 1.
@@ -29,13 +29,13 @@ const ZERO_C: f64 = 273.15;
 /// Maximum step, s: a sixth of the shortest time constant, that of a cartridge with a tenth of the nozzle's heat
 /// capacity and a conductance of 4 W/K.
 const STEP_S: f64 = 0.05;
-/// Minimum lag of a thermistor that the steps can follow, s.
+/// Minimum lag of a thermistor that the integration with steps of [`STEP_S`] can follow, s.
 const SHORTEST_LAG_S: f64 = 0.1;
 
 /// Temperatures of cartridge, block and thermistor, degrees Celsius.
 type Temperatures = [f64; 3];
 
-/// A nozzle in parts.
+/// A nozzle whose cartridge, block and thermistor are simulated as separate parts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cartridge {
     parts: CartridgeParameters,
@@ -48,7 +48,7 @@ pub(super) struct Cartridge {
     celsius: f64,
 }
 
-/// Constant inputs of block and thermistor during a step.
+/// Inputs of block and thermistor, which are constant during an integration step.
 pub(super) struct Load<'a> {
     pub drive: &'a NozzleInputs,
     /// Heat that the filament removes, W/K.
@@ -73,7 +73,7 @@ impl Cartridge {
         self.celsius = celsius;
     }
 
-    /// Returns the loss of a block at a temperature, W.
+    /// Returns the heat that a block of this temperature loses to its surroundings, W.
     fn loss(&self, block_c: f64, drive: &NozzleInputs) -> f64 {
         let at_target = self.target_c - ROOM_C;
         let fourth = |celsius: f64| {
@@ -102,8 +102,8 @@ impl Cartridge {
         ]
     }
 
-    /// Advances the time, with constant inputs. Returns the temperatures of block and thermistor, and the block's
-    /// maximum temperature in that time.
+    /// Advances the simulated time, during which the inputs are constant. Returns the temperatures of block and
+    /// thermistor, and the block's maximum temperature in that time.
     pub fn pass(&mut self, seconds: f64, block_c: f64, sensor_c: f64, load: &Load) -> (f64, f64, f64) {
         let steps = libm::ceil(seconds / STEP_S).max(1.0);
         let step = seconds / steps;

@@ -15,7 +15,7 @@ pub enum TipFault {
     ThermistorFrozen,
     /// The thermistor's voltage stays constant, but still has the ADC's noise.
     ThermistorStuck,
-    /// The thermistor has slipped out of its place and follows the air near the nozzle.
+    /// The thermistor has slipped out of the nozzle and follows the temperature of the air near it.
     ThermistorDetached {
         /// Time constant with which the thermistor follows, s.
         tau_s: f64,
@@ -30,7 +30,7 @@ pub enum TipFault {
     SecondSwitchClosed,
     /// A draught multiplies the nozzle's loss.
     Draught {
-        /// Factor of the loss, relative to still air.
+        /// Factor by which the nozzle's loss exceeds the loss in still air.
         factor: f64,
     },
     /// The index sensor never detects its mark.
@@ -146,7 +146,7 @@ impl TipFault {
 pub struct Faults(Vec<TipFault>);
 
 impl Faults {
-    /// Adds a fault. It replaces one of its kind.
+    /// Adds a fault. The fault replaces an active fault of the same kind.
     pub fn add(&mut self, fault: TipFault) {
         self.remove(fault);
         self.0.push(fault);

@@ -21,15 +21,15 @@ pub(super) struct SimulatedFilament {
     steps_per_mm: f64,
     /// Half the distance from one rising edge of the encoder to the next. `None` without an encoder.
     half_pulse: Option<f64>,
-    /// Position according to the feed's steps.
+    /// Position of the filament by the steps of the feed motor.
     position: i64,
     /// Distance by which the encoder was turned.
     turned: f64,
     /// Level of the encoder. It is read in each tick, but only changed by a step.
     level: bool,
-    /// Range of `turned` in which the level stays the same.
+    /// Range of `turned` in which the encoder's level stays the same.
     level_span: [f64; 2],
-    /// Foremost position so far. Filament that moves beyond it flows.
+    /// Foremost position that the filament has reached. Filament that moves beyond this position is extruded.
     front: i64,
     /// Position at which the filament ends.
     end: i64,
@@ -75,8 +75,8 @@ impl SimulatedFilament {
         self.position == self.front
     }
 
-    /// Takes the filament out of the nozzle, so that nothing stops it, or lets it rest in the nozzle at its present
-    /// position.
+    /// If `free`, takes the filament out of the nozzle, so that nothing stops it. Otherwise puts the filament into the
+    /// nozzle at its present position.
     pub fn set_free(&mut self, free: bool) {
         self.front = if free { i64::MAX } else { self.position };
     }
@@ -121,7 +121,8 @@ impl SimulatedFilament {
         self.turned
     }
 
-    /// Returns a lower bound of the number of whole steps until the encoder's level may change, including that step.
+    /// Returns a lower bound of the number of whole steps until the encoder's level may change, including the step of
+    /// the change.
     pub fn steps_to_edge(&self) -> u32 {
         let [from, to] = self.level_span;
         if self.half_pulse.is_none() { u32::MAX } else { (self.turned - from).min(to - self.turned).max(1.0) as u32 }

@@ -54,13 +54,14 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         })))
     }
 
-    /// Loses power after `bytes` more bytes are written or erased. The remaining content follows from the seed.
+    /// Loses power after `bytes` more bytes are written or erased. The seed determines the content that the interrupted
+    /// write or erasure leaves.
     pub fn lose_power_after(&self, bytes: usize, seed: u64) {
         let mut cells = self.0.borrow_mut();
         (cells.bytes_left, cells.seed) = (Some(bytes), seed);
     }
 
-    /// Reports whether power is lost. The flash then returns errors.
+    /// Reports whether power is lost. Without power, all operations of the flash return errors.
     #[must_use]
     pub fn has_lost_power(&self) -> bool {
         self.0.borrow().bytes_left == Some(0)
@@ -94,7 +95,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         self.0.borrow_mut().bytes.copy_from_slice(bytes);
     }
 
-    /// Makes the bits of this mask weak from this offset on, and no others.
+    /// Makes the bits of this mask weak, from this offset on. All other bits are no longer weak.
     pub fn weaken(&self, offset: usize, mask: &[u8]) {
         self.0.borrow_mut().weak = (offset, mask.to_vec());
     }
@@ -104,7 +105,7 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         self.0.borrow_mut().flicker = (offset, readings.iter().map(|reading| reading.to_vec()).collect());
     }
 
-    /// Sets the value of the bits that are still weak.
+    /// Sets the values that the bits have that are still weak when they are read.
     pub fn read_weak_as(&self, reading: &[u8]) {
         let cells = &mut *self.0.borrow_mut();
         let (offset, mask) = &cells.weak;
@@ -119,8 +120,8 @@ impl<const SECTOR: usize> Flash<SECTOR> {
 }
 
 impl Cells {
-    /// Subtracts `bytes` from those before the loss of power. Returns the number of bytes that are processed, which is
-    /// smaller if power is lost.
+    /// Subtracts `bytes` from the number of bytes that are processed before the loss of power. Returns the number of
+    /// bytes that are processed, which is smaller if power is lost.
     fn spend(&mut self, bytes: usize) -> usize {
         let Some(left) = &mut self.bytes_left else { return bytes };
         let done = bytes.min(*left);

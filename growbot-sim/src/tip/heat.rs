@@ -32,7 +32,7 @@ impl TipModel {
         self.variation.supply_v = Some(volts);
     }
 
-    /// Advances the nozzle to the present. Its inputs have been constant since the last time.
+    /// Advances the nozzle to the present tick. The nozzle's inputs have been constant since it was advanced last.
     pub(super) fn sync(&mut self) {
         if let Some(end) = self.dip_until.take_if(|end| *end <= self.now) {
             let drive = self.drive();
@@ -45,7 +45,7 @@ impl TipModel {
         }
     }
 
-    /// Advances the nozzle to the present if a slot of its flow has ended.
+    /// Advances the nozzle to the present tick if a slot of the nozzle's flow has ended.
     pub(super) fn sync_slot(&mut self) {
         if self.nozzle.slot_is_over(self.now) {
             self.sync();
@@ -117,8 +117,8 @@ impl TipModel {
     }
 
     /// Sets the temperature, degrees Celsius, to which the nozzle jumps when its heater first gets power. It is for
-    /// tests in real time, in which heating would take most of the time. Earlier or later than that, the firmware would
-    /// rightly detect a heater out of control.
+    /// tests in real time, in which heating would take most of the time. If the jump came earlier or later, the
+    /// firmware would rightly detect a heater out of control.
     pub fn preheat_instantly(&mut self, celsius: f64) {
         self.warm_at_once = Some(celsius);
     }

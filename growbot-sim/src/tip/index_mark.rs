@@ -8,7 +8,7 @@ use growbot_core::robot::Robot;
 pub struct IndexMark {
     /// Number of head steps in a turn.
     pub steps_per_turn: u32,
-    /// Position of its beginning, from the tip's x axis.
+    /// Position of the beginning of the index mark, from the tip's x axis.
     pub position: u32,
     /// Width of the mark.
     pub width: u32,

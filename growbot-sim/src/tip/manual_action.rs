@@ -24,7 +24,7 @@ pub enum ManualAction {
 }
 
 impl TipModel {
-    /// Performs this action, as if the motors were released.
+    /// Performs a manual action. It treats the motors as released.
     pub fn apply_action(&mut self, hand: ManualAction) {
         match hand {
             ManualAction::TurnHead(sixty_fourths) => {

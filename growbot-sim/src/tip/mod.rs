@@ -71,9 +71,9 @@ pub struct TipModel {
     feed: Axis,
     /// Position of the head, steps from the tip's x axis. Counter-clockwise is positive.
     position: i64,
-    /// Difference of that position from the one that its steps command.
+    /// Difference between the head's true position and the position that its steps command, steps.
     slipped: i64,
-    /// Number of steps that the head will make in excess; negative if it will miss them.
+    /// Number of extra steps that the head will make because of a fault. Negative for steps that the head will miss.
     to_slip: i64,
     heater: HeaterInput,
     fan: f64,
@@ -83,14 +83,14 @@ pub struct TipModel {
     warm_at_once: Option<f64>,
     /// True if the nozzle has jumped since the second switch was closed.
     warmed: bool,
-    /// Readings of a thermistor that no longer follows.
+    /// Constant readings of a thermistor that no longer follows the temperature, because of a fault.
     held: StuckReading,
     /// End of a dip of the supply, ticks. `None` without a dip.
     dip_until: Option<u64>,
     filament: SimulatedFilament,
     plastic: Plastic,
     imperfection: ErrorModel,
-    /// Index of a layer, and the filament that the encoder detects for each step in it.
+    /// Index of a layer, and how far each feed step in that layer turns the encoder, in feed steps.
     seen_per_step: (u64, f64),
     /// Pose of the start of growth in the base's frame.
     start: Frame,
@@ -258,7 +258,7 @@ impl TipModel {
         }
     }
 
-    /// Returns the filament that the encoder detects for each step in the current layer.
+    /// Returns how far the encoder is turned by each feed step in the current layer, in feed steps.
     fn seen_per_step(&mut self) -> f64 {
         let index = self.plastic.layer_index();
         if self.seen_per_step.0 != index {
@@ -336,19 +336,19 @@ impl TipModel {
         self.position
     }
 
-    /// Returns the difference of the head's position from the one that its steps command, steps.
+    /// Returns the difference between the head's true position and the position that its steps command, steps.
     #[must_use]
     pub fn head_slip(&self) -> i64 {
         self.slipped
     }
 
-    /// Returns the layers laid so far, from the plastic itself.
+    /// Returns the layers laid so far, computed from the simulated plastic.
     #[must_use]
     pub fn body(&self) -> Vec<Layer> {
         self.plastic.layers(&self.robot, &self.imperfection)
     }
 
-    /// Returns the layers of [`TipModel::body`] that no longer change, from this index on.
+    /// Returns the layers of [`TipModel::body`] whose plastic no longer changes, from this index on.
     #[must_use]
     pub fn settled(&mut self, from: usize) -> &[Layer] {
         self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()
@@ -365,7 +365,8 @@ impl TipModel {
         self.filament.left()
     }
 
-    /// Returns the net number of feed steps that were made with the motor held: those forwards less those backwards.
+    /// Returns the net number of feed steps that were made with the motor held: the steps forwards minus the steps
+    /// backwards.
     #[must_use]
     pub fn feed_steps(&self) -> u64 {
         u64::try_from(self.feed_steps).unwrap_or(0)

@@ -3,8 +3,8 @@
 //! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, with the flow Q of the filament that it heats, and
 //! `tau dS/dt = T_ambient + share (T - T_ambient) - S` for the thermistor.
 //!
-//! A copy of a robot may have a [`Cartridge`] instead, which is solved differently. The following applies to the lump
-//! above.
+//! A copy of a robot may have a [`Cartridge`] instead, which is solved differently. The following applies to a nozzle
+//! without a [`Cartridge`].
 //!
 //! Both are solved in closed form while power, loss and flow are constant. The flow is counted in slots of a tenth of a
 //! second. In each slot, the nozzle heats, evenly, the filament that was fed in the previous one. The heat is therefore
@@ -50,9 +50,9 @@ pub(super) struct Nozzle {
     peak: f64,
     /// Temperature of the block at the start of the slot.
     at_slot: f64,
-    /// Feed steps that are heated in this slot: those of the previous one.
+    /// Number of feed steps whose filament is heated in the current slot: the feed steps of the previous slot.
     heated: f64,
-    /// Feed steps made in this slot.
+    /// Number of feed steps made in the current slot.
     fed: f64,
     decays: Decays,
 }
@@ -119,7 +119,7 @@ impl Nozzle {
         self.peak = self.peak.max(celsius);
     }
 
-    /// Reports whether this tick lies beyond the current slot.
+    /// Reports whether this tick is after the end of the current slot of the flow.
     pub fn slot_is_over(&self, tick: u64) -> bool {
         tick / self.slot > self.tick / self.slot
     }
@@ -169,7 +169,7 @@ impl Nozzle {
     }
 }
 
-/// Cache of the latest decays. A board that is polled evenly needs the same few repeatedly.
+/// Cache of the latest decays. A board that is polled at even intervals uses the same few decays again and again.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Decays {
     known: [Option<Decay>; 8],
@@ -190,7 +190,7 @@ impl Decays {
     }
 }
 
-/// Remaining fractions of temperature differences after some time.
+/// Fractions of the temperature differences that remain after some time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Decay {
     seconds: f64,
@@ -199,10 +199,11 @@ struct Decay {
     flow_w_per_k: f64,
     /// Loss to the surroundings and to the filament, W/K.
     loss_w_per_k: f64,
-    /// Remaining fraction of the block's difference. `sensor` is that of the thermistor's own difference.
+    /// Fraction of the block's temperature difference that remains. `sensor` is the fraction of the thermistor's own
+    /// difference that remains.
     block: f64,
     sensor: f64,
-    /// Effect of the block's decay on the thermistor in that time.
+    /// Effect of the block's temperature difference on the thermistor in the time of the decay.
     mixed: f64,
 }
 
@@ -227,7 +228,7 @@ impl Decay {
         }
     }
 
-    /// Reports whether the decay is for these conditions, to the last bit.
+    /// Reports whether the decay was computed for exactly these conditions, to the last bit.
     fn is_of(&self, seconds: f64, drive: &NozzleInputs, flow_w_per_k: f64) -> bool {
         (self.seconds, self.lag_s, self.drive_loss_w_per_k, self.flow_w_per_k)
             == (seconds, drive.lag_s, drive.loss_w_per_k, flow_w_per_k)

@@ -50,7 +50,7 @@ pub struct SimulatedAdc {
 pub struct Orientation(pub SharedTip);
 
 impl Input {
-    /// Returns the input of the index sensor: high while it detects its mark.
+    /// Returns the input of the index sensor, which is high while the sensor detects its mark.
     #[must_use]
     pub fn index(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::on_index }
@@ -74,7 +74,7 @@ impl Input {
         Self { tip: Rc::clone(tip), level: TipModel::driver_fault }
     }
 
-    /// Returns the input of the emergency stop: high while it is pressed.
+    /// Returns the input of the emergency stop, which is high while the stop is pressed.
     #[must_use]
     pub fn emergency_stop(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::is_emergency_stop_pressed }
@@ -95,7 +95,7 @@ impl SimulatedAdc {
     }
 }
 
-/// Outputs for heater, fan and both drivers, for the step interrupt.
+/// The outputs that the step interrupt can switch off: heater, fan and both stepper drivers.
 pub struct SimulatedOutputs(pub SharedTip);
 
 impl hal::Outputs for SimulatedOutputs {

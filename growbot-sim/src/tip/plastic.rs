@@ -15,7 +15,8 @@ use growbot_core::robot::Robot;
 
 use growbot_core::simulation::ErrorModel;
 
-/// An amount of plastic, or of time, and its first harmonic.
+/// An amount of plastic (or of time) summed over one turn of the head, and its first Fourier coefficients (cosine,
+/// sine) over the head angle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 struct Moments {
     sum: f64,
@@ -24,9 +25,10 @@ struct Moments {
 }
 
 impl Moments {
-    /// Reports whether all of it lies on the tip's x axis, so that it is the edge of a layer and not a layer.
+    /// Reports whether the whole amount lies on the tip's x axis. Such an amount is the edge of a layer and not a
+    /// layer.
     fn is_edge(&self) -> bool {
-        // Both are sums of the same numbers, so they are equal to the last bit.
+        // On the x axis, `cosine` and `sum` are sums of the same numbers, so they are equal to the last bit.
         self.cosine >= self.sum
     }
 
@@ -37,16 +39,17 @@ impl Moments {
     }
 }
 
-/// Plastic of one sweep of the head.
+/// Plastic that was laid in one sweep of the head (see the module's description).
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Ring {
     sweep: u64,
     moments: Moments,
 }
 
-/// Returns the ring of a sweep. Adds a ring if the sweep is a new one.
+/// Returns the plastic of a sweep. Adds an empty ring if the sweep is new.
 fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
-    // A sweep ends with the head on the axis, half of which belongs to it, so the ring may be the last but one.
+    // A sweep ends with the head on the axis, and half of the plastic there belongs to that sweep, so its ring may be
+    // the last but one.
     let at = rings.iter().rposition(|ring| ring.sweep <= sweep).filter(|at| rings[*at].sweep == sweep);
     let at = at.unwrap_or_else(|| {
         rings.push(Ring { sweep, moments: Moments::default() });
@@ -58,19 +61,20 @@ fn ring_of(rings: &mut Vec<Ring>, sweep: u64) -> &mut Moments {
 /// Assembles layers from consecutive rings of plastic.
 #[derive(Debug, Clone, Default)]
 struct LayerAssembler {
-    /// Plastic on the axis that belongs to the layer that it opens.
+    /// Plastic on the tip's x axis that belongs to the layer that begins there.
     edge: Moments,
 }
 
 impl LayerAssembler {
-    /// Returns the layer that this ring completes.
+    /// Adds a ring of plastic. Returns the layer that the ring completes, or `None` if the ring is only the edge of a
+    /// layer.
     fn next(&mut self, ring: &Ring) -> Option<Moments> {
         self.edge.add(ring.moments, 1.0);
         (!ring.moments.is_edge()).then(|| std::mem::take(&mut self.edge))
     }
 }
 
-/// The body up to the rings that no longer change.
+/// The body that consists of the rings that no longer change.
 #[derive(Debug, Clone)]
 struct SettledBody {
     rings: usize,
@@ -89,7 +93,7 @@ impl SettledBody {
     }
 }
 
-/// All plastic that was laid.
+/// All plastic that the tip has laid.
 #[derive(Debug, Clone)]
 pub(super) struct Plastic {
     steps_per_turn: i64,
@@ -101,15 +105,15 @@ pub(super) struct Plastic {
     positive: bool,
     /// Number of sweeps of the head so far.
     sweep: u64,
-    /// Number of head steps in this sweep.
+    /// Number of head steps in the current sweep.
     swept: i64,
     /// Time of the latest step of head or feed, ticks.
     stepped: u64,
     /// True if filament is retracted, so that nothing flows.
     held_back: bool,
-    /// Number of head steps since the latest feed step. `None` before the first.
+    /// Number of head steps since the latest feed step. `None` before the first feed step.
     since_fed: Option<i64>,
-    /// Positions of the head since then, weighted by time.
+    /// Positions of the head since the latest feed step, weighted by time.
     stood: Vec<Ring>,
     laid: Vec<Ring>,
     /// Number of layers whose sweep is finished.
@@ -118,7 +122,7 @@ pub(super) struct Plastic {
     settled: SettledLayers,
 }
 
-/// The layers that no longer change.
+/// The layers whose plastic no longer changes.
 #[derive(Debug, Clone, Default)]
 struct SettledLayers {
     rings: usize,
@@ -196,13 +200,13 @@ impl Plastic {
         self.head == 0
     }
 
-    /// Reports whether the sweep is longer than the remainder that lost steps may leave.
+    /// Reports whether the sweep is a whole layer, because it is longer than the rest that lost steps may leave.
     fn sweep_is_whole(&self) -> bool {
         self.swept >= self.steps_per_turn / 2
     }
 
-    /// Records the time for which the head has stood. On the tip's x axis, where one layer ends and the next begins,
-    /// half of the time counts for each.
+    /// Records the time for which the head has stood. On the tip's x axis one layer ends and the next begins, so half
+    /// of the time counts for each of the two layers.
     fn stand(&mut self, tick: u64) {
         let time = tick.saturating_sub(self.stepped) as f64;
         self.stepped = self.stepped.max(tick);
@@ -219,8 +223,8 @@ impl Plastic {
         }
     }
 
-    /// Makes a step of the feed at this tick. The plastic that flowed since its latest step is laid where the head
-    /// stood.
+    /// Makes a step of the feed at this tick. The plastic that flowed since the previous feed step is laid at the
+    /// positions where the head has been since.
     pub fn lay(&mut self, tick: u64) {
         self.stand(tick);
         let time: f64 = self.stood.iter().map(|ring| ring.moments.sum).sum();
@@ -242,7 +246,7 @@ impl Plastic {
         self.since_fed = Some(0);
     }
 
-    /// Makes a step of the feed without effect, so nothing flowed.
+    /// Records a feed step that laid nothing, because no filament flowed.
     pub fn pass(&mut self, tick: u64) {
         self.stand(tick);
         self.stood.clear();
@@ -261,7 +265,7 @@ impl Plastic {
     }
 
     /// Returns the layers as they came out, including the one in progress. Their twist is contained in the deposition
-    /// angles of the following layers, so that the layers chain to the same body without it.
+    /// angles of the following layers, so the layers chain to the same body although the returned layers have no twist.
     pub fn layers(&self, robot: &Robot, imperfection: &ErrorModel) -> Vec<Layer> {
         let mut layers = LayerAssembler::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
@@ -290,7 +294,7 @@ impl Plastic {
         &settled.came_out
     }
 
-    /// Returns the tip's frame in that of the start, including the layer in progress.
+    /// Returns `start_from_tip`: the tip's frame in the frame of the start of growth, including the layer in progress.
     pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &ErrorModel) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;

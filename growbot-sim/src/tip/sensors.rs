@@ -8,14 +8,14 @@ use super::cartridge::resistance_104gt_2;
 use super::noise::noise;
 use super::{Motor, TipFault, TipModel};
 
-/// Channel of the ADC. Each has its own noise.
+/// Channel of the ADC. Each channel has its own noise.
 #[derive(Debug, Clone, Copy)]
 enum SensorChannel {
     Thermistor,
     Supply,
 }
 
-/// Readings of a thermistor that no longer follows.
+/// Constant readings of a thermistor that no longer follows the temperature, because of a fault.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct StuckReading {
     /// Converted reading of the ADC.
@@ -24,8 +24,8 @@ pub(super) struct StuckReading {
     pub counts: f64,
 }
 
-/// Distance of the filament switch before the feed, mm. It is more than robot A needs for two layers, so that it can
-/// finish those in its engine after the filament's end has passed the switch.
+/// Distance of the filament switch before the feed, mm. Two layers of robot A use less filament. So the robot can
+/// finish the layers in its step engine after the filament's end has passed the switch.
 const SWITCH_AHEAD_MM: f64 = 200.0;
 
 impl TipModel {
@@ -43,7 +43,7 @@ impl TipModel {
         self.convert(self.thermistor_counts(), SensorChannel::Thermistor)
     }
 
-    /// Returns the thermistor's voltage, counts.
+    /// Returns the thermistor's voltage in counts of the ADC, without noise and rounding.
     pub(super) fn thermistor_counts(&self) -> f64 {
         if self.faults.has(TipFault::ThermistorOpen) {
             f64::from(FULL_SCALE)
@@ -105,8 +105,8 @@ impl TipModel {
         self.filament.encoder()
     }
 
-    /// Returns lower bounds of the numbers of steps of the head and of the feed until a sensor's level changes,
-    /// including that step, in either direction.
+    /// Returns lower bounds of the numbers of steps of the head and of the feed until a sensor's level may change,
+    /// including the step of the change, in either direction.
     #[must_use]
     pub fn steps_to_next_edge(&self) -> [u32; 2] {
         let feed = self.steps_to_switch().min(self.steps_to_pulse());
@@ -130,12 +130,13 @@ impl TipModel {
         ((self.filament.left() - SWITCH_AHEAD_MM).abs() * steps_per_mm).max(1.0) as u32
     }
 
-    /// Returns the distance that the encoder was turned, steps, and how far each further step turns it in this layer.
+    /// Returns how far the filament has turned the encoder so far, in feed-motor steps, and how far each further feed
+    /// step turns it during this layer.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
 
-    /// Reports whether filament follows the feed.
+    /// Reports whether the filament moves when the feed motor makes steps.
     pub fn filament_moves_with_feed(&mut self) -> bool {
         self.sync();
         let min_c = self.robot.description().heater.extrusion_min_c;

@@ -53,7 +53,12 @@ impl Observation {
             Expected::StaysPaused => self.state == State::Paused,
         };
         if !as_it_should {
-            return Some(format!("ended {:?} with {:?}, right is {:?}", self.state, self.fault, case.expected()));
+            return Some(format!(
+                "ended in state {:?} with fault {:?}; expected {:?}",
+                self.state,
+                self.fault,
+                case.expected()
+            ));
         }
         if !self.off && self.state != State::Paused {
             return Some("something was still on".to_string());

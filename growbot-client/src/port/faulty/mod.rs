@@ -31,7 +31,7 @@ use growbot_core::random::splitmix64;
 
 /// Time for which the line stays cut.
 const CUT: Duration = Duration::from_secs(1);
-/// Step in which time is counted.
+/// Step in which the remaining time of a stall or cut is counted.
 const STEP: Duration = Duration::from_millis(10);
 /// Maximum number of bytes that may arrive and be lost before a wait ends without bytes.
 const MAX_SWALLOWED: usize = 1 << 16;
@@ -39,7 +39,7 @@ const MAX_SWALLOWED: usize = 1 << 16;
 /// Counts of the faults of a wire so far, both directions together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
-    /// Frames that entered the wire, lost ones included. The other counts call them pieces.
+    /// Frames that entered the wire, including those that were lost. The other counts call a frame a piece.
     pub frames: u64,
     /// Pieces that were lost by `drop`.
     pub dropped: u64,
@@ -68,20 +68,20 @@ pub struct FaultyPort<P> {
     tally: FaultCounts,
     to_board: FaultyChannel,
     from_board: FaultyChannel,
-    /// Remaining time for which nothing passes.
+    /// Remaining time of a stall, in which nothing passes the wire.
     stalled: Duration,
-    /// Remaining time for which everything is lost.
+    /// Remaining time of a cut, in which everything on the wire is lost.
     cut: Duration,
 }
 
 /// One direction of the wire.
 struct FaultyChannel {
     draws: Draws,
-    /// The beginning of a piece.
+    /// The received beginning of an incomplete piece.
     begun: Vec<u8>,
     /// A piece that is delivered after the next one.
     kept_back: Option<Vec<u8>>,
-    /// Bytes that have passed the faults.
+    /// Bytes to which the faults have been applied and which wait to be delivered.
     through: VecDeque<u8>,
 }
 
@@ -134,7 +134,7 @@ impl<P: Port> FaultyPort<P> {
         }
     }
 
-    /// Applies the faults to a piece and passes on what is left of it.
+    /// Applies the faults to a piece and passes on the bytes that remain.
     fn carry(&mut self, direction: LinkDirection, mut piece: Vec<u8>) {
         let spec = self.spec;
         let draws = &mut self.wire(direction).draws;

@@ -36,7 +36,7 @@ pub enum Refusal {
         /// Identifier of the plan that the board stores, 0 if there is none.
         board: u64,
     },
-    /// The layers do not continue those that the board has.
+    /// The layers do not continue the layers that the board has.
     OutOfOrder {
         /// Index of the layer that the board expects.
         expected: u32,
@@ -246,7 +246,7 @@ pub struct InterruptedLayer {
 /// Reason why a board pauses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum PauseCause {
-    /// The board has laid every layer that it has. This is also the value while the board does not pause.
+    /// The board has laid every layer that it has. The field also has this value while the board does not pause.
     #[default]
     LayersExhausted,
     /// A host requested the pause.

@@ -68,7 +68,7 @@ impl CscSearch<'_> {
         self.two_half_turns();
     }
 
-    /// Finds the paths of which one of the two arcs has no length.
+    /// Finds the paths in which one of the two arcs has no length.
     fn one_arc(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
         for arc in arcs_between(&Vector3::z(), &direction) {
@@ -134,7 +134,7 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Finds the paths of which one of the two arcs is half a turn.
+    /// Finds the paths in which one of the two arcs is half a turn.
     fn half_turns(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
         let start = Vector3::z();
@@ -171,8 +171,8 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Finds the paths of which both arcs are half turns. The angle between their planes depends on the distance
-    /// across.
+    /// Finds the paths in which both arcs are half turns. The angle between the planes of the arcs depends on the
+    /// distance of the goal from the line along the start's direction.
     fn two_half_turns(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
@@ -231,8 +231,8 @@ impl ArcBetween {
     }
 }
 
-/// Returns the two arcs from one direction to another: by the smaller angle and by the larger one. If the directions
-/// determine no plane, any plane is used.
+/// Returns the two arcs from one direction to another: one turns by the smaller angle, the other by the larger angle.
+/// If the directions determine no plane, any plane is used.
 fn arcs_between(from: &Vector3<f64>, to: &Vector3<f64>) -> [ArcBetween; 2] {
     let cos = from.dot(to);
     let across = to - from * cos;

@@ -1,5 +1,5 @@
-//! Goals so far away that the polynomial consists of rounding errors only. For these the line's direction is found by
-//! iteration.
+//! Goals so far away that the polynomial consists of rounding errors only. For such goals the direction of the path's
+//! line is found by iteration.
 //!
 //! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`. Each
 //! round reduces the error by a factor of about the distance.
@@ -15,7 +15,7 @@ use super::{CscLine, CscSearch, any_perpendicular};
 pub(super) const FAR: f64 = 100.0;
 /// Number of paths of a far goal.
 const PATHS: usize = 4;
-/// Max number of rounds. Each reduces the error by a factor of about the distance.
+/// Max number of iterations. Each iteration reduces the error by a factor of about the distance.
 const MAX_ROUNDS: u32 = 12;
 
 impl CscSearch<'_> {

@@ -20,11 +20,12 @@ type Coefficients<T> = [T; DEGREE + 1];
 const ROUNDING: f64 = 2e-15;
 /// Rounding error of a halving in single precision, as a fraction of the largest coefficient: an ulp and a half.
 const ROUNDING_F32: f32 = 1.0e-7;
-/// Max number of halvings in single precision. With more, the rounding error would be larger than the values.
+/// Max number of halvings of an interval in single precision. After more halvings the rounding error would exceed the
+/// values.
 const DEPTH_F32: u32 = 7;
-/// Max number of halvings. Closer roots count as one.
+/// Max number of halvings of an interval. Roots that are closer together count as one root.
 const DEPTH: u32 = 24;
-/// Step size at which the refinement of a root ends. Newton's method on the whole path does the rest.
+/// Step size at which the refinement of a root ends, because Newton's method refines the whole path afterwards.
 const REFINED: f64 = 3e-8;
 /// Max number of steps for a root or an extreme.
 const MAX_STEPS: u32 = 60;
@@ -83,7 +84,7 @@ impl Interval {
 struct Rough {
     interval: Interval,
     bernstein: Coefficients<f32>,
-    /// Bound of the error of each coefficient.
+    /// Bound of the rounding error of each coefficient.
     noise: f32,
 }
 
@@ -144,7 +145,7 @@ impl Part {
                 Found::Nothing => {}
                 Found::One => found(self.root(*interval)),
                 Found::Open if interval.depth < DEPTH_F32 => {
-                    // At each depth, one more interval waits.
+                    // Each halving adds one interval that has still to be examined.
                     let [left, right] = rough.halves();
                     let _ = waiting.push(right);
                     let _ = waiting.push(left);
@@ -264,7 +265,7 @@ impl Part {
         }
     }
 
-    /// Returns the value, the slope and half the second derivative.
+    /// Returns the polynomial's value, its slope and half its second derivative at `x`.
     #[inline(never)]
     fn jet(&self, x: f64) -> [f64; 3] {
         self.coefficients.iter().rev().fold([0.0; 3], |[value, slope, bend], coefficient| {
@@ -328,7 +329,7 @@ impl Part {
         self.coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
     }
 
-    /// Returns the value and the slope.
+    /// Returns the polynomial's value and its slope at `x`.
     #[inline(never)]
     fn tangent(&self, x: f64) -> (f64, f64) {
         let rising = self.coefficients.iter().rev();

@@ -53,7 +53,7 @@ pub struct Csc {
 /// Distance of the goal below which there may be overlapping paths with a helicoidal arc beside them, radii. Trial:
 /// with 2 and 3 there are 22 and 14 misses of `tests/best_known.csv`, and with 8 as many as with 3.9.
 const NEAR: f64 = 3.9;
-/// Max number of paths that are retained. There are up to seven.
+/// Max number of paths that are retained. A goal has up to seven paths of this kind.
 pub const MAX_PATHS: usize = 8;
 /// Max number of overlapping paths that are retained. There are up to seven roots.
 const MAX_OVERLAPPING: usize = 8;
@@ -73,7 +73,7 @@ impl Csc {
         self.first_angle + self.straight + self.last_angle
     }
 
-    /// Reports whether this path counts as the same as another one.
+    /// Reports whether this path and another path count as the same.
     fn is(&self, other: &Self) -> bool {
         (other.length() - self.length()).abs() < SAME
             && (other.first_angle - self.first_angle).abs() < SAME

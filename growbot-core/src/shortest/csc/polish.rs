@@ -14,9 +14,9 @@ use crate::linalg5::{Cholesky, solve};
 use crate::shortest::{MAX_GOAL_ERROR, PathProblem};
 use crate::trigonometry;
 
-/// Max number of steps.
+/// Max number of Newton steps.
 const MAX_ROUNDS: u32 = 24;
-/// Max amount by which rounding may make a length negative, radii.
+/// Max amount by which rounding errors may make the length of a line negative, radii.
 const ROUNDING: f64 = 1e-9;
 /// Max negative length of a line whose sign is reversed once, radii. Near a fold two paths are close, and one of them
 /// may have a line that is long enough.
@@ -37,7 +37,7 @@ enum ShortLineCase {
     LeftOut,
 }
 
-/// The changes of the five numbers.
+/// A Newton step: the changes of the five numbers that describe a path.
 struct PolishStep {
     first_across: f64,
     first: f64,
@@ -88,7 +88,7 @@ impl PathProblem {
         None
     }
 
-    /// Returns the change of the five numbers that corrects the error at the goal.
+    /// Returns the Newton step that corrects the error at the goal.
     #[inline(never)]
     fn newton_step(&self, chain: &Chain, lack: &Vector5<f64>, line: ShortLineCase) -> Option<PolishStep> {
         let mut jacobian = self.jacobian(chain);
@@ -166,7 +166,7 @@ fn arc_changed(towards: f64, angle: f64, across: f64, change: f64) -> (f64, f64)
     }
 }
 
-/// The joints of a path.
+/// Positions, axes and directions at the joints between the arcs and the line of a path.
 struct Chain {
     /// Axis about which the first arc turns.
     axis: Vector3<f64>,

@@ -1,4 +1,5 @@
-//! The paths at a root: tangents from the first corner to the circles that end in the goal.
+//! The paths that belong to a root of the polynomial: tangents from the first corner to the circles that end in the
+//! goal.
 
 use core::f64::consts::TAU;
 
@@ -8,11 +9,11 @@ use super::isolation::{Part, Root};
 use super::polynomial::CscPolynomial;
 use super::{CscLine, CscSearch, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
-/// Max residual of a branch that counts as a path at a certain root.
+/// Max residual with which a branch counts as a path, if it is certain that the polynomial has this root.
 const FITS: f64 = 1e-6;
-/// Max residual at a place where rounding leaves open whether there is a root.
+/// Max residual with which a branch counts as a path, if rounding leaves open whether the polynomial has this root.
 const MAY_FIT: f64 = 1e-2;
-/// Factor of the best branch's residual within which a branch counts as a path in any case.
+/// A branch whose residual is at most this multiple of the best branch's residual counts as a path in any case.
 const NEARLY_BEST: f64 = 4.0;
 /// Max amount by which rounding may make the squared length of a tangent negative, if the corner is close to its
 /// circle.
@@ -46,7 +47,7 @@ struct Corner {
     along: f64,
     /// Distance of the corner from the line along the goal's direction.
     distance: f64,
-    /// Unit vector from that line to the corner.
+    /// Unit vector from the line along the goal's direction to the corner.
     across: Vector3<f64>,
 }
 
@@ -99,7 +100,7 @@ impl CscSearch<'_> {
         cos * self.problem.direction.z + sin * corner.across.z - cosine
     }
 
-    /// Inserts the paths of all roots.
+    /// Inserts the paths that belong to the roots of the polynomial.
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
         let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
@@ -113,7 +114,7 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Inserts the paths of one root.
+    /// Inserts the paths that belong to one root of the polynomial.
     fn tangents(&mut self, tau: f64, root: Root) {
         let (corner, cosine) = (self.corner(tau), cosine(tau));
         let circles = [true, false].map(|towards| Circle::new(&corner, towards));
@@ -132,7 +133,7 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Inserts the path of a root, if its line is not too short.
+    /// Inserts the path of one branch at a root, if the path's line is not too short.
     fn consider(&mut self, branch: Branch, tau: f64) {
         let corner = self.corner(tau);
         let Some(circle) = Circle::new(&corner, branch.towards) else { return };

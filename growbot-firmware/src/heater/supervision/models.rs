@@ -2,18 +2,19 @@
 //!
 //! *Nominal* is the nozzle as the description states it, corrected by the trim that the regulation has learned. *Lower*
 //! warms as slowly as a healthy nozzle may, and *upper* as fast. Each model's change is computed twice: for a reading
-//! that follows at once, and for one that follows by [`LAG_S`].
+//! that follows the nozzle at once, and for a reading that lags behind it by [`LAG_S`].
 
 /// Max lag of a healthy reading behind the nozzle, s. The thermistors of the trials lag by 1 to 4 s
 /// (`heater::tests::plant`, `tests/fault_campaign.rs`).
 pub const LAG_S: f32 = 4.0;
-/// Number of earlier moments, [`MARK_S`] apart, that are compared with the present one. `heater::tests::faults` bounds
-/// it: with fewer of them slow faults are found too late.
+/// Number of checkpoints, [`MARK_S`] apart, that are compared with the present reading. `heater::tests::faults` bounds
+/// it: with fewer checkpoints slow faults are found too late.
 pub const MARKS: usize = 25;
-/// Time between two marks, s: the shortest time over which a change is judged ([`super::FALL_WINDOW_S`]).
+/// Time between two checkpoints, s: the shortest time over which a change is judged ([`super::FALL_WINDOW_S`]).
 pub const MARK_S: f32 = 1.0;
 
-/// Deviation of a model from the nominal one: factors of power, need and heat capacity.
+/// Deviation of a model from the nominal model: factors of the heater's power, of the power that the nozzle loses, and
+/// of its heat capacity.
 #[derive(Debug, Clone, Copy)]
 pub struct Factors {
     pub power: f32,
@@ -24,15 +25,15 @@ pub struct Factors {
 /// The lower model. It includes the 10 % by which a nozzle may differ from its description, and a margin
 /// (docs/decisions/0023-heater-supervision.md).
 pub const LOWER: Factors = Factors { power: 0.88, need: 1.15, capacity: 1.12 };
-/// The upper model: the reverse of the lower one.
+/// The upper model. It deviates from the nominal model in the opposite direction to [`LOWER`].
 pub const UPPER: Factors = Factors { power: 1.12, need: 0.85, capacity: 0.88 };
 
-/// Factors of the power if the supply is not measured. Its voltage may then be 10 % below or above the nominal one: the
-/// squares of 0.9 and 1.1.
+/// Factors of the power if the supply is not measured. An unmeasured voltage may be 10 % below or above the nominal
+/// voltage, so the factors are the squares of 0.9 and 1.1.
 pub const UNMEASURED_MIN: f32 = 0.81;
 pub const UNMEASURED_MAX: f32 = 1.21;
 
-/// The computed change of a model, degrees: of the nozzle, and of a reading that follows it late.
+/// The computed change of a model, degrees: of the nozzle, and of a reading that lags behind the nozzle.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Change {
     pub prompt: f32,
@@ -47,8 +48,8 @@ impl Change {
         self.late_rate += (rate - self.late_rate) * (seconds / LAG_S).min(1.0);
     }
 
-    /// Counts the same change from a later moment on. Sums over hours would grow until rounding loses the small
-    /// additions.
+    /// Subtracts the change up to `origin`, so that the change counts from that later moment on. Sums over hours would
+    /// grow until rounding loses the small additions.
     pub fn rebase(&mut self, origin: &Self) {
         self.prompt -= origin.prompt;
         self.late -= origin.late;
@@ -68,7 +69,7 @@ pub struct CheckBounds {
     pub max: f32,
 }
 
-/// An earlier moment, with the reading and the models' changes at that time.
+/// A checkpoint: an earlier moment, with the reading and the models' changes at that moment.
 #[derive(Debug, Clone, Copy)]
 pub struct Checkpoint {
     pub age_s: f32,

@@ -16,11 +16,11 @@ use embedded_storage::nor_flash::{
 
 use super::*;
 
-/// Slots of a sector, beside its first record.
+/// Number of slots in a sector, without the sector's first record.
 const SLOTS: usize = 11;
 const SECTOR_BYTES: usize = 32 * (SLOTS + 1);
 const RECORD_WORDS: usize = 8;
-/// Losses of power in a row.
+/// Max number of consecutive losses of power.
 const MAX_LOSSES: u8 = 3;
 
 /// Readings of weak bits by the number of the reading of a record since the start.
@@ -42,14 +42,14 @@ struct Cells {
     weak: Vec<u32>,
 }
 
-/// Events of one start and the calls after it.
+/// Events during one start and during the journal calls after it.
 #[derive(Debug, Clone, Copy)]
 struct Events {
     /// Index into [`READINGS`].
     reading: usize,
     /// Step at which power is lost. A step programs a word or a page, or erases a sector.
     lost_at: Option<u32>,
-    /// First and last write or erasure that is refused.
+    /// Numbers of the first and the last write or erasure that the flash refuses. `None` if it refuses none.
     refused: Option<(u32, u32)>,
 }
 
@@ -163,13 +163,13 @@ impl NorFlash for ModelFlash {
 
 impl MultiwriteNorFlash for ModelFlash {}
 
-/// Flash without power, and what the next start may find there.
+/// Content of the flash after a loss of power, and the data that the next start may find in it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Node {
     cells: Cells,
-    /// Number of calls that are over.
+    /// Number of journal calls that have returned.
     done: usize,
-    /// Data of which the next start must find one.
+    /// Possible data of the journal. The next start must find one of them.
     expected: Vec<Option<Known>>,
     /// The job before the present one. It is found again if the first record of a job is struck out that has no other.
     previous: Option<Known>,
@@ -180,13 +180,13 @@ struct Node {
 struct Search {
     story: Vec<Deed>,
     programs_pages: bool,
-    /// Nodes that have been found.
+    /// All nodes that the search has found so far.
     nodes: HashSet<Node>,
     open: Vec<Node>,
     runs: u64,
 }
 
-/// Result of a start and the calls after it.
+/// Result of a start and of the journal calls after the start.
 struct Run {
     node: Node,
     steps: u32,
@@ -194,7 +194,7 @@ struct Run {
 }
 
 impl Search {
-    /// Starts from a node and makes the calls that are left, until power is lost.
+    /// Starts the journal from a node and makes the remaining calls, until power is lost.
     fn run(&self, from: &Node, events: Events) -> Run {
         let flash = ModelFlash::new(from.cells.clone(), events, self.programs_pages);
         let mut journal = Journal::open(flash.clone());
@@ -347,7 +347,7 @@ fn calls() -> Vec<Deed> {
     calls
 }
 
-/// Returns flash in which the ring turns at the first call, with the data that a start finds there.
+/// Returns a flash whose oldest sector must be erased at the first call, with the data that a start finds in it.
 fn worn() -> Node {
     let new = Cells { words: std::vec![u32::MAX; 2 * SECTOR_BYTES / 4], weak: std::vec![0; 2 * SECTOR_BYTES / 4] };
     let flash = ModelFlash::new(new, Events { reading: 0, lost_at: None, refused: None }, false);

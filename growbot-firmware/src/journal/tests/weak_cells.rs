@@ -7,13 +7,13 @@
 use super::*;
 use crate::journal::record::RecordBytes;
 
-/// Cells of a record that are weak.
+/// Weak cells of a record: bits that may read differently each time.
 struct Weak {
-    /// The values of the other bits.
+    /// Values of the bits that are not weak.
     base: RecordBytes,
     /// The weak bits.
     mask: RecordBytes,
-    /// Possible readings of the weak bits.
+    /// Values that the weak bits may have when they are read.
     readings: Vec<RecordBytes>,
 }
 
@@ -40,7 +40,8 @@ fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     all
 }
 
-/// Flash after a call, the last write of the call, and the expected data from before and after it.
+/// A journal call: the flash after it, its last write, and the data that the journal must find if that write is lost
+/// (`before`) or complete (`after`).
 struct Case {
     deed: Deed,
     bytes: Vec<u8>,
@@ -49,7 +50,7 @@ struct Case {
     after: Option<Known>,
 }
 
-/// Returns the records of the sequence, each as the last one.
+/// Returns a case for each record of the sequence, in which that record is the last one in the flash.
 fn cases() -> Vec<Case> {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
@@ -83,7 +84,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Makes the next calls for a known state. Returns the expected data after them.
+/// Makes the journal calls that follow a known state. Returns the data that the journal must have after these calls.
 fn carry_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
     let deeds = match known.as_ref().map(|known| known.state) {
         Some(state) if !state.ended && state.layers_laid < state.layer_count => std::vec![Deed::Commit(true)],
@@ -124,7 +125,7 @@ impl Case {
     }
 }
 
-/// Returns every sequence of this length of some readings.
+/// Returns every sequence of this length whose elements are among `of`.
 fn sequences<T: Copy>(of: &[T], length: usize) -> Vec<Vec<T>> {
     (0..length).fold(std::vec![Vec::new()], |sequences, _| {
         let longer = |sequence: Vec<T>| of.iter().map(move |next| [&sequence[..], &[*next]].concat());
@@ -245,7 +246,7 @@ fn an_unreadable_record_does_not_reappear_at_the_next_start() {
 }
 
 /// Reads the last record differently several times at one start, then correctly at the next start. Returns the data
-/// found at both.
+/// that the journal finds at each of the two starts.
 fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
     let flash = Small::new(SECTORS);
     flash.set_bytes(&case.bytes);

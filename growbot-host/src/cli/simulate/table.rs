@@ -25,7 +25,9 @@ pub fn growth(
     let pitch = arrival.pitch_error_deg;
     table += &match arrival.heading_error_deg {
         Some(heading) => format!("          {heading:.3} deg of heading, {pitch:.3} deg of pitch\n"),
-        None => format!("          {pitch:.3} deg of pitch; what is vertical has no heading\n"),
+        None => format!(
+            "          {pitch:.3} deg of pitch; no heading error, because a vertical direction has no heading\n"
+        ),
     };
     if let Some(estimate) = &grown.estimate {
         table += &row("estimate", &Pose::from_frame(&estimate.base_from_tip));

@@ -16,9 +16,9 @@ const SCRIPT: &str = "tests/rp2040/emulator-server.js";
 const EMULATOR: &str = "node_modules/rp2040js";
 /// Environment variable with the path of the file to which the script writes its measurements.
 const FIGURES: &str = "RP2040_FIGURES";
-/// Length of a response before its edges, bytes.
+/// Length of the part of a response before the list of pin edges, bytes.
 const HEAD: usize = 48;
-/// Length of an edge, bytes.
+/// Length of a pin edge in a response, bytes.
 const EDGE: usize = 8;
 /// Values for a channel of the converter that is never ready, and for an orientation sensor that does not respond.
 const SILENT: u16 = u16::MAX;
