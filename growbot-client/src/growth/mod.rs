@@ -425,7 +425,7 @@ impl<'a> JobRunner<'a> {
     }
 
     /// Starts the growth, unless a stop was ordered while layers were sent, or the board waits for a person and the
-    /// permit is none. Then nothing is heated.
+    /// permit is none. Then nothing is heated. A pause that is ordered while a new growth starts takes effect after that.
     fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
         if orders.stop_requested() {
             return Ok(());
@@ -437,10 +437,15 @@ impl<'a> JobRunner<'a> {
                 return Ok(());
             }
         }
-        self.start().map_err(|error| match error {
-            ClientError::Refused { .. } | ClientError::Voided { .. } => GrowthError::NotStarted(error),
+        let started = self.start();
+        // From here on, a pause voids each `Start` that no later order requests.
+        self.permit = self.permit.until_pause();
+        started.or_else(|error| match error {
+            // The growth carries out the pause or the stop next.
+            ClientError::Voided { .. } if self.permit.is_continuation() => Ok(()),
+            ClientError::Refused { .. } | ClientError::Voided { .. } => Err(GrowthError::NotStarted(error)),
             // It may have started, and only the response is lost.
-            error => GrowthError::Interrupted(error),
+            error => Err(GrowthError::Interrupted(error)),
         })
     }
 
