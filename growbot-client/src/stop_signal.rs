@@ -2,7 +2,7 @@
 //!
 //! Each order takes a [`Permit`] when it arrives, before anything is planned, read or sent. Each stop voids all earlier
 //! permits. [`Client::energize`](crate::client::Client::energize) sends nothing with a void permit, so nothing heats
-//! after a stop without a later order.
+//! after a stop without a later order. A pause voids only permits to continue a growth ([`Permit::until_pause`]).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -28,10 +28,15 @@ pub enum StopLevel {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Generation(u64);
 
-/// Stops of one robot: how many there were, and whether the latest is confirmed. One atomic number holds both, so no
-/// permit is valid between the two.
+/// Stops and pauses of one robot.
 #[derive(Debug, Default)]
-pub struct StopSignal(AtomicU64);
+pub struct StopSignal {
+    /// Number of stops, and the level of the latest while it is not confirmed. One atomic number holds both, so no permit
+    /// is valid between the two.
+    stops: AtomicU64,
+    /// Number of pauses that were ordered.
+    pauses: AtomicU64,
+}
 
 impl StopSignal {
     /// Raises a stop. It voids all permits, and stays until [`Self::confirm`]. It does not lower an emergency stop.
@@ -44,11 +49,16 @@ impl StopSignal {
         self.change(None)
     }
 
+    /// Voids all permits to continue a growth, because a pause was ordered.
+    pub fn pause(&self) {
+        self.pauses.fetch_add(1, Ordering::SeqCst);
+    }
+
     fn change(&self, raised: Option<StopLevel>) -> Generation {
-        let mut state = self.0.load(Ordering::SeqCst);
+        let mut state = self.stops.load(Ordering::SeqCst);
         loop {
             let next = encode(decode(state).0.wrapping_add(1), decode(state).1.max(raised));
-            match self.0.compare_exchange_weak(state, next, Ordering::SeqCst, Ordering::SeqCst) {
+            match self.stops.compare_exchange_weak(state, next, Ordering::SeqCst, Ordering::SeqCst) {
                 Ok(_) => return Generation(decode(next).0),
                 Err(newer) => state = newer,
             }
@@ -57,16 +67,16 @@ impl StopSignal {
 
     /// Records that the board is off since this stop. Returns false if a newer stop was raised, which stays.
     pub fn confirm(&self, generation: Generation) -> bool {
-        let state = self.0.load(Ordering::SeqCst);
+        let state = self.stops.load(Ordering::SeqCst);
         let confirmed = encode(generation.0, None);
         decode(state).0 == generation.0
-            && self.0.compare_exchange(state, confirmed, Ordering::SeqCst, Ordering::SeqCst).is_ok()
+            && self.stops.compare_exchange(state, confirmed, Ordering::SeqCst, Ordering::SeqCst).is_ok()
     }
 
     /// Returns the stop that is not confirmed yet, with its number.
     #[must_use]
     pub fn pending(&self) -> Option<(StopLevel, Generation)> {
-        let (generation, level) = decode(self.0.load(Ordering::SeqCst));
+        let (generation, level) = decode(self.stops.load(Ordering::SeqCst));
         level.map(|level| (level, Generation(generation)))
     }
 
@@ -82,15 +92,17 @@ impl StopSignal {
         self.permit_of(Authority::Person)
     }
 
-    /// Returns a permit to continue a growth that continues or waits by itself, without an order of a person.
+    /// Returns a permit to continue a growth that continues or waits by itself, without an order of a person. A pause
+    /// voids it.
     #[must_use]
     pub fn continuation(self: &Arc<Self>) -> Permit {
-        self.permit_of(Authority::Continuation)
+        self.permit_of(Authority::Continuation).until_pause()
     }
 
     fn permit_of(self: &Arc<Self>, authority: Authority) -> Permit {
-        let (generation, _) = decode(self.0.load(Ordering::SeqCst));
-        Permit { signal: Arc::clone(self), generation, authority }
+        let (generation, _) = decode(self.stops.load(Ordering::SeqCst));
+        let pauses = self.pauses.load(Ordering::SeqCst);
+        Permit { signal: Arc::clone(self), generation, pauses, ends_at_pause: false, authority }
     }
 }
 
@@ -103,11 +115,16 @@ enum Authority {
     Continuation,
 }
 
-/// Permission to heat or move a robot. Each later stop of its signal voids it.
+/// Permission to heat or move a robot. Each later stop of its signal voids it, and a later pause if it is a permit to
+/// continue a growth.
 #[derive(Debug, Clone)]
 pub struct Permit {
     signal: Arc<StopSignal>,
     generation: u64,
+    /// Number of pauses before the permit.
+    pauses: u64,
+    /// True if a later pause voids the permit.
+    ends_at_pause: bool,
     authority: Authority,
 }
 
@@ -118,10 +135,18 @@ impl Permit {
         Arc::<StopSignal>::default().permit()
     }
 
-    /// Reports whether no stop was raised since, and every earlier stop is confirmed.
+    /// Returns the permit to continue a growth. Each pause that is ordered after the original permit voids it.
+    #[must_use]
+    pub fn until_pause(&self) -> Self {
+        Self { ends_at_pause: true, ..self.clone() }
+    }
+
+    /// Reports whether no stop was raised since, and every earlier stop is confirmed. For a permit to continue a growth,
+    /// also whether no pause was ordered since.
     #[must_use]
     pub fn is_valid(&self) -> bool {
-        self.signal.0.load(Ordering::SeqCst) == encode(self.generation, None)
+        let is_paused = self.ends_at_pause && self.signal.pauses.load(Ordering::SeqCst) != self.pauses;
+        self.signal.stops.load(Ordering::SeqCst) == encode(self.generation, None) && !is_paused
     }
 
     /// Reports whether the permit allows the start of a job on a board with this status. A continuation does not start
@@ -191,6 +216,20 @@ mod tests {
         assert_eq!(signal.level(), Some(StopLevel::EmergencyStop), "a stop does not lower an emergency stop");
         assert!(signal.confirm(second));
         assert_eq!(signal.level(), None);
+    }
+
+    #[test]
+    fn a_pause_voids_earlier_permits_to_continue_and_no_others() {
+        let signal = Arc::<StopSignal>::default();
+        let before = signal.permit();
+        let continuation = signal.continuation();
+        assert!(before.until_pause().is_valid() && continuation.is_valid());
+        signal.pause();
+        assert!(before.is_valid() && !before.until_pause().is_valid() && !continuation.is_valid());
+        let after = signal.permit().until_pause();
+        assert!(after.is_valid() && signal.level().is_none());
+        signal.raise(StopLevel::Stop);
+        assert!(!after.is_valid());
     }
 
     /// Every order of one raise, one confirmation of the stop before it, and one check of a permit from before both.

@@ -42,6 +42,16 @@ fn try_to_grow(
 /// Like [`try_to_grow`], with these options.
 fn try_to_grow_in(
     manner: GrowthOptions,
+    order: impl FnMut(&JobEvent, &CommandQueue),
+    line: impl FnOnce(Sim) -> Box<dyn Port>,
+) -> (Result<GrowthReport, GrowthError>, Vec<JobEvent>) {
+    try_to_grow_with(&CommandQueue::default(), manner, order, line)
+}
+
+/// Like [`try_to_grow_in`], with a queue that the line may use, too.
+fn try_to_grow_with(
+    orders: &CommandQueue,
+    manner: GrowthOptions,
     mut order: impl FnMut(&JobEvent, &CommandQueue),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
 ) -> (Result<GrowthReport, GrowthError>, Vec<JobEvent>) {
@@ -51,9 +61,9 @@ fn try_to_grow_in(
     let goal = Pose::from_frame(&end(&path, &start.frame()));
     let job = Job::new(&robot, &start, &goal, &path);
     let mut client = Client::new(line(Sim::new(robot.clone())), "sim");
-    let (orders, mut events) = (CommandQueue::default(), Vec::new());
-    let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
-        order(event, &orders);
+    let mut events = Vec::new();
+    let grown = grow_job(&mut client, &job, manner, orders, &mut |event| {
+        order(event, orders);
         events.push(event.clone());
     });
     (grown, events)
@@ -234,10 +244,7 @@ struct Overheard {
 
 impl Port for Overheard {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)).flatten() {
-            let is_start = matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::Start(_)));
-            self.starts.set(self.starts.get() + u32::from(is_start));
-        }
+        self.count_starts(bytes);
         self.sim.send(bytes)
     }
 
@@ -255,6 +262,13 @@ impl Overheard {
     fn new(sim: Sim, starts: &Rc<Cell<u32>>, goes_deaf: bool) -> Self {
         Self { sim, receiver: FrameDecoder::default(), starts: Rc::clone(starts), goes_deaf }
     }
+
+    fn count_starts(&mut self, bytes: &[u8]) {
+        for frame in bytes.iter().filter_map(|byte| self.receiver.push(*byte)).flatten() {
+            let is_start = matches!(Message::decode(frame.header.kind, &frame.body), Ok(Message::Start(_)));
+            self.starts.set(self.starts.get() + u32::from(is_start));
+        }
+    }
 }
 
 #[test]
@@ -264,6 +278,70 @@ fn a_start_with_a_lost_response_may_have_heated() {
     assert!(starts.get() > 0);
     let Err(error @ GrowthError::Interrupted(_)) = outcome else { panic!("{outcome:?}") };
     assert!(error.to_string().contains("the robot may still be growing"), "{error}");
+}
+
+/// A connection that loses some sends from the second request to start on. After two of them, a pause is ordered.
+struct PausedInRepetitions {
+    overheard: Overheard,
+    orders: Rc<CommandQueue>,
+    lost: u32,
+}
+
+impl Port for PausedInRepetitions {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        self.overheard.count_starts(bytes);
+        if self.overheard.starts.get() < 2 || self.lost == 40 {
+            return self.overheard.sim.send(bytes);
+        }
+        self.lost += 1;
+        if self.lost == 2 {
+            self.orders.push(Command::Pause);
+        }
+        Ok(())
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        self.overheard.receive(buffer, timeout)
+    }
+
+    fn now(&self) -> Duration {
+        self.overheard.now()
+    }
+}
+
+/// The person presses Continue and then Pause, on the page of a growth without a service, while the line is silent.
+#[test]
+fn a_pause_ends_the_repetitions_of_an_earlier_continue() {
+    let (starts, orders) = (Rc::new(Cell::new(0)), Rc::new(CommandQueue::default()));
+    let mut seen = Vec::new();
+    let line = |sim| -> Box<dyn Port> {
+        let overheard = Overheard::new(sim, &starts, false);
+        Box::new(PausedInRepetitions { overheard, orders: Rc::clone(&orders), lost: 0 })
+    };
+    let mut pauses = 0;
+    let manner = HostSilencePolicy::Pause.into();
+    let (grown, events) = try_to_grow_with(
+        &orders,
+        manner,
+        |event, orders| match event {
+            JobEvent::Laid { index: 4, .. } => orders.push(Command::Pause),
+            JobEvent::Status(status) if status.state == State::Paused => {
+                pauses += 1;
+                seen.push(starts.get());
+                match pauses {
+                    1 => orders.push(Command::Continue),
+                    // The board has the second pause, and nothing starts it again without an order.
+                    5 => orders.push(Command::Stop),
+                    _ => {}
+                }
+            }
+            _ => {}
+        },
+        line,
+    );
+    assert_eq!(grown.unwrap().outcome, Outcome::Stopped);
+    assert_eq!(seen, [1, 3, 3, 3, 3], "one start, and two transmissions of the voided one");
+    assert_eq!(count_events(&events, &JobEvent::Command(Command::Pause)), 2);
 }
 
 #[test]

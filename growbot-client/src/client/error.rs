@@ -111,8 +111,9 @@ pub enum ClientError {
         /// Reason of the refusal.
         refusal: Refusal,
     },
-    /// A stop was raised after the request was ordered, so it was not sent.
-    #[error("{request}: not sent, because a later stop has voided it: order it again, once the stop is confirmed")]
+    /// A stop was raised after the request was ordered, or a pause after an order to continue, so it was not sent or not
+    /// repeated.
+    #[error("{request}: given up, because a later stop or pause has voided it: order it again, once that is confirmed")]
     Voided {
         /// Name of the request.
         request: &'static str,

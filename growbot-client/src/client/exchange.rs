@@ -58,7 +58,8 @@ impl Client {
     /// checked before each transmission, so at most the request that is being sent precedes a stop on the line.
     ///
     /// # Errors
-    /// [`ClientError::Voided`] if a stop was raised since the permit was given. Otherwise like [`Client::request`].
+    /// [`ClientError::Voided`] if the permit is void: a stop was raised since it was given, or a pause was ordered since
+    /// a permit to continue. Otherwise like [`Client::request`].
     pub fn energize(
         &mut self,
         what: &'static str,

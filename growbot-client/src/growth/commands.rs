@@ -78,13 +78,6 @@ impl Command {
         }
     }
 
-    /// Reports whether the order replaces a waiting one. An equal order is not repeated, and the latest of pausing and
-    /// continuing counts.
-    fn replaces(self, before: Self) -> bool {
-        let of_pause = |order| matches!(order, Self::Pause | Self::Continue);
-        self == before || (of_pause(self) && of_pause(before))
-    }
-
     /// Reports whether the order may safely be executed twice if it is unknown whether it was executed.
     pub(super) fn may_be_repeated(self) -> bool {
         !matches!(self, Self::Unload | Self::Load | Self::Purge)
@@ -114,6 +107,20 @@ pub(super) struct QueuedCommand {
     pub command: Command,
     /// Permit of the moment at which the order was given.
     pub permit: Permit,
+}
+
+impl QueuedCommand {
+    /// Reports whether the order replaces a waiting one. An equal order is not repeated, and the latest of pausing and
+    /// continuing counts. An order to continue that arrived before the pause replaces nothing, even if it is queued
+    /// later.
+    fn replaces(&self, before: &Self) -> bool {
+        self.command == before.command
+            || match (self.command, before.command) {
+                (Command::Pause, Command::Continue) => true,
+                (Command::Continue, Command::Pause) => self.permit.is_valid(),
+                _ => false,
+            }
+    }
 }
 
 /// Orders for a running growth. Any thread may give one. The growth thread polls them every 20 ms and executes them in
@@ -151,11 +158,20 @@ impl CommandQueue {
         }
     }
 
-    /// Adds a command that is not a stop to the queue, with the permit of the moment at which the command arrived.
+    /// Adds a command that is not a stop to the queue, with the permit of the moment at which the command arrived. A
+    /// pause also ends the repetitions of a `Start` of an earlier command to continue.
     pub fn push_with(&self, order: Command, permit: Permit) {
         let mut waiting = self.waiting();
-        waiting.retain(|before| !order.replaces(before.command));
-        waiting.push(QueuedCommand { command: order, permit });
+        let permit = match order {
+            Command::Continue => permit.until_pause(),
+            _ => permit,
+        };
+        if order == Command::Pause {
+            permit.signal().pause();
+        }
+        let order = QueuedCommand { command: order, permit };
+        waiting.retain(|before| !order.replaces(before));
+        waiting.push(order);
     }
 
     /// Returns the permit of the growth.
@@ -220,7 +236,7 @@ impl CommandQueue {
     /// Puts a command that could not be executed back to the front of the queue, unless a queued command replaces it.
     pub(super) fn requeue(&self, order: QueuedCommand) {
         let mut waiting = self.waiting();
-        if order.command < Command::Stop && !waiting.iter().any(|newer| newer.command.replaces(order.command)) {
+        if order.command < Command::Stop && !waiting.iter().any(|newer| newer.replaces(&order)) {
             waiting.insert(0, order);
         }
     }
@@ -273,6 +289,28 @@ mod tests {
         orders.push(Command::Continue);
         orders.requeue(pause());
         assert_eq!((next(&orders), next(&orders)), (Some(Command::Continue), None));
+    }
+
+    #[test]
+    fn a_continue_that_arrived_before_a_pause_does_not_replace_it() {
+        let orders = CommandQueue::default();
+        let earlier = orders.permit_now();
+        orders.push(Command::Pause);
+        orders.push_with(Command::Continue, earlier);
+        let pause = orders.pop().unwrap();
+        assert_eq!(pause.command, Command::Pause);
+        orders.requeue(pause);
+        assert!(orders.pause_waits());
+        let (pause, late) = (orders.pop().unwrap(), orders.pop().unwrap());
+        assert_eq!((pause.command, late.command, late.permit.is_valid()), (Command::Pause, Command::Continue, false));
+        // A pause voids a continue that was already taken from the queue.
+        orders.push(Command::Continue);
+        let taken = orders.pop().unwrap();
+        assert!(taken.permit.is_valid());
+        orders.push(Command::Pause);
+        assert!(!taken.permit.is_valid());
+        orders.requeue(taken);
+        assert_eq!((next(&orders), next(&orders)), (Some(Command::Pause), None));
     }
 
     #[test]

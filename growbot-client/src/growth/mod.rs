@@ -425,8 +425,9 @@ impl<'a> JobRunner<'a> {
         Ok(())
     }
 
-    /// Starts the growth. Heats nothing if a user has commanded a stop while layers were sent, or if the growth is a
-    /// continuation that a queued pause or the permit does not allow.
+    /// Starts the growth. Heats nothing if a user has commanded a stop while layers were sent, or if the board waits for
+    /// a person and the permit is that of a continuation. A pause that is commanded while a new growth starts takes
+    /// effect after the start.
     fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
         if orders.stop_requested() {
             return Ok(());
@@ -438,10 +439,15 @@ impl<'a> JobRunner<'a> {
                 return Ok(());
             }
         }
-        self.start().map_err(|error| match error {
-            ClientError::Refused { .. } | ClientError::Voided { .. } => GrowthError::NotStarted(error),
+        let started = self.start();
+        // From here on, a pause voids each `Start` that no later order requests.
+        self.permit = self.permit.until_pause();
+        started.or_else(|error| match error {
+            // The growth carries out the pause or the stop next.
+            ClientError::Voided { .. } if self.permit.is_continuation() => Ok(()),
+            ClientError::Refused { .. } | ClientError::Voided { .. } => Err(GrowthError::NotStarted(error)),
             // It may have started, and only the response is lost.
-            error => GrowthError::Interrupted(error),
+            error => Err(GrowthError::Interrupted(error)),
         })
     }
 

@@ -387,8 +387,8 @@ impl<'a> RunningJob<'a> {
     /// Before that it delivers a stop that the board has not confirmed.
     fn detach(&mut self, why: &str) -> LinkState {
         self.live_growth.supersede();
-        let pauses = self.commands.pause_waits();
-        self.keeper.update_state(|known| known.pauses_on_reconnect = pauses);
+        // A stop that was withdrawn meanwhile may have ordered a pause, too.
+        self.keeper.update_state(|known| known.pauses_on_reconnect |= self.commands.pause_waits());
         self.confirm_start();
         LinkState::Lost(why.to_owned())
     }

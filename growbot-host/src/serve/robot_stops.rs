@@ -50,10 +50,11 @@ impl RobotWorker {
         if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
             return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
         }
-        if !self.send_command(Command::Pause, &self.signal.permit()) {
-            self.update_state(|known| known.pauses_on_reconnect = true);
-            self.pause_file.set(true);
-        }
+        self.update_state(|known| match &known.commands {
+            Some(commands) => commands.push(Command::Pause),
+            None => known.pauses_on_reconnect = true,
+        });
+        self.pause_file.set(true);
         self.sync_stop_file();
         Ok(())
     }

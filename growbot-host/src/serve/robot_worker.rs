@@ -377,8 +377,12 @@ impl RobotWorker {
 
     /// Queues a command for the active growth. Returns false if no growth is active.
     pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
-        let Some(commands) = self.lock_state().commands.clone() else { return false };
-        commands.push_with(command, permit.clone());
+        {
+            // Under the lock, because a growth that is left takes its orders along.
+            let known = self.lock_state();
+            let Some(commands) = &known.commands else { return false };
+            commands.push_with(command, permit.clone());
+        }
         if command == Command::Pause {
             // The growth removes it once the board has accepted the pause.
             self.pause_file.set(true);

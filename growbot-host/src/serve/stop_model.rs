@@ -116,14 +116,32 @@ impl Start {
 }
 
 /// The model: what the orders of a person allow and require.
+///
+/// An order to continue that is repeated on a silent line outlives the parking of the board, because a person has given
+/// it and only a later stop or pause voids it.
 #[derive(Default)]
 struct Model {
     may_heat: bool,
     must_be_off: bool,
+    is_silent: bool,
+    /// True while an order to continue is repeated on a silent line.
+    continues: bool,
 }
 
 impl Model {
     fn step(&mut self, step: Step, accepted: bool) {
+        self.is_silent = match step {
+            Step::LineSilent => true,
+            Step::LineLost | Step::LineBack => false,
+            _ => self.is_silent,
+        };
+        self.continues = match step {
+            Step::Continue if accepted => self.is_silent,
+            Step::Pause if accepted => false,
+            Step::Stop | Step::EmergencyStop | Step::BoardFails | Step::BoardLosesPower => false,
+            Step::LineLost | Step::LineBack | Step::ServiceRestarts => false,
+            _ => self.continues,
+        };
         match step {
             Step::Grow | Step::Resume | Step::Continue | Step::Preheat if accepted => {
                 (self.may_heat, self.must_be_off) = (true, false);
@@ -131,6 +149,7 @@ impl Model {
             Step::Stop | Step::EmergencyStop => (self.may_heat, self.must_be_off) = (false, true),
             Step::Pause | Step::Cancel if accepted => self.may_heat = false,
             Step::WithdrawStop if accepted => self.must_be_off = false,
+            Step::BoardParks if self.continues => {}
             Step::BoardParks | Step::BoardFails | Step::BoardLosesPower => self.may_heat = false,
             _ => {}
         }

@@ -63,6 +63,33 @@ fn a_pause_of_a_silent_robot_outlives_the_service() {
     }
 }
 
+/// A pause voids an order to continue whose `Start` is being repeated, and is delivered.
+#[test]
+fn a_pause_ends_the_repetitions_of_an_earlier_continue() {
+    let paused = (BoardState::Paused, PauseCause::Requested);
+    let silent = [Step::LineSilent, Step::Continue, Step::Pause];
+    for before in [&[Step::Grow][..], &[Step::Grow, Step::Pause]] {
+        for after in [&[][..], &[Step::ServiceRestarts], &[Step::LineLost]] {
+            let steps = [before, &silent, after].concat();
+            assert_eq!(run(&steps), paused, "{steps:?}");
+        }
+        let steps = [before, &silent, &[Step::Continue]].concat();
+        assert_eq!(run(&steps).0, BoardState::Growing, "the newest order counts: {steps:?}");
+    }
+    assert_eq!(run(&[&[Step::Grow, Step::BoardParks], &silent[..]].concat()).0, BoardState::Parked);
+}
+
+/// An order of a person to continue outlives the parking of the board. A later pause voids it.
+#[test]
+fn a_continue_that_was_given_before_the_board_parked_reaches_it() {
+    for before in [&[Step::Grow][..], &[Step::Grow, Step::Pause], &[Step::Grow, Step::BoardParks]] {
+        let steps = [before, &[Step::LineSilent, Step::Continue, Step::BoardParks]].concat();
+        assert_eq!(run(&steps).0, BoardState::Growing, "{steps:?}");
+        let steps = [&steps[..], &[Step::Pause]].concat();
+        assert_eq!(run(&steps).0, BoardState::Parked, "{steps:?}");
+    }
+}
+
 /// A board of another robot gets no session, but it is stopped.
 #[test]
 fn a_stop_reaches_a_board_of_another_robot() {
