@@ -65,8 +65,8 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     let onto = drive.join("growbot.uf2");
     let failed = |error: io::Error| {
         Failure::request_failed(format!(
-            "cannot write {}: {error}; the board may have received only a part of the file: hold BOOTSEL (SKR Pico: set \
-             the BOOT jumper) while you plug it in, and repeat",
+            "cannot write {}: {error}; the board may have received only a part of the file: hold BOOTSEL (SKR Pico: \
+             set the BOOT jumper) while you plug it in, and repeat",
             onto.display()
         ))
     };
