@@ -271,6 +271,7 @@ async function aServiceWithNewTokensIsShown() {
   await live.locator("#state", { hasText: "growing" }).waitFor();
   const growth = await open(context, await page.locator("#body-link").evaluate((link) => link.href));
   await waitForText(growth.locator("#state"), /^growing$/);
+  const stops = await lab.countCommands("emergency-stop");
   await lab.kill();
   // This stop is sent until the service responds, which then refuses it.
   await page.locator("#emergency-stop").click();
@@ -300,7 +301,7 @@ async function aServiceWithNewTokensIsShown() {
   await waitForText(problem, /^emergency-stop was rejected: this request.*cut the robot's power/);
   await page.locator("#emergency-stop").click();
   await waitForText(stopBanner.nth(1), /Cut the robot's power now, or run `growbot estop`/);
-  await lab.waitForRobot("lab", growing, "does not grow");
+  assert.equal(await lab.countCommands("emergency-stop"), stops);
   // The new address gives this browser the new token, with which the older page works, too.
   url = throughProxy(lab.controlUrl);
   const next = await open(context, `${url}#lab`);
