@@ -242,7 +242,9 @@ fn tokens_of_a_service_that_has_lost_its_port_are_void() {
 
 /// Returns the service's command with these sockets, as systemd hands them over.
 fn handed_over(lab: &Lab, sockets: &str, listener: &TcpListener) -> Command {
-    let script = format!("exec 3<&0 4<&0 </dev/null; LISTEN_PID=$$ LISTEN_FDS={sockets} exec \"$0\" serve");
+    // The service closes those that it takes when it starts a robot. One more would stay open in the robot.
+    let second = if sockets == "1" { "" } else { "4<&0" };
+    let script = format!("exec 3<&0 {second} </dev/null; LISTEN_PID=$$ LISTEN_FDS={sockets} exec \"$0\" serve");
     let settings = lab.command(&[]);
     let mut command = running::command("sh");
     command.args(["-c", &script, PROGRAM]).current_dir(lab.directory.path());

@@ -28,14 +28,17 @@ export async function startLab(growbot, robots, pace) {
     controlUrl: null,
     viewUrl: null,
 
-    /** Starts the service, at the same address as before. */
-    async start() {
-      const { control, view } = await service.start();
+    /** Starts the service, at the same address as before. Its tokens are new with `newSocket`. */
+    async start(options) {
+      const { control, view } = await service.start(options);
       [lab.controlUrl, lab.viewUrl] = [control, view];
     },
 
     /** Kills the service, and waits for its end. */
     kill: () => service.kill(),
+
+    /** Returns whether the service runs, or is frozen. */
+    isRunning: () => service.isRunning(),
 
     /** Sends a signal to the service. */
     signal: (signal) => service.signal(signal),

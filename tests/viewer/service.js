@@ -2,6 +2,7 @@
 
 import { spawn } from "node:child_process";
 import { once } from "node:events";
+import { existsSync } from "node:fs";
 import { join } from "node:path";
 import { createInterface } from "node:readline";
 
@@ -13,9 +14,9 @@ export class Service {
     this.lines = createInterface({ input: this.manager.stdout })[Symbol.asyncIterator]();
   }
 
-  /** Starts the service, which must not run. Returns its URLs by name. */
-  async start() {
-    this.manager.stdin.write("\n");
+  /** Starts the service, which must not run, with the held socket or a new one. Returns its URLs by name. */
+  async start({ newSocket = false } = {}) {
+    this.manager.stdin.write(newSocket ? "new socket\n" : "\n");
     const urls = {};
     while (!(urls.control && urls.view)) {
       const [name, value] = await this.nextLine();
@@ -33,13 +34,17 @@ export class Service {
     this.pid = null;
   }
 
+  isRunning() {
+    return Boolean(this.pid) && existsSync(`/proc/${this.pid}`);
+  }
+
   signal(signal) {
     process.kill(this.pid, signal);
   }
 
   /** Ends service and manager. */
   async end() {
-    if (this.pid) await this.kill();
+    if (this.isRunning()) await this.kill();
     this.manager.stdin.end();
     await once(this.manager, "exit");
   }

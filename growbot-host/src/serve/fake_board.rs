@@ -13,8 +13,8 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
 use growbot_core::link::message::{
-    Accepted, BoardInfo, Empty, Fault, MaintenanceTask, Message, PauseCause, Refusal, RefusalResponse, ResetCause,
-    SCHEMA_HASH, State, Status,
+    Accepted, BoardInfo, Empty, Fault, LayerBatch, MaintenanceTask, Message, PauseCause, Refusal, RefusalResponse,
+    ResetCause, SCHEMA_HASH, State, Status, StoredLayers,
 };
 use growbot_core::robot::Robot;
 use growbot_sim::port::{OpenError, OpenPort};
@@ -182,6 +182,9 @@ impl FakeBoard {
             }
             (Message::AppendLayers(layers), _) if layers.first == self.next => {
                 self.next += layers.layers.len() as u32;
+            }
+            (Message::ReadLayers(read), _) => {
+                return Ok(Message::StoredLayers(StoredLayers { first: read.first, layers: LayerBatch::new() }));
             }
             (Message::AppendLayers(_), _) => return Err(Refusal::OutOfOrder { expected: self.next }),
             (Message::Resume(resume), _) if resume.plan_id != self.plan_id => {

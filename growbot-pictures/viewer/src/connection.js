@@ -19,6 +19,20 @@ export function retryDelay(failures) {
   return Math.min(MAX_DELAY_MS, FIRST_DELAY_MS * 2 ** failures) * (0.5 + Math.random() / 2);
 }
 
+/** Status of a response to a request whose token is not, or no longer, that of the service. */
+const UNAUTHORIZED = 401;
+
+/** Returns whether growbot refuses the token of this page. A WebSocket that fails does not reveal why. */
+async function isTokenRefused(url) {
+  try {
+    const { status } = await fetch(url, { method: "HEAD", signal: AbortSignal.timeout(CONFIRM_MS) });
+    return status === UNAUTHORIZED;
+  } catch {
+    // growbot does not respond.
+    return false;
+  }
+}
+
 const socketUrl = (url) => `${url}/ws`.replace(/^http/, "ws");
 
 /** Opens a WebSocket with events. Calls `hear(event, data)` for each, and `lose()` if it is closed. */
@@ -42,14 +56,26 @@ function openEventSource(url, hear, lose) {
 
 /**
  * Follows the events at an absolute URL until `stop()` of the returned value is called. Calls `onEvent(event, data)`
- * for each, and `onLost()` each time that the connection is lost or cannot be made.
+ * for each, and `onLost()` each time that the connection is lost or cannot be made. If growbot refuses the page's
+ * token, it calls `onExpired()` and stops, because the page cannot connect again.
  */
-export function followEvents(url, { onEvent, onLost }) {
+export function followEvents(url, { onEvent, onLost, onExpired }) {
   let failures = 0;
   let useSocket = true;
   let socketWorks = false;
   let current = null;
   let timer = null;
+  let isStopped = false;
+  const stop = () => {
+    isStopped = true;
+    clearTimeout(timer);
+    current?.close();
+  };
+  const checkToken = async () => {
+    if (!await isTokenRefused(url) || isStopped) return;
+    stop();
+    onExpired();
+  };
   const connect = () => {
     let watchdog = null;
     let isHeard = false;
@@ -67,6 +93,7 @@ export function followEvents(url, { onEvent, onLost }) {
       onLost();
       timer = setTimeout(connect, retryDelay(failures));
       failures += 1;
+      checkToken();
     };
     const watch = () => {
       clearTimeout(watchdog);
@@ -84,12 +111,7 @@ export function followEvents(url, { onEvent, onLost }) {
     watch();
   };
   connect();
-  return {
-    stop() {
-      clearTimeout(timer);
-      current?.close();
-    },
-  };
+  return { stop };
 }
 
 /** Error of an order to which growbot has responded. Other errors leave open whether the order has arrived. */
@@ -101,9 +123,16 @@ export class RejectionError extends Error {
 }
 
 /** Returns the body of a response, or throws a `RejectionError`. */
-export function unwrapResponse(status, body) {
+function unwrapResponse(status, body) {
   if (status < 200 || status > 299) throw new RejectionError(status, body);
   return body;
+}
+
+/** Returns the body of a response to `fetch`, from JSON or as text, or throws a `RejectionError`. */
+export async function readResponse(response) {
+  let body = await response.text();
+  try { body = JSON.parse(body); } catch { /* It is a text. */ }
+  return unwrapResponse(response.status, body);
 }
 
 /** Opens a socket for commands at an absolute URL, and opens it again whenever it is closed. */

@@ -7,7 +7,7 @@
 import { decodeLayers, growBody } from "./body.js";
 import { drawTemperatureChart } from "./chart.js";
 import {
-  CONFIRM_MS, RejectionError, STALE_MS, ServiceClock, followEvents, openCommands, sendUntilAnswered, unwrapResponse,
+  CONFIRM_MS, RejectionError, STALE_MS, ServiceClock, followEvents, openCommands, readResponse, sendUntilAnswered,
 } from "./connection.js";
 import { mountBody } from "./one.js";
 import { durationText, fillNumbers, finishText } from "./text.js";
@@ -106,6 +106,11 @@ export function showLive(data) {
       isUpdated = false;
       showProblem("Cannot reach growbot: it has ended, or the connection is lost. Retrying…");
     },
+    onExpired() {
+      commands?.stop();
+      showProblem("growbot refuses this page, mostly because it has restarted: open the address that `growbot serve` "
+        + "prints.");
+    },
   });
 
   if (data.live.control) commands = openCommands(new URL("commands", location.href).href);
@@ -195,8 +200,7 @@ function makeAges() {
 /** Sends a command to the growth by a request. */
 async function postCommand(command, timeMs, signal) {
   const headers = timeMs === undefined ? {} : { "growbot-order-time": String(timeMs) };
-  const response = await fetch(`commands/${command}`, { method: "POST", headers, signal });
-  return unwrapResponse(response.status, await response.text());
+  return readResponse(await fetch(`commands/${command}`, { method: "POST", headers, signal }));
 }
 
 /** Sends a command to the growth. A stop is sent until growbot has responded. */
@@ -225,7 +229,7 @@ async function sendCommand(command) {
     showProblem("", "#command-problem");
   } catch (error) {
     const problem = error instanceof RejectionError
-      ? `${command} was rejected: ${error.message}`
+      ? `${command} was rejected: ${error.message}${isStop ? `. If the robot must be off now, ${POWER}` : ""}`
       : `${command} did not reach growbot (${error.message}): ${POWER}`;
     showProblem(isOver() ? "" : problem, "#command-problem");
   } finally {

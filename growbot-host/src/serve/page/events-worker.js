@@ -5,6 +5,8 @@ import { followEvents } from "./connection.js";
 const pages = new Set();
 /** Latest message of each kind, for pages that are opened later. */
 const latest = new Map();
+/** The stream of events. Null once the service refuses the token. */
+let stream = null;
 
 function publish(event, data) {
   if (event !== "lost") latest.delete("lost");
@@ -12,15 +14,24 @@ function publish(event, data) {
   for (const page of pages) page.postMessage({ event, data, ageMs: 0 });
 }
 
+function follow() {
+  latest.delete("expired");
+  stream = followEvents(new URL("api/v1/events", self.location.href).href, {
+    onEvent: publish,
+    onLost: () => publish("lost", null),
+    onExpired: () => {
+      stream = null;
+      publish("expired", null);
+    },
+  });
+}
+
 self.addEventListener("connect", ({ ports: [page] }) => {
   pages.add(page);
   // The only message of a page is that it is closed.
   page.addEventListener("message", () => pages.delete(page));
   page.start();
+  // The browser has a new token if a page can be opened.
+  if (!stream) follow();
   for (const { event, data, at } of latest.values()) page.postMessage({ event, data, ageMs: performance.now() - at });
-});
-
-followEvents(new URL("api/v1/events", self.location.href).href, {
-  onEvent: publish,
-  onLost: () => publish("lost", null),
 });

@@ -12,8 +12,14 @@ export function startCommands() {
   commands ??= openCommands(`${API}commands`);
 }
 
+/** Closes that socket for good. Commands are requests until it is opened again. */
+export function stopCommands() {
+  commands?.stop();
+  commands = null;
+}
+
 /** Shows a banner with a text at the bottom of the window, where it moves nothing. */
-function showBanner(text) {
+export function showBanner(text) {
   const element = document.createElement("p");
   const words = document.createElement("span");
   const close = document.createElement("button");
@@ -27,10 +33,12 @@ function showBanner(text) {
   return banner;
 }
 
+const CUT_POWER = "Cut the robot's power now, or run `growbot estop` on its machine.";
+
 /** Returns what to do about an order that is not confirmed. */
 function remedy(isStop) {
   return isStop
-    ? "Cut the robot's power now, or run `growbot estop` on its machine. This page keeps sending the stop."
+    ? `${CUT_POWER} This page keeps sending the stop.`
     : "It is unknown whether the robot carries it out. If it must stop, press Emergency stop, run `growbot estop` on "
       + "its machine, or cut its power.";
 }
@@ -66,7 +74,7 @@ async function confirmOrder(name, isStop, response, signals) {
     if (isRejected && !isStop) banner?.element.remove();
     else if (!signals.isClosed()) {
       banner ??= showBanner("");
-      banner.setText(`${name}: ${error.message}. ${isRejected ? "" : remedy(isStop)}`);
+      banner.setText(`${name}: ${error.message}. ${isRejected ? CUT_POWER : remedy(isStop)}`);
     }
     throw error;
   } finally {

@@ -4,7 +4,7 @@ import {
   formatDuration, formatNumber, formatTime, makeCard, renderCard, setAge, setText, showMessage, valueLabels,
 } from "./card.js";
 import { RejectionError, STALE_MS, retryDelay } from "./connection.js";
-import { sendCommand, sendOrder, startCommands } from "./orders.js";
+import { sendCommand, sendOrder, showBanner, startCommands, stopCommands } from "./orders.js";
 import { ask } from "./question.js";
 import { API, clock, followService, request } from "./service.js";
 
@@ -18,8 +18,12 @@ const cards = new Map();
 const storedScenes = new WeakMap();
 /** True if this URL can send commands, false if it is read-only. Null until the service has responded. */
 let canControl = null;
-/** Time of the service's latest message, and whether the connection is lost. Null before the first message. */
-let [heardAt, isLost] = [null, false];
+/** Time of the service's latest message. Null before the first message. */
+let heardAt = null;
+/** True if the connection to the service is lost. */
+let isLost = false;
+/** Banner of a page whose token the service refuses. Null on other pages. */
+let expiredBanner = null;
 /** The open panel: the element that had the focus before, and the selection. */
 let openedPanel = {};
 const byId = (id) => document.getElementById(id);
@@ -254,7 +258,7 @@ let isRefreshing = false;
 
 /** Requests the latest jobs and shows them. One request at a time, so that a frozen service gets no pile of them. */
 async function refreshJobs() {
-  if (isRefreshing) return;
+  if (isRefreshing || expiredBanner) return;
   isRefreshing = true;
   try {
     const jobs = await request(`jobs?limit=${MAX_JOBS}`);
@@ -273,7 +277,9 @@ let lastStates = "";
 /** Handles a message of the service, which was sent `ageMs` ago. */
 function onMessage({ event, data, ageMs }) {
   isLost = event === "lost";
-  if (!isLost) heardAt = Math.max(heardAt ?? 0, performance.now() - ageMs);
+  if (event === "expired") expire();
+  else if (!isLost) renew();
+  if (data) heardAt = Math.max(heardAt ?? 0, performance.now() - ageMs);
   if (event === "heartbeat") {
     clock.set(data.time_ms, ageMs);
     for (const [name, ageS] of Object.entries(data.status_age_s)) {
@@ -288,6 +294,21 @@ function onMessage({ event, data, ageMs }) {
   showAges();
 }
 
+/** Shows that the service refuses the token of this page, so that it gets no data and cannot send commands. */
+function expire() {
+  stopCommands();
+  expiredBanner ??= showBanner("The service refuses this page, mostly because it has restarted: open the address that "
+    + "`growbot serve` prints. Until then, stop robots with `growbot estop` on their machine, or cut their power.");
+}
+
+/** Uses the page again, because another page of the browser was opened with the new token. */
+function renew() {
+  if (!expiredBanner) return;
+  expiredBanner.element.remove();
+  expiredBanner = null;
+  if (canControl) startCommands();
+}
+
 /** Shows whether the data are current. */
 function showAges() {
   const silence = silentMs();
@@ -296,7 +317,8 @@ function showAges() {
   let text = "Live";
   if (isStale) text = isLost ? `${age}, connecting again…` : age;
   else if (isLost) text = "Connection lost, connecting again…";
-  if (heardAt !== null || isLost) setText(byId("connection"), text);
+  if (expiredBanner) text = "No access";
+  if (heardAt !== null || isLost || expiredBanner) setText(byId("connection"), text);
   byId("connection").classList.toggle("alarm-text", text !== "Live");
   document.body.classList.toggle("silent", isStale);
   for (const card of cards.values()) renderCard(card, silence, canControl);

@@ -1,6 +1,6 @@
 // Events of the service, requests to it, and its clock.
 
-import { ServiceClock, followEvents, unwrapResponse } from "./connection.js";
+import { ServiceClock, followEvents, readResponse } from "./connection.js";
 
 export const API = new URL("api/v1/", location.href).href;
 export const clock = new ServiceClock();
@@ -11,7 +11,8 @@ const WORKER_SILENCE_MS = 40_000;
 
 /**
  * Follows the events through the worker that all pages share, or alone if there is none. Calls `onMessage` with
- * `event`, `data` and `ageMs`. The event `lost` means that the connection is lost.
+ * `event`, `data` and `ageMs`. The event `lost` means that the connection is lost. The event `expired` means that the
+ * service refuses the page's token.
  */
 export function followService(onMessage) {
   let own = null;
@@ -20,6 +21,7 @@ export function followService(onMessage) {
     own ??= followEvents(`${API}events`, {
       onEvent: (event, data) => onMessage({ event, data, ageMs: 0 }),
       onLost: () => onMessage({ event: "lost" }),
+      onExpired: () => onMessage({ event: "expired" }),
     });
   };
   if (!window.SharedWorker) {
@@ -29,7 +31,8 @@ export function followService(onMessage) {
   const worker = new SharedWorker("events-worker.js", { type: "module" });
   worker.addEventListener("error", followAlone);
   worker.port.addEventListener("message", ({ data: message }) => {
-    heardAt = performance.now();
+    // A worker whose token is refused is silent until a page is opened with another token.
+    heardAt = message.event === "expired" ? Infinity : performance.now();
     if (!own) onMessage(message);
   });
   worker.port.start();
@@ -52,9 +55,5 @@ export async function request(path, body, { timeMs, signal } = {}) {
     options.headers["content-type"] = "application/json";
     options.body = JSON.stringify(body);
   }
-  const response = await fetch(`${API}${path}`, options);
-  const text = await response.text();
-  let result;
-  try { result = JSON.parse(text); } catch { result = { detail: text }; }
-  return unwrapResponse(response.status, result);
+  return readResponse(await fetch(`${API}${path}`, options));
 }
