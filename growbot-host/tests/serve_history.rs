@@ -1,13 +1,13 @@
 //! The list of jobs of the service, and its run logs, after the disk was full.
 
-use std::process::{Command, Stdio};
+use std::process::Stdio;
 
 use growbot_client::run_log::RecordedRun;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::{Value, json};
 
 use crate::lab::{Lab, wait_for};
-use crate::running::PROGRAM;
+use crate::running::{PROGRAM, command};
 
 /// Limits the size of all files that a process writes, as a full disk does.
 fn limit_files(pid: u32, bytes: Option<u64>) {
@@ -19,11 +19,11 @@ fn limit_files(pid: u32, bytes: Option<u64>) {
 fn restart_with_errors(lab: &mut Lab) {
     lab.kill();
     let port = lab.pages.as_ref().unwrap().0.to_string();
-    let mut service = Command::new("sh");
+    let mut service = command("sh");
     service.args(["-c", "trap '' XFSZ; exec \"$0\" serve --page-port \"$1\"", PROGRAM, &port]);
-    let command = lab.command(&[]);
-    service.current_dir(command.get_current_dir().unwrap());
-    service.envs(command.get_envs().filter_map(|(name, value)| Some((name, value?))));
+    let of_lab = lab.command(&[]);
+    service.current_dir(of_lab.get_current_dir().unwrap());
+    service.envs(of_lab.get_envs().filter_map(|(name, value)| Some((name, value?))));
     service.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
     lab.service = Some(service.spawn().unwrap());
     wait_for("the service listens", || std::os::unix::net::UnixStream::connect(lab.socket()).ok());
