@@ -51,7 +51,7 @@ pub struct ServeEntry {
     pub port: Option<u16>,
     /// Timeout of a request's body, s. The default is 20. The head, and the pause before it, have half of it.
     pub request_s: Option<NonZeroU32>,
-    /// Origins of the reverse proxies that show the pages, such as https://robots.example.
+    /// Origins of the reverse proxies that show the pages, such as `https://robots.example`.
     #[serde(default)]
     pub origins: Vec<Origin>,
     /// Receivers of notices. By default there are none.
