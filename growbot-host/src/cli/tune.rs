@@ -21,7 +21,7 @@ const QUIET: Duration = Duration::from_secs(2);
 
 /// Find the PID gains of the heater by letting the nozzle temperature oscillate around a target
 ///
-/// The command prints the gains for the [heater] section of the robot file; the board does not store them. The nozzle
+/// The command prints the gains for the heater section of the robot file; the board does not store them. The nozzle
 /// gets hot, but no motor moves. Tuning takes some minutes, and Ctrl-C stops it.
 #[derive(Args)]
 #[command(after_help = "Example:\n  growbot tune --port /dev/ttyACM0 --target 210")]
