@@ -43,7 +43,7 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// Returns noise: many frames as a bad line delivers them, and half a frame at the end.
+/// Returns noise: [`NOISE`] random bytes, then the first half of a valid frame.
 fn noise() -> Vec<u8> {
     let mut random = Rng::new(&[1]);
     let mut bytes: Vec<u8> = (0..NOISE).map(|_| random.uniform_between(0.0, 256.0) as u8).collect();

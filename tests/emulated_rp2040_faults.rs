@@ -46,8 +46,9 @@ const LATER_S: f64 = 0.3;
 const LATER: f64 = 0.02;
 /// Time limit for a board to reach a state, ms of its own clock.
 const PATIENCE_MS: u64 = 900_000;
-/// Layers and name of a job.
+/// Number of layers of the job.
 const LAYERS: u32 = 4;
+/// Identifier of the job.
 const PLAN: u64 = 1;
 /// Temperature of the nozzle when a growth begins, degrees Celsius: for faults during heating, and for all others.
 const HEATING_C: f64 = 60.0;

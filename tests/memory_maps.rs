@@ -98,5 +98,5 @@ fn the_robots_image_fits_and_spares_description_and_journal() {
 
 #[test]
 fn the_picos_image_fits_and_spares_description_and_journal() {
-    check("pico", &pico_firmware("growbot-a"), &PICO);
+    check("pico", &pico_firmware("none"), &PICO);
 }

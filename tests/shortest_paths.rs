@@ -54,7 +54,7 @@ fn planned_length(robot: &Robot, goal: &Vector3<f64>, tangent: &Vector3<f64>) ->
     length(&path) / RADIUS
 }
 
-/// Comparison of the planned paths of some cases with the best.
+/// Counts of planned paths that are as long as, shorter than or longer than the best known path.
 #[derive(Default)]
 struct Comparison {
     same: usize,

@@ -194,9 +194,9 @@ pub enum SceneCheckError {
     OtherScene {
         /// The scene's file.
         file: String,
-        /// Hash in the plan.
+        /// Hash of the scene, as stored in the plan.
         plan: String,
-        /// Hash of the file.
+        /// Hash of the scene's file as it is now.
         here: String,
     },
     /// The body comes nearer than the scene allows.

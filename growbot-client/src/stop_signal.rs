@@ -106,7 +106,7 @@ impl StopSignal {
     }
 }
 
-/// Origin of a permit.
+/// Origin of a [`Permit`]: the order that allowed the robot to heat or move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Authority {
     /// An order of a person or of that person's program.

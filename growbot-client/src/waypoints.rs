@@ -272,7 +272,7 @@ mod tests {
         (0..count).map(|_| next()).collect()
     }
 
-    /// Returns the plans leg by leg and jointly.
+    /// Returns two plans: one whose legs are planned one after the other, and one whose legs are planned jointly.
     fn plans(goals: &[Goal], planner: Planner) -> (Plan, Plan) {
         let (robot, search) = (robot(), search(planner));
         let (last, via) = goals.split_last().unwrap();

@@ -58,7 +58,7 @@ pub enum PlanError {
     GoalNotReached {
         /// Distance from the goal, mm.
         distance: f64,
-        /// Angle between the directions, radians.
+        /// Angle between the direction at the path's end and the goal's direction, radians.
         angle: f64,
         /// Max distance that is accepted, mm.
         limit: f64,

@@ -78,7 +78,7 @@ impl StepperDrivers for UnmanagedDrivers {
     }
 }
 
-/// A board that has the serial line, for a robot that may not use it.
+/// Drivers that are optional: `None` if the robot does not use the board's serial line.
 impl<D: StepperDrivers> StepperDrivers for Option<D> {
     fn poll(&mut self, now: u64, in_use: bool) {
         if let Some(drivers) = self {

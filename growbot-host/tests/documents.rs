@@ -12,7 +12,7 @@ use growbot_host::settings;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in, runs};
 
-/// Possible needs of a block that is not run.
+/// Marks of code blocks in the documents that this test does not run: each names what the block needs.
 const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
 
 fn assert_nothing_wrong(wrong: &[String]) {

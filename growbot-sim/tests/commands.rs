@@ -48,7 +48,7 @@ fn try_to_grow_in(
     try_to_grow_with(&CommandQueue::default(), manner, order, line)
 }
 
-/// Like [`try_to_grow_in`], with a queue that the line may use, too.
+/// Like [`try_to_grow_in`], but with the caller's command queue, so that `line` can add commands to it as well.
 fn try_to_grow_with(
     orders: &CommandQueue,
     manner: GrowthOptions,

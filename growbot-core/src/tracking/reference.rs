@@ -397,7 +397,7 @@ impl Linear {
         }
     }
 
-    /// Returns the dual at the multipliers `pull`.
+    /// Returns value, gradient and Hessian of the dual function at the multipliers `pull`.
     fn dual(&self, pull: &Constraint) -> Dual {
         let weight = Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3] * GOAL_DEVIATION[row / 3]);
         let weighted = weight.component_mul(pull);

@@ -54,7 +54,8 @@ pub fn named(cause: u32) -> ResetCause {
     }
 }
 
-/// Ends the program after a stack overflow or another fault of the processor.
+/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
+/// processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();

@@ -110,7 +110,8 @@ extern "C" fn default_handler() -> ! {
     naked_asm!("ldr r0, 1f", "bx r0", ".balign 4", "1: .word HardFault")
 }
 
-/// Ends the program after a stack overflow or another fault of the processor.
+/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
+/// processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();

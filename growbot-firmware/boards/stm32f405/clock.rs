@@ -76,8 +76,8 @@ pub fn speed_up(rcc: &pac::RCC, flash: &pac::FLASH) -> ClockSource {
     if starts { ClockSource::Crystal } else { ClockSource::Internal }
 }
 
-/// Interrupt of the clock security system, which cannot be masked: the crystal has stopped. The processor runs by the
-/// internal oscillator, ten times slower, so that no task would be in time any more.
+/// Non-maskable interrupt of the clock security system: the crystal has stopped. The processor now runs on its internal
+/// oscillator, ten times slower, so every task would miss its deadline.
 #[exception]
 unsafe fn NonMaskableInt() {
     crate::reset::reset_on_clock_failure();

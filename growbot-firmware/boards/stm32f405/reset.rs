@@ -107,7 +107,8 @@ pub fn reset_on_clock_failure() -> ! {
     end(CLOCK_FAILED)
 }
 
-/// Ends the program after a stack overflow or another fault of the processor.
+/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
+/// processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();

@@ -47,9 +47,9 @@ const STEADY_US: u64 = 10_000_000;
 /// if its nozzle never comes nearer to the target. The derivation of this value is not recorded. `heater::tests::times`
 /// checks it.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
-/// Distance from the target, in bands, within which the heater's power is dithered. The reading of a working sensor
-/// therefore shows the dither before the nozzle counts as hot. The derivation of this value is not recorded.
-/// `heater::tests::sound` and `heater::tests::faults` bound it.
+/// Distance from the target, in multiples of the robot's temperature tolerance (its band), within which the heater's
+/// power is dithered. The reading of a working sensor therefore shows the dither before the nozzle counts as hot. The
+/// derivation of this value is not recorded. `heater::tests::sound` and `heater::tests::faults` bound it.
 const DITHERED_BANDS: f32 = 2.0;
 /// Max duration of tuning, as a multiple of the robot's heating timeout (docs/decisions/0022-heater-regulation.md).
 const TUNING_TIMEOUTS: u64 = 2;

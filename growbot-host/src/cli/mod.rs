@@ -312,9 +312,9 @@ impl From<ClientError> for Failure {
 /// `--port` of commands that communicate with a robot. The default is the configured port, or else a simulated robot.
 #[derive(Args)]
 pub struct PortArg {
-    /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (growbot power), emulator, emulator:ELF, rp2040
-    /// or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default: GROWBOT_PORT, then growbot.toml, then
-    /// sim]
+    /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (a simulated robot that stays on, see growbot
+    /// power), emulator, emulator:ELF, rp2040 or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default:
+    /// GROWBOT_PORT, then growbot.toml, then sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]

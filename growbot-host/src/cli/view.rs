@@ -42,13 +42,13 @@ pub struct ViewArgs {
     /// Show several plans or run logs side by side, or in the same plots (a page has two)
     #[arg(long)]
     compare: bool,
-    /// Write a picture instead of a page: SVG, with the name of -o
+    /// Write an SVG picture instead of a page (-o sets its file)
     #[arg(long)]
     svg: bool,
-    /// Write a picture instead of a page: PNG, with the name of -o
+    /// Write a PNG picture instead of a page (-o sets its file)
     #[arg(long, conflicts_with = "svg")]
     png: bool,
-    /// Write a picture instead of a page: PDF, letters as outlines, with the name of -o
+    /// Write a PDF picture instead of a page, with letters as outlines (-o sets its file)
     #[arg(long, conflicts_with_all = ["svg", "png"])]
     pdf: bool,
     /// Width of a PNG in pixels [default: 1600]
@@ -121,7 +121,7 @@ impl From<LookName> for Viewpoint {
 /// Colour scales on the command line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum PaletteName {
-    /// From blue, low, over sand to orange
+    /// Blue for low values, through sand, to orange for high values
     BlueOrange,
     /// From violet over green to yellow
     Viridis,

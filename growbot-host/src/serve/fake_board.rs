@@ -243,7 +243,7 @@ impl FakeBoard {
 #[derive(Clone)]
 pub struct FakeLine {
     board: Arc<Mutex<FakeBoard>>,
-    /// True once the service of this line was killed.
+    /// True once the service that uses this board has been killed.
     is_killed: Arc<AtomicBool>,
     /// True once the robot's thread is to panic at its next use of the line.
     thread_ends: Arc<AtomicBool>,

@@ -47,7 +47,8 @@ impl PageAccess {
         texts(COOKIE).any(by_cookie) || texts(AUTHORIZATION).any(by_bearer)
     }
 
-    /// Returns the cookie for the browser that sent this request. It is sent by HTTPS only if it is set by HTTPS.
+    /// Returns the cookie for the browser that sent this request. If the page was requested over HTTPS, the cookie is
+    /// marked `Secure`, so that the browser never sends it over plain HTTP.
     fn set_cookie(&self, headers: &HeaderMap) -> String {
         let host = headers.get(HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
         let secure = if self.origins.is_https(host) { "; Secure" } else { "" };

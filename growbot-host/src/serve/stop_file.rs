@@ -21,7 +21,7 @@ struct StoredStop {
     time_utc: String,
 }
 
-/// The file of one robot.
+/// File of a robot's stop that its board has not confirmed. It exists only while there is such a stop.
 pub struct StopFile {
     path: PathBuf,
     /// Level that the file has. One thread at a time compares it with the signal and writes.

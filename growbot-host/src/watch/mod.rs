@@ -72,7 +72,7 @@ pub struct LiveGrowth {
     /// Queue of commands. `None` if pages are read-only.
     orders: Option<Arc<CommandQueue>>,
     watched: Mutex<GrowthTracker>,
-    /// Time of the board's latest report, since the machine's start. `None` before the first one.
+    /// Time of the board's latest report, since the start of this computer. `None` before the first one.
     reported: Mutex<Option<Duration>>,
     /// Counter of changes. Each open page waits for it to change.
     changes: watch::Sender<u64>,

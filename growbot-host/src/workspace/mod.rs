@@ -42,7 +42,8 @@ pub struct WorkspaceQuery<'a> {
     pub planner: Planner,
     /// Heading and pitch of the tip at the end, radians. `None` for any direction.
     pub direction: Option<(f64, f64)>,
-    /// True to compute the section. With a given direction it takes most of the time.
+    /// True to compute the section through the workspace. If `direction` is given, most of the computing time goes into
+    /// it.
     pub section: bool,
 }
 

@@ -29,7 +29,8 @@ const START: Duration = Duration::from_secs(60);
 /// Greatest number of bytes of QEMU's own messages that are stored.
 const MESSAGES: usize = 8192;
 
-/// In virtual time an instruction takes 2^5 ns, as on the board's 25 MHz, and idle time takes no real time.
+/// In virtual time an instruction takes 2^5 = 32 ns, the power of two nearest to the 40 ns of the emulated board's 25
+/// MHz. Idle time takes no real time.
 const INSTRUCTIONS: &str = "shift=5,sleep=off";
 
 /// Mode of the emulated robot's time.

@@ -41,7 +41,7 @@ const MAX_STEPS: usize = 20_000;
 pub struct Helicoid {
     /// The anchor, and the tangent there.
     pub anchor: Tip,
-    /// m at the anchor, perpendicular to the tangent. The curve bends about its direction there.
+    /// The vector m at the anchor. It is perpendicular to the tangent, and the curve bends about it there.
     pub m: Vector3<f64>,
     /// The constant vector p: m changes by p x displacement along the curve.
     pub p: Vector3<f64>,

@@ -73,7 +73,7 @@ macro_rules! messages {
             /// Encodes the body.
             ///
             /// # Errors
-            /// Returns an error if the body does not fit in a frame. Every message of the table fits.
+            /// Returns an error if the body does not fit in a frame. Every message of this protocol fits.
             pub fn encode<'a>(&self, buffer: &'a mut [u8; MAX_BODY_LEN]) -> Result<&'a [u8], MessageError> {
                 self.encode_from::<0>(buffer)
             }

@@ -446,7 +446,8 @@ pub enum ImageCheck {
         /// CRC-32C of the image.
         crc: u32,
     },
-    /// The image differs from its seal. The board does not heat.
+    /// The firmware image is damaged: its CRC differs from the one stored in it, or what is stored is not valid. The
+    /// board refuses to heat.
     Corrupt {
         /// CRC-32C in the seal of the image.
         sealed: u32,

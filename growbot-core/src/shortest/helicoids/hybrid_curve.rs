@@ -126,7 +126,8 @@ impl<'a, T: Nodes> HybridCurve<'a, T> {
         entry.moved(&enter, &leave).on_circle(side * beyond, one)
     }
 
-    /// Returns the phase at about this length from the neck. Before the neck, both are negative.
+    /// Returns the approximate phase at this arc length from the neck (the point where `m` is shortest). Length and
+    /// phase are negative before it.
     pub(super) fn phase_after(&self, length: T) -> T {
         let side = if length < T::literal(0.0) { T::literal(-1.0) } else { T::literal(1.0) };
         let neck = self.ends[1].length;

@@ -20,7 +20,8 @@ const NARROWEST: &str = "#b3261e";
 /// Opacity of faces and of their edges.
 const FACE: &str = "fill-opacity=\".17\" stroke-opacity=\".4\"";
 const FINE_FACE: &str = "fill-opacity=\".14\" stroke-opacity=\".12\"";
-/// Number of points along an obstacle among which the one nearest to the tube in the picture is searched.
+/// Number of intervals between the points sampled along an obstacle to find the one that is nearest to the tube in the
+/// picture.
 const SAMPLES: u32 = 24;
 
 /// A rectangle of the drawing: left, top, right, bottom.

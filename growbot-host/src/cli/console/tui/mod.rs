@@ -106,7 +106,7 @@ pub fn run(
 }
 
 /// Returns a flag that is set by a request to end, or when the terminal goes away. The robot then finishes its layer
-/// and pauses, as after `q`.
+/// and pauses, as after `q`. If the program has not ended after [`PATIENCE`], the handler ends it.
 fn install_exit_handler() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let signal = Arc::clone(&leave);
