@@ -70,7 +70,7 @@ pub enum OwnershipError {
 
 /// Owner and permissions of a file or folder.
 #[derive(Debug, Clone, Copy)]
-struct Access {
+struct Ownership {
     owner: u32,
     mode: u32,
     is_folder: bool,
@@ -87,7 +87,7 @@ enum Weakness {
 
 /// Returns what is wrong with a file or folder for this user. A folder with the sticky bit, such as `/tmp`, protects
 /// the files of its users from each other. So does a group of the user alone, which many systems give each user.
-fn weakness(user: u32, found: Access, protection: Protection) -> Option<Weakness> {
+fn weakness(user: u32, found: Ownership, protection: Protection) -> Option<Weakness> {
     let forbidden = match protection {
         Protection::Write if found.is_folder && found.mode & STICKY != 0 => 0,
         Protection::Write if found.has_private_group => 0o002,
@@ -143,7 +143,7 @@ pub fn check_one(path: &Path, protection: Protection) -> Result<(), OwnershipErr
     let read = |path| fs::read_to_string(path).unwrap_or_default();
     let has_private_group =
         mode & 0o020 != 0 && is_private_group(found.gid(), user, &read("/etc/passwd"), &read("/etc/group"));
-    match weakness(user, Access { owner, mode, is_folder: found.is_dir(), has_private_group }, protection) {
+    match weakness(user, Ownership { owner, mode, is_folder: found.is_dir(), has_private_group }, protection) {
         None => Ok(()),
         Some(Weakness::Owner) => Err(OwnershipError::Owner { path: path.to_path_buf(), owner, user }),
         Some(Weakness::Mode) => Err(OwnershipError::Mode { path: path.to_path_buf(), mode, protection }),
@@ -206,12 +206,12 @@ mod tests {
             (1000, 1000, 0o640, false, All, Some(Weakness::Mode)),
             (1000, 0, 0o1777, folder, All, Some(Weakness::Mode)),
         ] {
-            let access = Access { owner, mode, is_folder, has_private_group: false };
+            let access = Ownership { owner, mode, is_folder, has_private_group: false };
             let found = weakness(user, access, protection);
             assert_eq!(found, expected, "user {user}, owner {owner}, mode {mode:o}, {protection:?}");
         }
         let of_group = |mode, protection| {
-            weakness(1000, Access { owner: 1000, mode, is_folder: false, has_private_group: true }, protection)
+            weakness(1000, Ownership { owner: 1000, mode, is_folder: false, has_private_group: true }, protection)
         };
         assert_eq!(of_group(0o664, Write), None);
         assert_eq!(of_group(0o666, Write), Some(Weakness::Mode));

@@ -129,7 +129,7 @@ impl RoleLimits {
         what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,
     ) -> Result<T, Problem> {
         let turn = Arc::clone(&self.computations).acquire_owned().await.map_err(Problem::internal)?;
-        let requester = Requester::default();
+        let requester = ComputationRequester::default();
         let computation = Computation::new(&requester.0);
         let (reply, computed) = oneshot::channel();
         let run = move || {
@@ -178,9 +178,9 @@ impl Computation {
 
 /// The requester of a computation. The server drops this value when the connection closes.
 #[derive(Default)]
-struct Requester(Arc<AtomicBool>);
+struct ComputationRequester(Arc<AtomicBool>);
 
-impl Drop for Requester {
+impl Drop for ComputationRequester {
     fn drop(&mut self) {
         self.0.store(true, Ordering::Relaxed);
     }

@@ -19,7 +19,7 @@ use crate::watch::allowed_origins::AllowedOrigins;
 const NAME_BYTES: usize = 6;
 
 /// Rights that a token gives, and their path.
-pub struct PageAccess {
+pub struct TokenAccess {
     token: String,
     /// First part of the path of pages without the token in their address.
     path: &'static str,
@@ -28,7 +28,7 @@ pub struct PageAccess {
     origins: AllowedOrigins,
 }
 
-impl PageAccess {
+impl TokenAccess {
     /// Returns the access by this token, for the pages below `/path/`.
     pub fn new(token: &str, path: &'static str, origins: &AllowedOrigins) -> Arc<Self> {
         let hash = digest(&SHA256, token.as_bytes());
@@ -57,7 +57,7 @@ impl PageAccess {
 }
 
 /// Handles a request for a page without a token in its address, if the token is in a header.
-pub async fn require_token(State(access): State<Arc<PageAccess>>, request: Request, next: Next) -> Response {
+pub async fn require_token(State(access): State<Arc<TokenAccess>>, request: Request, next: Next) -> Response {
     if access.is_in(request.headers()) {
         return next.run(request).await;
     }
@@ -67,7 +67,7 @@ pub async fn require_token(State(access): State<Arc<PageAccess>>, request: Reque
 }
 
 /// Handles a request with the token in its address. A browser that opens a page there is led to the address without it.
-pub async fn leave_address(State(access): State<Arc<PageAccess>>, request: Request, next: Next) -> Response {
+pub async fn leave_address(State(access): State<Arc<TokenAccess>>, request: Request, next: Next) -> Response {
     let accepted = request.headers().get(ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
     if request.method() != Method::GET || !accepted.contains("text/html") {
         return next.run(request).await;

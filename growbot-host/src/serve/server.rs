@@ -24,7 +24,7 @@ use super::audit::CommandSource;
 use super::config::ServeEntry;
 use super::connections::{ConnectionLimiter, require_place};
 use super::limits::{RoleLimits, buffer_body, limit_concurrency};
-use super::page_access::{PageAccess, leave_address, require_token};
+use super::page_access::{TokenAccess, leave_address, require_token};
 use super::page_listener::listen;
 use super::problem::Problem;
 use super::state_lock::{LockError, StateLock};
@@ -148,7 +148,7 @@ impl Server {
         let origins = AllowedOrigins::new(&settings.origins);
         let pages = |token: &str, path: &'static str, access: Access| {
             let site = site(access, &page_door);
-            let token_access = PageAccess::new(token, path, &origins);
+            let token_access = TokenAccess::new(token, path, &origins);
             let with_header = site.clone().layer(from_fn_with_state(Arc::clone(&token_access), require_token));
             let with_address = site.layer(from_fn_with_state(token_access, leave_address));
             Router::new().nest(&format!("/{path}/"), with_header).nest(&format!("/{token}/"), with_address)
