@@ -10,11 +10,10 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::crash::CrashRecord;
 use growbot_core::link::message::{BoardInfo, Fault, LayerReadings, Status};
 use growbot_core::pose::{Frame, Pose};
-use serde::de::DeserializeOwned;
-use serde::{Deserialize, Deserializer, Serialize};
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
 
 use super::header::{ResumeRecord, RunHeader};
+use super::lenient::lenient;
 use super::result::{GrowthResult, InterruptedLayerJson};
 use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::crash::CrashJson;
@@ -303,9 +302,4 @@ fn simulated(index: u32, layer: &Layer, laid_tip: &mut Frame) -> RunEvent {
         },
         tip: Some(TipPoseJson::from(&Pose::from_frame(laid_tip))),
     })
-}
-
-/// Deserializes a field that is not essential for its event. A value that cannot be read becomes `None`.
-pub(crate) fn lenient<'de, D: Deserializer<'de>, T: DeserializeOwned>(from: D) -> Result<Option<T>, D::Error> {
-    Ok(serde_json::from_value(Value::deserialize(from)?).unwrap_or_default())
 }

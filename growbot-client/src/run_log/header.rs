@@ -6,7 +6,7 @@ use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
-use super::event::lenient;
+use super::lenient::lenient;
 use crate::plan_file::PlanFile;
 
 /// The first line of a run log.

@@ -61,7 +61,7 @@ pub mod layer {
 
     /// Deserializes a layer. `None` if it cannot be read.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LayerBytes>, D::Error> {
-        let text: Option<String> = super::super::event::lenient(from)?;
+        let text: Option<String> = super::super::lenient::lenient(from)?;
         Ok(text.and_then(|text| super::unhex(&text)?.first().copied()))
     }
 }

@@ -16,6 +16,7 @@
 mod event;
 mod header;
 mod hexadecimal;
+mod lenient;
 mod queue;
 mod reader;
 mod recorded_run;
@@ -33,13 +34,13 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Iso8601;
 use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimePrecision};
 
-pub(crate) use self::event::lenient;
 pub use self::event::{
     BoardRecord, BoardStatus, LaidLayer, LayerJson, MeasuredJson, RunEvent, RunLine, SimulatedLayer, to_run_events,
 };
 pub use self::header::{Distribution, DisturbancesJson, ResumeRecord, RunHeader, SensorNoiseJson, TipKind, Unit};
 pub use self::hexadecimal::hex_of;
 pub(crate) use self::hexadecimal::{hash, layers};
+pub(crate) use self::lenient::lenient;
 use self::queue::LineQueue;
 pub use self::reader::{Damage, Events};
 pub use self::recorded_run::{BodyKind, ReadRunLogError, RecordedRun, RobotId};

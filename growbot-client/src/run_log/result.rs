@@ -11,7 +11,7 @@ use growbot_scene::scene::Scene;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
 
-use super::event::lenient;
+use super::lenient::lenient;
 use crate::arrival::Arrival;
 use crate::client::ClockDrift;
 use crate::feedback::FeedbackReport;

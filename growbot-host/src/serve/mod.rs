@@ -53,7 +53,9 @@ mod robot_alerts;
 mod robot_stops;
 mod robot_worker;
 mod scene_store;
+mod secret_file;
 pub mod server;
+mod server_error;
 mod state_lock;
 mod stop_file;
 #[cfg(test)]

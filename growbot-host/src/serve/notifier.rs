@@ -23,7 +23,7 @@ use super::job_updates::JobUpdate;
 use super::notification::{
     Alert, Notification, NotificationChannel, NotificationContext, NotificationEvent, QueuedNotification,
 };
-use super::server::write_secret;
+use super::secret_file::write_secret;
 use super::{JobStoreError, ServiceContext, ServicePaths};
 
 /// Timeout of a webhook's response.

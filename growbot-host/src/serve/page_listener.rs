@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 
 use listenfd::ListenFd;
 
-use super::server::ServerError;
+use super::server_error::ServerError;
 
 /// Takes the socket that systemd, or another service manager with its protocol (`LISTEN_FDS`), hands over. `None` if it
 /// hands over nothing. It is called before the process has threads.

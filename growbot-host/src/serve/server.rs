@@ -1,9 +1,9 @@
 //! The server of the interface: on the loopback interface, behind tokens, and on a socket of the user.
 
 use std::fs;
-use std::io::{self, Write};
+use std::io;
 use std::net::TcpListener as StdTcpListener;
-use std::os::unix::fs::{OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -27,62 +27,17 @@ use super::limits::{RoleLimits, buffer_body, limit_concurrency};
 use super::page_access::{TokenAccess, leave_address, require_token};
 use super::page_listener::listen;
 use super::problem::Problem;
-use super::state_lock::{LockError, StateLock};
+pub use super::server_error::ServerError;
+use super::state_lock::StateLock;
 use super::tokens::Tokens;
 use super::workers::{self, handle_request};
 use super::{Service, ServicePaths, page};
-use crate::ownership::OwnershipError;
 use crate::watch::allowed_origins::AllowedOrigins;
 use crate::watch::heartbeat::OrderAge;
 use crate::watch::origin_check::{not_found, require_allowed_origin};
 
 /// Maximum length of the reason in a response that is converted to problem details, bytes.
 const MAX_REASON: usize = 4096;
-
-/// Errors that prevent the server from listening.
-#[derive(Debug, thiserror::Error)]
-pub enum ServerError {
-    /// The address cannot be bound.
-    #[error("cannot serve pages at 127.0.0.1:{port} ({error}): choose another port with --page-port")]
-    Address {
-        /// Requested port, 0 for any.
-        port: u16,
-        /// Error of the operating system.
-        error: io::Error,
-    },
-    /// The service manager hands over something else than a socket for the pages.
-    #[error(
-        "the service manager must hand over one listening TCP socket of this machine alone (127.0.0.1 or ::1), but \
-         {reason}: correct ListenStream in the socket unit"
-    )]
-    HandedOver {
-        /// Difference from such a socket.
-        reason: String,
-    },
-    /// Other users can access a file or directory of the service.
-    #[error("the service keeps its files from other users: {0}")]
-    Ownership(#[from] OwnershipError),
-    /// Another service uses the data folder.
-    #[error(transparent)]
-    Lock(#[from] LockError),
-    /// A file cannot be used.
-    #[error("cannot use {path}: {error}")]
-    File {
-        /// Path of the file.
-        path: String,
-        /// Error of the operating system.
-        error: io::Error,
-    },
-}
-
-/// Writes a file that only the user can read, completely or not at all.
-pub(super) fn write_secret(path: &Path, text: &str) -> io::Result<()> {
-    let aside = path.with_extension("new");
-    let mut file = fs::File::options().write(true).create(true).truncate(true).mode(0o600).open(&aside)?;
-    file.write_all(text.as_bytes())?;
-    file.sync_all()?;
-    fs::rename(&aside, path)
-}
 
 /// The bound listeners, before they are served.
 pub struct Server {

@@ -11,7 +11,7 @@ use std::path::Path;
 
 use rustix::net::sockopt::socket_cookie;
 
-use super::server::write_secret;
+use super::secret_file::write_secret;
 use crate::watch::random_token;
 
 /// Number that the kernel gives to each start of the machine.

@@ -1,0 +1,42 @@
+//! Errors of the server's start.
+
+use std::io;
+
+use super::state_lock::LockError;
+use crate::ownership::OwnershipError;
+
+/// Errors that prevent the server from listening.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// The address cannot be bound.
+    #[error("cannot serve pages at 127.0.0.1:{port} ({error}): choose another port with --page-port")]
+    Address {
+        /// Requested port, 0 for any.
+        port: u16,
+        /// Error of the operating system.
+        error: io::Error,
+    },
+    /// The service manager hands over something else than a socket for the pages.
+    #[error(
+        "the service manager must hand over one listening TCP socket of this machine alone (127.0.0.1 or ::1), but \
+         {reason}: correct ListenStream in the socket unit"
+    )]
+    HandedOver {
+        /// Difference from such a socket.
+        reason: String,
+    },
+    /// Other users can access a file or directory of the service.
+    #[error("the service keeps its files from other users: {0}")]
+    Ownership(#[from] OwnershipError),
+    /// Another service uses the data folder.
+    #[error(transparent)]
+    Lock(#[from] LockError),
+    /// A file cannot be used.
+    #[error("cannot use {path}: {error}")]
+    File {
+        /// Path of the file.
+        path: String,
+        /// Error of the operating system.
+        error: io::Error,
+    },
+}
