@@ -27,19 +27,19 @@ fn set_mode(path: &Path, mode: u32) {
 fn serve_again(lab: &Lab) -> (Option<i32>, String) {
     let occupied = TcpListener::bind(("127.0.0.1", 0)).unwrap();
     let port = occupied.local_addr().unwrap().port();
-    let (code, said) = lab.run(&["serve", "--page-port", &port.to_string()]);
-    (code, in_lines(&said))
+    let (code, text) = lab.run(&["serve", "--page-port", &port.to_string()]);
+    (code, in_lines(&text))
 }
 
 /// Checks that commands do not use the service for this reason, and that the emergency stop goes to the robot itself.
 fn check_not_asked(lab: &Lab, reason: &str) {
     for args in [&["status"][..], &["pause"], &["grow", "--to", GOAL]] {
-        let (code, said) = lab.run(args);
-        assert!(matches!(code, Some(1 | 2)) && in_lines(&said).contains(reason), "{args:?}: {said}");
+        let (code, text) = lab.run(args);
+        assert!(matches!(code, Some(1 | 2)) && in_lines(&text).contains(reason), "{args:?}: {text}");
     }
-    let (code, said) = lab.run(&["estop"]);
-    assert!(code == Some(0) && said.starts_with("emergency stop"), "{said}");
-    assert!(in_lines(&said).contains(reason), "{said}");
+    let (code, text) = lab.run(&["estop"]);
+    assert!(code == Some(0) && text.starts_with("emergency stop"), "{text}");
+    assert!(in_lines(&text).contains(reason), "{text}");
 }
 
 #[test]
@@ -59,13 +59,13 @@ fn a_runtime_folder_that_others_can_access_is_refused_by_commands_and_service() 
     assert_eq!(lab.run(&["status"]).0, Some(0));
     set_mode(&folder, 0o750);
     lab.kill();
-    let (code, said) = serve_again(&lab);
-    assert!(code == Some(2) && said.contains("has mode 0750") && said.contains("`chmod go-rwx "), "{said}");
+    let (code, text) = serve_again(&lab);
+    assert!(code == Some(2) && text.contains("has mode 0750") && text.contains("`chmod go-rwx "), "{text}");
     set_mode(&folder, 0o700);
     // Only root can give a folder away.
     if chown(&folder, Some(OTHER_USER), None).is_ok() {
-        let (code, said) = serve_again(&lab);
-        assert!(code == Some(2) && said.contains("run/growbot belongs to user 54321"), "{said}");
+        let (code, text) = serve_again(&lab);
+        assert!(code == Some(2) && text.contains("run/growbot belongs to user 54321"), "{text}");
         check_not_asked(&lab, "run/growbot belongs to user 54321");
     }
 }
@@ -92,9 +92,9 @@ fn a_false_service_of_another_user_is_not_asked() {
     let mut python = running::command("python3");
     python.args(["-c", FALSE_SERVICE, &socket, &OTHER_USER.to_string()]);
     let mut service = python.stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
-    let mut said = BufReader::new(service.stdout.take().unwrap());
+    let mut text = BufReader::new(service.stdout.take().unwrap());
     let mut line = String::new();
-    said.read_line(&mut line).unwrap();
+    text.read_line(&mut line).unwrap();
     // Only root can have a program of another user in its own folder.
     if line == "listening\n" {
         check_not_asked(&lab, &format!("listens on {socket} belongs to user 54321"));
@@ -102,7 +102,7 @@ fn a_false_service_of_another_user_is_not_asked() {
     service.kill().unwrap();
     service.wait().unwrap();
     let mut heard = String::new();
-    said.read_to_string(&mut heard).unwrap();
+    text.read_to_string(&mut heard).unwrap();
     assert!(heard.lines().all(|line| line == "heard b''"), "{heard}");
 }
 
@@ -115,10 +115,10 @@ fn a_data_folder_has_one_service_whatever_its_socket() {
     set_mode(&lab.directory.path().join("other/growbot"), 0o700);
     let mut second = lab.command(&["serve", "--page-port", "0"]);
     let output = second.env("XDG_RUNTIME_DIR", lab.directory.path().join("other")).output().unwrap();
-    let said = in_lines(&String::from_utf8(output.stderr).unwrap());
+    let text = in_lines(&String::from_utf8(output.stderr).unwrap());
     let holder = format!("process {} of user ", lab.service.as_ref().unwrap().id());
-    assert!(output.status.code() == Some(2) && said.contains("already runs `growbot serve`"), "{said}");
-    assert!(said.contains(&holder) && said.contains("state/growbot/serve"), "{said}");
+    assert!(output.status.code() == Some(2) && text.contains("already runs `growbot serve`"), "{text}");
+    assert!(text.contains(&holder) && text.contains("state/growbot/serve"), "{text}");
     assert_eq!(lab.run(&["status"]).0, Some(0));
 }
 
@@ -143,9 +143,9 @@ fn files_are_for_the_user_alone_and_others_are_refused() {
     for name in ["tokens", "audit.jsonl", "jobs.sqlite", "jobs", "stops"] {
         let mode = fs::symlink_metadata(state.join(name)).unwrap().mode() & 0o7777;
         set_mode(&state.join(name), mode | 0o040);
-        let (code, said) = serve_again(&lab);
-        let is_told = said.contains(&format!("serve/{name} has mode 0")) && said.contains("`chmod go-rwx ");
-        assert!(code == Some(2) && is_told, "{name}: {said}");
+        let (code, text) = serve_again(&lab);
+        let is_reported = text.contains(&format!("serve/{name} has mode 0")) && text.contains("`chmod go-rwx ");
+        assert!(code == Some(2) && is_reported, "{name}: {text}");
         set_mode(&state.join(name), mode);
     }
     lab.start();
@@ -297,8 +297,8 @@ fn only_one_socket_of_this_machine_alone_is_taken_over() {
         [(&public, "1", "which other machines can reach"), (&local, "2", "there are 2: correct ListenStream")]
     {
         let output = handed_over(&lab, sockets, listener).output().unwrap();
-        let said = in_lines(&String::from_utf8(output.stderr).unwrap());
-        assert!(output.status.code() == Some(2) && said.contains(reason), "{said}");
+        let text = in_lines(&String::from_utf8(output.stderr).unwrap());
+        assert!(output.status.code() == Some(2) && text.contains(reason), "{text}");
     }
 }
 
@@ -327,7 +327,7 @@ fn pages_behind_a_configured_proxy_are_served() {
     }
     let wrong = lab.directory.path().join("growbot/growbot.toml");
     fs::write(&wrong, "[serve]\norigins = [\"robots.example\"]\n").unwrap();
-    let (code, said) = serve_again(&lab);
-    assert!(code == Some(2) && said.contains("growbot.toml, line 2") && said.contains("scheme and host"), "{said}");
+    let (code, text) = serve_again(&lab);
+    assert!(code == Some(2) && text.contains("growbot.toml, line 2") && text.contains("scheme and host"), "{text}");
     let _: Value = lab.ask("GET", "/robots/lab", "").1;
 }

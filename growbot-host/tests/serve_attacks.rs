@@ -290,8 +290,8 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
         ("GET", "/jobs/none", "", 404),
     ] {
         let (status, problem) = lab.ask(method, path, body);
-        let is_told = problem["detail"].as_str().is_some_and(|detail| !detail.is_empty());
-        assert!(status == wanted && problem["status"] == wanted && is_told, "{method} {path}: {status} {problem}");
+        let is_reported = problem["detail"].as_str().is_some_and(|detail| !detail.is_empty());
+        assert!(status == wanted && problem["status"] == wanted && is_reported, "{method} {path}: {status} {problem}");
     }
     let (_, document) = lab.ask("GET", "/openapi.json", "");
     let operation = &document["paths"]["/robots/{robot}/commands"]["post"];

@@ -85,8 +85,9 @@ impl Place {
         for args in [&["estop"][..], &["estop", "--port", "lab"], &["stop"], &["stop", "--port", "lab"]] {
             let ran = self.run(args);
             assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
-            let is_told = ran.err.contains("settings are ignored") && words.iter().all(|words| ran.err.contains(words));
-            assert!(is_told, "{args:?}: {}", ran.err);
+            let is_reported =
+                ran.err.contains("settings are ignored") && words.iter().all(|words| ran.err.contains(words));
+            assert!(is_reported, "{args:?}: {}", ran.err);
         }
         assert!(self.projects_robot.accept().is_err(), "a robot of another user was reached");
     }

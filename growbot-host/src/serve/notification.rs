@@ -420,7 +420,7 @@ mod tests {
 
     #[test]
     fn automatic_pauses_are_not_notified() {
-        for (state, pause_cause, is_told) in [
+        for (state, pause_cause, is_reported) in [
             (State::Paused, PauseCause::Requested, true),
             (State::Parked, PauseCause::FilamentOut, true),
             (State::Growing, PauseCause::FilamentOut, false),
@@ -442,7 +442,7 @@ mod tests {
                 is_resumable: true,
                 uptime_ms: 0,
             };
-            assert_eq!(AlertState::from_status(&status).pause.is_some(), is_told, "{state:?} {pause_cause:?}");
+            assert_eq!(AlertState::from_status(&status).pause.is_some(), is_reported, "{state:?} {pause_cause:?}");
         }
     }
 

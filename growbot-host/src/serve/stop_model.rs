@@ -379,6 +379,8 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
     let service = service(&directory);
     let case = Case::new(&service, "lab".to_owned());
     case.wait_for_connection();
+    // After the connection the thread corrects the list of jobs, for which it must not wait below.
+    case.settle();
     let worker = &case.worker;
     let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
     let robot = worker.description().unwrap();
