@@ -3,6 +3,7 @@
 //! A thread owns the connection and receives requests as messages. So Python threads can run, and Ctrl-C has an effect,
 //! while a body grows.
 
+use std::fmt::Display;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -100,7 +101,7 @@ struct BoardWorker {
     link: Option<BoardLink>,
 }
 
-fn board_error(error: impl ToString) -> Error {
+fn board_error(error: impl Display) -> Error {
     Error::new(ErrorKind::Board, error)
 }
 
@@ -112,7 +113,7 @@ impl BoardWorker {
                 WorkerRequest::Status(response) => drop(response.send(self.status())),
                 WorkerRequest::Stop(response) => drop(response.send(self.stop())),
                 WorkerRequest::EmergencyStop(response) => drop(response.send(self.emergency_stop())),
-                WorkerRequest::Grow(task) => self.grow(*task),
+                WorkerRequest::Grow(task) => self.grow(&task),
             }
         }
     }
@@ -156,9 +157,9 @@ impl BoardWorker {
         Ok("emergency stop".to_owned())
     }
 
-    fn grow(&mut self, task: GrowTask) {
+    fn grow(&mut self, task: &GrowTask) {
         let events = &task.events;
-        let (result, error) = match self.grow_body(&task) {
+        let (result, error) = match self.grow_body(task) {
             Ok((result, error)) => (serde_json::to_string(&result).ok(), error),
             Err(error) => (None, Some(error)),
         };

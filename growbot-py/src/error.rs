@@ -1,5 +1,7 @@
 //! Exceptions with a message, the value, the limit and the remedy. The classes are in `python/growbot/_errors.py`.
 
+use std::fmt::Display;
+
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -72,14 +74,14 @@ pub enum Error {
 
 impl Error {
     /// Returns an error without value and limit.
-    pub fn new(kind: ErrorKind, message: impl ToString) -> Self {
+    pub fn new(kind: ErrorKind, message: impl Display) -> Self {
         Self::Growbot { kind, message: message.to_string(), value: None, limit: None }
     }
 
     /// Returns an error with value and limit.
     pub fn with(
         kind: ErrorKind,
-        message: impl ToString,
+        message: impl Display,
         value: impl Into<ErrorValue>,
         limit: impl Into<ErrorValue>,
     ) -> Self {

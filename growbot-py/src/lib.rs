@@ -11,6 +11,9 @@
 //!
 //! Long computations release the interpreter for other threads, and Ctrl-C ends them.
 
+// Tuples of arrays and arguments have long types, which names would hide.
+#![allow(clippy::type_complexity)]
+
 mod arguments;
 mod board;
 mod conditions;

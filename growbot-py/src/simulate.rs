@@ -36,6 +36,7 @@ pub fn interruptible<T: Sync, U: Send>(
     let (results, signal) = py.detach(|| {
         let mut signal = None;
         let mut look = || {
+            #[allow(clippy::redundant_closure_for_method_calls, reason = "the method is not for any lifetime")]
             if let Err(error) = Python::attach(|py| py.check_signals()) {
                 ended.store(true, Ordering::Relaxed);
                 signal = Some(error);

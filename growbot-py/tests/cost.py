@@ -1,7 +1,7 @@
 """Prints the cost of Python compared with Rust, and the gain of two threads. Run it on a machine without other work. It
 checks nothing.
 
-    cargo build --release --manifest-path growbot-py/Cargo.toml -p plan-bench
+    cargo build --release -p growbot-client --example plan_bench
     python growbot-py/tests/cost.py [PLAN_BENCH]
 
 Each batch of work takes about a millisecond. The rounds alternate, and the min of a batch's rounds counts.
@@ -81,5 +81,5 @@ def begin() -> None:
 if __name__ == "__main__":
     begin()
     with tempfile.TemporaryDirectory() as directory:
-        plans(sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "target/release/plan-bench"), Path(directory))
+        plans(sys.argv[1] if len(sys.argv) > 1 else str(ROOT / "target/release/examples/plan_bench"), Path(directory))
     growths()

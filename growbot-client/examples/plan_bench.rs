@@ -1,7 +1,7 @@
 //! Plans to the goals of a file with lines `x,y,z,heading,pitch`, as a program in Rust would. For each batch of goals,
 //! it prints a line with the min time of several rounds, in s.
 //!
-//!     plan-bench GOALS.csv BATCH ROUNDS
+//!     plan_bench GOALS.csv BATCH ROUNDS
 //!
 //! A batch takes about a millisecond. On a machine with other work, so short a batch runs uninterrupted in some of the
 //! rounds.
