@@ -131,10 +131,10 @@ fn a_damaged_image_is_reported_and_never_heats() {
     let plan_id = 1;
     let requests = [
         Message::BeginJob(BeginJob { plan_id, layers: 8, robot_hash: hello.robot_hash }),
-        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue, is_continuation: false }),
         Message::Tune(Tune { target_centi_c: 20_000 }),
         Message::ClearFault(Empty {}),
-        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
+        Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue, is_continuation: false }),
     ];
     for request in requests {
         let refused = match request.clone().effect() {

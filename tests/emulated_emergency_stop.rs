@@ -56,7 +56,11 @@ fn start(client: &mut Client, words: &TipMemoryView) {
     client
         .energize(
             "to start",
-            &EnergizingRequest::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+            &EnergizingRequest::Start(Start {
+                plan_id: PLAN,
+                on_host_silence: HostSilencePolicy::Continue,
+                is_continuation: false,
+            }),
             &Permit::standalone(),
         )
         .unwrap();

@@ -52,7 +52,11 @@ fn run_case(broken: TipFault, during: State, expected: Option<Fault>, within: f6
     client
         .energize(
             "to start",
-            &EnergizingRequest::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
+            &EnergizingRequest::Start(Start {
+                plan_id,
+                on_host_silence: HostSilencePolicy::Continue,
+                is_continuation: false,
+            }),
             &Permit::standalone(),
         )
         .unwrap();

@@ -137,7 +137,7 @@ impl<B: BoardUnderTest> Bench<B> {
             "to store layers",
             &PassiveRequest::AppendLayers(AppendLayers { plan_id: PLAN, first: 0, layers }),
         )?;
-        let start = Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue };
+        let start = Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue, is_continuation: false };
         self.client.energize("to start", &EnergizingRequest::Start(start), &Permit::standalone())?;
         Ok(())
     }

@@ -72,7 +72,11 @@ fn the_robots_board_boots_and_responds() {
     let refused = client
         .energize(
             "to start",
-            &EnergizingRequest::Start(Start { plan_id: 7, on_host_silence: HostSilencePolicy::Pause }),
+            &EnergizingRequest::Start(Start {
+                plan_id: 7,
+                on_host_silence: HostSilencePolicy::Pause,
+                is_continuation: false,
+            }),
             &Permit::standalone(),
         )
         .unwrap_err();

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use growbot_core::link::message::{PauseCause, State, Status};
+use growbot_core::link::message::Status;
 use serde::{Deserialize, Serialize};
 
 /// Number of bits of the level in the state of a signal.
@@ -153,9 +153,7 @@ impl Permit {
     /// what waits for a person: a requested pause, also one that is pending, a filament runout, or a parked board.
     #[must_use]
     pub fn allows_start(&self, status: &Status) -> bool {
-        let goes_on = matches!(status.state, State::Heating | State::Homing | State::Growing | State::Paused);
-        let waits_for_host = matches!(status.pause_cause, PauseCause::LayersExhausted | PauseCause::HostSilent);
-        self.authority == Authority::Person || (goes_on && waits_for_host)
+        self.authority == Authority::Person || status.pause_cause.allows_continuation(status.state)
     }
 
     /// Reports whether the permit belongs to no order of a person.

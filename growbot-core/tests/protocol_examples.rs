@@ -254,7 +254,16 @@ fn conversation() -> Vec<ExampleFrame> {
         request("BeginJob", 2, 0, Message::BeginJob(BeginJob { plan_id: job_id, layers: 2, robot_hash: robot.hash() })),
         answer("Accepted", 2, Message::Accepted(Accepted { plan_id: job_id, next: 0, free_layers: 4096 })),
         request("AppendLayers", 3, 0, Message::AppendLayers(AppendLayers { plan_id: job_id, first: 0, layers })),
-        request("Start", 4, 0, Message::Start(Start { plan_id: job_id, on_host_silence: HostSilencePolicy::Pause })),
+        request(
+            "Start",
+            4,
+            0,
+            Message::Start(Start {
+                plan_id: job_id,
+                on_host_silence: HostSilencePolicy::Pause,
+                is_continuation: false,
+            }),
+        ),
         event("StateChanged", 1, Message::StateChanged(StateChanged { state: State::Heating, fault: None })),
         request("Ack", 0, 1, Message::Ack(Empty {})),
         event("LayerLaid", 4, Message::LayerLaid(laid)),

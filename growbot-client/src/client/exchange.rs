@@ -319,7 +319,11 @@ mod tests {
 
     #[test]
     fn no_start_is_sent_after_a_stop_that_voids_its_permit() {
-        let start = EnergizingRequest::Start(Start { plan_id: 1, on_host_silence: HostSilencePolicy::Pause });
+        let start = EnergizingRequest::Start(Start {
+            plan_id: 1,
+            on_host_silence: HostSilencePolicy::Pause,
+            is_continuation: false,
+        });
         let energize = |starts: u32| {
             let line = Rc::new(RefCell::new(StoppedAfter::new(starts)));
             let permit = line.borrow().signal.permit();

@@ -13,7 +13,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
     Accepted, BoardInfo, BootReport, EnergizingRequest, Fault, HostSilencePolicy, InterruptedLayer, LayerReadings,
-    Message, PassiveRequest, ResetCause, Start, State, Status,
+    Message, PassiveRequest, Refusal, ResetCause, Start, State, Status,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -445,6 +445,8 @@ impl<'a> JobRunner<'a> {
         started.or_else(|error| match error {
             // The growth carries out the pause or the stop next.
             ClientError::Voided { .. } if self.permit.is_continuation() => Ok(()),
+            // Meanwhile the board has begun to wait for a person.
+            ClientError::Refused { refusal: Refusal::WrongState { .. }, .. } if self.permit.is_continuation() => Ok(()),
             ClientError::Refused { .. } | ClientError::Voided { .. } => Err(GrowthError::NotStarted(error)),
             // It may have started, and only the response is lost.
             error => Err(GrowthError::Interrupted(error)),
@@ -453,7 +455,8 @@ impl<'a> JobRunner<'a> {
 
     fn start(&mut self) -> Result<(), ClientError> {
         let what = "to start";
-        let start = Start { plan_id: self.job.plan_id, on_host_silence: self.silence };
+        let is_continuation = self.permit.is_continuation();
+        let start = Start { plan_id: self.job.plan_id, on_host_silence: self.silence, is_continuation };
         let response = self.client.energize(what, &EnergizingRequest::Start(start), &self.permit)?;
         self.accept(what, response)?;
         self.is_started = true;

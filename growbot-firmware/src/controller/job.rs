@@ -283,6 +283,9 @@ impl<B: Board> Controller<B> {
     pub(super) fn start(&mut self, start: &Start) -> Result<Message, Refusal> {
         self.check_plan_id(start.plan_id)?;
         self.check_event(Event::Start)?;
+        if start.is_continuation && !self.pause_cause().allows_continuation(self.state) {
+            return Err(Refusal::WrongState { state: self.state });
+        }
         if self.state == State::Idle && self.job.interrupted.is_some() {
             // A host must decide with `Resume` how the interrupted layer is handled.
             return Err(Refusal::OutOfOrder { expected: self.job.layers_laid });

@@ -193,6 +193,9 @@ impl FakeBoard {
             (Message::Resume(_), State::Stopped) => self.state = State::Idle,
             (Message::Resume(_), State::Fault | State::EmergencyStop) => return Err(refusal),
             (Message::Resume(_), _) => {}
+            (Message::Start(start), state) if start.is_continuation && !self.pause.allows_continuation(state) => {
+                return Err(refusal);
+            }
             (
                 Message::Start(_),
                 State::Idle | State::Parked | State::Heating | State::Homing | State::Growing | State::Paused,

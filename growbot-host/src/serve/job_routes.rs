@@ -14,7 +14,9 @@ use axum::http::header::{CONTENT_TYPE, HeaderMap};
 use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
 use futures_util::stream::{BoxStream, StreamExt, once, unfold};
+use growbot_client::clearance_guard::SceneContext;
 use growbot_client::feedback::can_measure;
+use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
@@ -131,6 +133,16 @@ pub(super) fn make_job(
             warning.code, warning.message
         )));
     }
+    let ignore_scene = scene.is_some() && wanted.ignore_scene;
+    let scene = scene.filter(|_| !wanted.ignore_scene);
+    if let Some(scene) = scene.as_ref().filter(|_| wanted.feedback) {
+        let around = SceneContext::new(&robot, scene, plan.radius);
+        let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, DEFAULT_SENSOR_NOISE);
+        feedback.with_scene(&around).check_start().map_err(|violation| {
+            let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
+            Problem::conflict(format!("{violation}: {remedy}"))
+        })?;
+    }
     let _begins = keeper.lock_job_start();
     // Another request with the same key may have created the job in the meantime.
     if let Some(job) = before()? {
@@ -148,14 +160,13 @@ pub(super) fn make_job(
         laid: 0,
         length_mm: plan.requirements.length,
         simulated: keeper.is_simulated(),
-        ignore_scene: scene.is_some() && wanted.ignore_scene,
+        ignore_scene,
         created_utc: utc_now(),
         ended_utc: None,
         reason: None,
         id,
     };
     service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
-    let scene = scene.filter(|_| !wanted.ignore_scene);
     let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback, permit: order.permit };
     let grow = RobotRequest::Grow(Box::new(new));
     if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {

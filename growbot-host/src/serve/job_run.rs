@@ -50,10 +50,6 @@ impl RobotWorker {
             let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
             around.iter().fold(feedback, Feedback::with_scene)
         });
-        if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-            let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
-            return self.refuse_growth(&reply, &format!("{too_near}: {remedy}"));
-        }
         let imperfection = ErrorModel::default();
         let origin = RunOrigin {
             port: &self.entry.port,

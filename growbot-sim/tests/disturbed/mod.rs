@@ -186,7 +186,8 @@ impl DisturbedLine {
         let stop = Message::Stop(Empty {});
         // After a stop the board reports the layers that are laid. Nothing is laid between these requests.
         let resume = |laid| Message::Resume(Resume { plan_id: self.plan_id, start_layer: laid, reported_layers: laid });
-        let start = Message::Start(Start { plan_id: self.plan_id, on_host_silence: self.silence });
+        let start =
+            Message::Start(Start { plan_id: self.plan_id, on_host_silence: self.silence, is_continuation: false });
         let laid = board.controller().layers_laid();
         let requests = match disturbance {
             Disturbance::OtherLeaves => vec![goodbye],

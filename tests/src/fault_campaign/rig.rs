@@ -99,7 +99,11 @@ impl Rig {
         self.client
             .energize(
                 "to start",
-                &EnergizingRequest::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue }),
+                &EnergizingRequest::Start(Start {
+                    plan_id: PLAN,
+                    on_host_silence: HostSilencePolicy::Continue,
+                    is_continuation: false,
+                }),
                 &Permit::standalone(),
             )
             .map(|_| ())

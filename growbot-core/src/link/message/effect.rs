@@ -139,7 +139,7 @@ mod tests {
     fn a_message_is_the_same_after_sorting() {
         let maintain = |task| Message::Maintain(Maintain { task });
         let energizing = [
-            Message::Start(Start { plan_id: 1, on_host_silence: HostSilencePolicy::Pause }),
+            Message::Start(Start { plan_id: 1, on_host_silence: HostSilencePolicy::Pause, is_continuation: false }),
             Message::Tune(Tune { target_centi_c: 20_000 }),
             Message::ClearFault(Empty {}),
             maintain(MaintenanceTask::Preheat { target_centi_c: 20_000 }),

@@ -93,6 +93,9 @@ pub struct Start {
     pub plan_id: u64,
     /// Action of the board when the host stops sending.
     pub on_host_silence: HostSilencePolicy,
+    /// True if no person has ordered this start. The board then refuses it where only a person may continue
+    /// ([`PauseCause::allows_continuation`](super::PauseCause::allows_continuation)), so a start that arrives late does not heat a parked board.
+    pub is_continuation: bool,
 }
 
 /// Cancels a job. The board switches heater and steppers off and deletes the job.

@@ -257,6 +257,16 @@ pub enum PauseCause {
     FilamentOut,
 }
 
+impl PauseCause {
+    /// Returns true if a job in this state, with this cause of a pause, may be continued without an order of a person:
+    /// its heater is on, and at most its host kept it waiting.
+    #[must_use]
+    pub const fn allows_continuation(self, state: State) -> bool {
+        matches!(self, Self::LayersExhausted | Self::HostSilent)
+            && matches!(state, State::Heating | State::Homing | State::Growing | State::Paused)
+    }
+}
+
 /// Response to a request that was carried out.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Accepted {

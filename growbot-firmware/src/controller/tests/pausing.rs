@@ -1,10 +1,10 @@
 //! Tests of pauses, on request or for lack of layers: filament pulled back, standby, parking, and continuing.
 
-use growbot_core::link::message::{Refusal, ResetCause, State};
+use growbot_core::link::message::{PauseCause, Refusal, ResetCause, State};
 use growbot_core::robot::{HeadRotation, Robot};
 
 use super::bench::{Bench, WARM};
-use super::requests::{bends, clear, feed_steps_of, pause, resume, start};
+use super::requests::{bends, clear, continuation, feed_steps_of, pause, resume, start};
 use crate::testing::fast_robot;
 
 /// Returns the fast robot with filament to pull back: 4 mm, which are 10 steps.
@@ -56,6 +56,34 @@ fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
     bench.run_to(State::Done, 200.0);
     bench.run(0.1);
     assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
+}
+
+#[test]
+fn a_continuation_starts_only_what_waits_for_its_host() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    let settings = bench.robot.description().pause;
+    let layers = bends(40);
+    bench.begin(40);
+    bench.hand_over(0, &layers[..10]);
+    assert_eq!(bench.refused(&continuation()), Refusal::WrongState { state: State::Idle });
+    assert!(bench.heater.off());
+    bench.start();
+    bench.run_to(State::Paused, 100.0);
+    assert_eq!(bench.status().pause_cause, PauseCause::LayersExhausted);
+    bench.accepted(&continuation());
+    bench.hand_over(10, &layers[10..20]);
+    bench.run_to(State::Growing, 60.0);
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 60.0);
+    assert_eq!(bench.refused(&continuation()), Refusal::WrongState { state: State::Paused });
+    assert_eq!(bench.status().pause_cause, PauseCause::Requested);
+    // A start that was sent before the board parked arrives after it.
+    bench.run_to(State::Parked, settings.off_after_s + 1.0);
+    assert_eq!(bench.refused(&continuation()), Refusal::WrongState { state: State::Parked });
+    bench.run(1.0);
+    assert!(bench.heater.off());
+    bench.start();
+    bench.run_to(State::Heating, 10.0);
 }
 
 #[test]

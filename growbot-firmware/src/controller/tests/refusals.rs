@@ -123,14 +123,22 @@ fn a_plan_mismatch_is_refused_in_every_state() {
             let refusal = Refusal::PlanMismatch { board };
             assert_eq!(bench.refused(&layers_of(plan_id, 30, &bends(1))), refusal);
             assert_eq!(
-                bench.refused(&Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Pause })),
+                bench.refused(&Message::Start(Start {
+                    plan_id,
+                    on_host_silence: HostSilencePolicy::Pause,
+                    is_continuation: false
+                })),
                 refusal
             );
         }
     }
     let mut fresh = Bench::greeted(fast_robot(), 25.0);
     assert_eq!(
-        fresh.refused(&Message::Start(Start { plan_id: 0, on_host_silence: HostSilencePolicy::Pause })),
+        fresh.refused(&Message::Start(Start {
+            plan_id: 0,
+            on_host_silence: HostSilencePolicy::Pause,
+            is_continuation: false
+        })),
         Refusal::PlanMismatch { board: 0 }
     );
 }
@@ -216,6 +224,10 @@ fn maximum_values_in_requests_are_handled() {
         bench.accepted(&layers_of(u64::MAX, first, &bends(MAX_LAYERS_PER_MESSAGE)));
     }
     assert_eq!(bench.refused(&layers_of(u64::MAX, CAPACITY as u32, &bends(1))), Refusal::LayerStoreFull);
-    bench.accepted(&Message::Start(Start { plan_id: u64::MAX, on_host_silence: HostSilencePolicy::Pause }));
+    bench.accepted(&Message::Start(Start {
+        plan_id: u64::MAX,
+        on_host_silence: HostSilencePolicy::Pause,
+        is_continuation: false,
+    }));
     assert_eq!(bench.controller.state(), State::Heating);
 }

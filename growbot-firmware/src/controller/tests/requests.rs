@@ -27,7 +27,12 @@ pub fn batch_of(first: usize, layers: &[LayerBytes]) -> Message {
 }
 
 pub fn start() -> Message {
-    Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue })
+    Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue, is_continuation: false })
+}
+
+/// Starts the job without an order of a person.
+pub fn continuation() -> Message {
+    Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue, is_continuation: true })
 }
 
 /// Resumes the job at a layer, with no layer known to the host.

@@ -90,7 +90,7 @@ fn a_silent_host_pauses_growth_unless_configured_to_continue() {
         let mut bench = Bench::greeted(fast_robot(), WARM);
         bench.begin(100);
         bench.hand_over(0, &bends(100));
-        bench.accepted(&Message::Start(Start { plan_id: PLAN, on_host_silence: silence }));
+        bench.accepted(&Message::Start(Start { plan_id: PLAN, on_host_silence: silence, is_continuation: false }));
         bench.run_to(State::Growing, 60.0);
         bench.reads = false;
         bench.run(9.5);

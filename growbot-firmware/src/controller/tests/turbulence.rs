@@ -99,7 +99,9 @@ impl Random {
                     robot_hash: robot,
                 })
             }
-            11..21 => Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue }),
+            11..21 => {
+                Message::Start(Start { plan_id, on_host_silence: HostSilencePolicy::Continue, is_continuation: false })
+            }
             21 => {
                 let pose = |random: &mut Self| PoseFields {
                     position: core::array::from_fn(|_| random.number()),

@@ -101,7 +101,7 @@ fn start_stored(client: &mut Client, permit: &Permit) -> Result<String, Failure>
         client.request("to resume", &PassiveRequest::Resume(resume))?;
         text += &format!("resumes at layer {}\n", status.layers_laid);
     }
-    let start = Start { plan_id, on_host_silence: HostSilencePolicy::Pause };
+    let start = Start { plan_id, on_host_silence: HostSilencePolicy::Pause, is_continuation: false };
     match client.energize(what, &EnergizingRequest::Start(start), permit)? {
         Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
         other => Err(unexpected(what, &other)),
