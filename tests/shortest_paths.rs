@@ -155,7 +155,7 @@ fn planned_paths_are_as_short_as_a_fresh_search() {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let helicoid = helicoid::Effort { shots: 40, lines: 15, chains: 6, rounds: 1, max_rounds: 6, hits: 4 };
     let effort = Effort { csc_starts: 150, helicoid: Some(helicoid) };
-    let near = std::env::var("GROWBOT_NEAR").map_or(16, |count| count.parse().expect("GROWBOT_NEAR is a number"));
+    let near = std::env::var("GROWBOT_NEAR").map_or(8, |count| count.parse().expect("GROWBOT_NEAR is a number"));
     let counts = [near, 4, 4, 4, 4, 4];
     let strata = Stratum::ALL.into_iter().zip(counts).flat_map(|(stratum, count)| std::iter::repeat_n(stratum, count));
     let (mut longer, mut differing) = (Vec::new(), 0);

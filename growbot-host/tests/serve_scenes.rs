@@ -120,7 +120,7 @@ fn a_body_is_resumed_in_its_original_scene() {
     let lab = lab();
     let scene = lab.directory.path().join("ball.toml");
     fs::write(&scene, BALL).unwrap();
-    let wanted = json!({ "to": "0,0,200,0,90", "scene": scene, "feedback": true });
+    let wanted = json!({ "to": "0,0,120,0,90", "scene": scene, "feedback": true });
     let (status, job) = lab.ask("POST", "/robots/sensed/jobs", &wanted.to_string());
     assert_eq!(status, 201, "{job}");
     let id = job["id"].as_str().unwrap();

@@ -208,13 +208,14 @@ mod tests {
         let WorstRun { seed, position_error_mm } = one.farthest.unwrap();
         assert_eq!(simulation.run(seed).arrival.position_error_mm, position_error_mm);
         assert_eq!(one.position_error_mm.max(), position_error_mm);
-        assert_ne!(one, Campaign::run(&simulation, 8, runs, 1, |_| ()));
+        let [seven, eight] = [7, 8].map(|seed| Campaign::run(&simulation, seed, 100, 1, |_| ()));
+        assert_ne!(seven, eight);
         assert_eq!(Campaign::run(&simulation, 7, 0, 1, |_| ()).runs, 0);
         let [mut head, tail] =
             [(7, 5000), (5007, runs - 5000)].map(|(seed, runs)| Campaign::run(&simulation, seed, runs, 2, |_| ()));
         let mut backwards = tail.clone();
+        backwards.merge(&head);
         head.merge(&tail);
-        backwards.merge(&Campaign::run(&simulation, 7, 5000, 1, |_| ()));
         assert_eq!((&head, &backwards), (&one, &one));
     }
 }
