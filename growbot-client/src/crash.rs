@@ -1,5 +1,5 @@
-//! A crash of the firmware in the form that scripts and run logs read: registers, reasons and the top of the stack. The
-//! functions are known only from the firmware's image.
+//! A crash of the firmware as JSON for scripts and run logs: registers, reasons and the top of the stack. The names of
+//! functions are known only if the firmware's image is given.
 
 use growbot_core::link::crash::CrashRecord;
 use serde::{Deserialize, Serialize};
@@ -90,7 +90,7 @@ impl From<&CrashRecord> for CrashJson {
     }
 }
 
-/// Formats a word of the processor.
+/// Formats a 32-bit word of the processor as 8 hexadecimal digits.
 #[must_use]
 pub fn hex(word: u32) -> String {
     format!("{word:08x}")

@@ -264,8 +264,8 @@ pub struct SimulatedLayer {
     pub tip: Option<TipPoseJson>,
 }
 
-/// Converts an event of a job to events of a log. `laid_tip` is the simulated tip after the layers reported so far, and
-/// is updated with each of its layers.
+/// Converts an event of a job to events of a run log. `laid_tip` is the frame of the simulated tip after the layers
+/// that were converted so far, and is updated here.
 #[must_use]
 pub fn to_run_events(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {

@@ -122,14 +122,14 @@ pub enum OutcomeKind {
     Unknown,
 }
 
-/// Deserializes an outcome. An outcome of another version becomes `Unknown`.
+/// Deserializes an outcome. A value that this version does not know becomes `Unknown`.
 fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OutcomeKind, D::Error> {
     let outcome = Value::deserialize(deserializer)?;
     Ok(serde_json::from_value(outcome).unwrap_or(OutcomeKind::Unknown))
 }
 
 impl OutcomeKind {
-    /// Returns the name in files.
+    /// Returns the name of the outcome in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -224,7 +224,8 @@ pub struct FeedbackResult {
 }
 
 impl FeedbackResult {
-    /// Creates the result of the feedback on the way to a plan's goal. `truth` is the true tip, if known.
+    /// Converts the result of the feedback of a growth. `truth` is the arrival of the true tip of a simulated robot,
+    /// `None` for a real robot.
     #[must_use]
     pub fn new(fed_back: &FeedbackReport, plan: &Plan, truth: Option<&Arrival>) -> Self {
         let FeedbackReport { amendments, estimate, .. } = fed_back;
@@ -257,7 +258,7 @@ pub struct InterruptedLayerJson {
 }
 
 impl InterruptedLayerJson {
-    /// Creates the bounds for the layer of this index.
+    /// Converts an interrupted layer, whose index is `layer`.
     #[must_use]
     pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
         let share = |sectors: u8| f64::from(sectors) / SECTORS as f64;
@@ -266,7 +267,8 @@ impl InterruptedLayerJson {
 }
 
 impl GrowthResult {
-    /// Creates the result of a growth that has not begun, or of which nothing is known.
+    /// Creates the result of a growth in which nothing was grown, or of which nothing is known. The tip is at the
+    /// start.
     #[must_use]
     pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
@@ -297,7 +299,7 @@ impl GrowthResult {
         }
     }
 
-    /// Creates the result of a growth that has ended. If a scene is given, the body is checked for contact with it.
+    /// Creates the result of a growth that has ended. With a scene, the clearance of the body from it is computed.
     #[must_use]
     pub fn new(
         grown: &GrowthReport,
