@@ -218,7 +218,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
 }
 
 impl GrowArgs {
-    /// Returns the format of the printed result.
+    /// Returns the format in which the result is printed.
     fn print(&self) -> Result<ResultFormat, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(

@@ -72,7 +72,7 @@ pub struct GrowthMonitor<'a> {
     pub watch: Option<WatchPage>,
     /// Format of the printed result.
     pub print: ResultFormat,
-    /// Number of layers that were laid before.
+    /// Number of layers that were laid before this command started.
     pub laid: usize,
     /// Seed of the random errors. `None` if nothing is random.
     pub seed: Option<u64>,
@@ -87,7 +87,8 @@ pub struct GrowthMonitor<'a> {
 }
 
 impl GrowthMonitor<'_> {
-    /// Returns the effect of a parked board: the growth waits if the user can let it continue, or else it ends.
+    /// Returns the reaction to a board that parks after a long pause: the growth waits if the user has a way to
+    /// continue it, or else the command ends.
     pub fn when_parked(&self) -> OnParked {
         if self.keyboard.is_there() || self.page_controls { OnParked::Wait } else { OnParked::End }
     }
@@ -211,7 +212,7 @@ fn off_text(simulated: bool) -> &'static str {
     if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
 }
 
-/// Returns the failure for a growth without an outcome that could be measured.
+/// Returns the failure for a growth that ended with an error instead of an outcome.
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {

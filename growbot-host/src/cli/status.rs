@@ -68,7 +68,7 @@ pub struct BoardReport {
     latest_fault: Option<FaultRecord>,
     /// Report of the start. `None` if the board's firmware does not know the request.
     boot: Option<BootReport>,
-    /// Image that names the functions and lines of a crash.
+    /// Image that names the functions and lines of a crash. `None` if no image is known.
     image: Option<FirmwareImage>,
 }
 

@@ -396,7 +396,7 @@ impl ViewArgs {
         }
     }
 
-    /// Returns the default output: beside the first file, with the names of all.
+    /// Returns the default output file: in the directory of the first input, with the names of all inputs.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
             return Err(Failure::bad_input("standard input has no file name: choose the output file with -o"));

@@ -15,11 +15,11 @@ use serde_json::{Value, json};
 
 use super::Failure;
 
-/// The scene, and the effort of the search.
+/// The scene, and the effort of the path search for each goal.
 pub struct SceneSearch<'a> {
     /// File of the scene.
     pub scene: &'a Path,
-    /// Margin that is given, mm. `None` for that of the scene or of the robot.
+    /// Margin between body and obstacles that is given, mm. `None` for the margin of the scene or of the robot.
     pub margin: Option<f64>,
     /// Effort of the search for each goal.
     pub effort: u64,
@@ -64,7 +64,7 @@ pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>,
 /// A reason why no path exists: its name in JSON, and the test for it.
 type Reason = (&'static str, fn(&Reachability) -> bool);
 
-/// All reasons.
+/// All reasons why no path to a goal exists.
 const REASONS: [Reason; 5] = [
     ("too_far", |known| *known == Reachability::TooFar),
     ("too_near", |known| *known == Reachability::TooNear),

@@ -70,7 +70,7 @@ or input.";
 /// A step: its name in the report, and its function.
 struct CommissioningStep {
     name: &'static str,
-    /// True if a person takes part. The other steps are done each time.
+    /// True if the step needs the user. The other steps are repeated each time the command runs.
     asks: bool,
     /// True if a failure ends the command, because the steps after it would be unsafe or useless.
     gates: bool,
@@ -94,12 +94,12 @@ const STEPS: [CommissioningStep; 13] = [
     CommissioningStep { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
 ];
 
-/// Options of the steps.
+/// Options of a run of the command.
 #[derive(Clone, Copy)]
 struct RunOptions<'a> {
-    /// The report's file.
+    /// File of the report. `None` if none is written.
     file: Option<&'a Path>,
-    /// True to repeat steps that have passed.
+    /// True to repeat steps that have passed according to the report.
     again: bool,
     /// True to print each step as it ends.
     prints: bool,

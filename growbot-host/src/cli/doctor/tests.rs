@@ -19,7 +19,7 @@ use super::*;
 /// Answers of a person whose robot has no defects.
 const GOOD: [&str; 15] = ["", "", "", "", "", "", "", "yes", "", "50", "", "", "yes", "yes", ""];
 
-/// A robot on its bench.
+/// A simulated robot, with a session of `growbot doctor` and its report.
 struct Bench {
     sim: Rc<RefCell<Sim>>,
     session: DoctorSession,

@@ -19,7 +19,7 @@ use growbot_pictures::view::{NamedScene, SimulatedBody, Subject, page};
 
 use super::super::Failure;
 
-/// Formats of a body.
+/// File formats of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum BodyFormat {
     Csv,
@@ -39,7 +39,8 @@ const RESOLUTION: MeshResolution = MeshResolution { segments: 64, layers_per_rin
 const WIDTH: u32 = 1600;
 
 impl BodyFormat {
-    /// Returns the format of a file by its extension. `None` for a result, and for standard output.
+    /// Returns the format of a body's file by its extension. `None` for `.json`, which is for the result, and for
+    /// standard output.
     pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
         match format_from_extension(file, &ENDINGS)? {
             // All extensions but that of the result are formats of bodies.

@@ -107,7 +107,8 @@ pub struct SimulatedCampaign {
 }
 
 impl SimulatedCampaign {
-    /// Returns the JSON of these growths, with the seeds from this one on.
+    /// Returns the JSON of these growths. `seed` is the seed of the first growth, and each later growth has the next
+    /// seed.
     pub fn new(campaign: &Campaign, simulation: &Simulation, seed: u64) -> Self {
         Self {
             repeat: campaign.runs,
