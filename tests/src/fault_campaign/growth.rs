@@ -14,9 +14,9 @@ use growbot_core::random::Rng;
 const LAYERS: u32 = 6;
 /// Time from a fault in a pause until the other layers are sent, s.
 const HELD_ON: f64 = 45.0;
-/// Max time until a fault of such a growth is noticed, s.
+/// Max time until the board notices a fault, s.
 const PATIENCE: f64 = 900.0;
-/// Degrees by which the nozzle may exceed the robot's max temperature.
+/// Number of degrees Celsius by which the nozzle may exceed the robot's max temperature.
 pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 
 /// Result of a growth with a fault.
@@ -24,7 +24,7 @@ pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 pub struct Observation {
     /// Time from the fault until everything was switched off, s. `None` if the growth continued to its end.
     pub after_s: Option<f64>,
-    /// Latched fault.
+    /// Fault that the board has latched. `None` without one.
     pub fault: Option<Fault>,
     /// State at the end.
     pub state: State,

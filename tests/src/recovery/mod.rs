@@ -65,7 +65,7 @@ impl Body {
 /// A simulated robot that a test shares with its port.
 pub type Board = Rc<RefCell<Sim>>;
 
-/// Returns a robot whose controller polls late, as drawn from this seed.
+/// Returns a simulated robot whose controller is polled at irregular times, drawn with this seed.
 fn late_board(job: &Job, seed: u64) -> Board {
     let mut sim = Sim::new(job.robot.clone());
     sim.poll_late(seed);
