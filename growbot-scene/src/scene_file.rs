@@ -142,7 +142,7 @@ pub enum SceneError {
     /// The file is not TOML, or has other fields than a scene.
     #[error("{file}, line {line}: {reason}")]
     Toml {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Line, from 1.
         line: usize,
@@ -152,7 +152,7 @@ pub enum SceneError {
     /// The scene has another format version.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: change the file's first line")]
     UnsupportedFormat {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Format that the file names.
         found: String,
@@ -160,11 +160,11 @@ pub enum SceneError {
     /// A value is not a number, or is out of range.
     #[error("{file}: {field} is {value}, and must be {limit}")]
     OutOfRange {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Name of the field.
         field: String,
-        /// The value.
+        /// Value of the field.
         value: f64,
         /// Permitted values.
         limit: &'static str,
@@ -172,7 +172,7 @@ pub enum SceneError {
     /// The file has too many entries of one kind.
     #[error("{file} has {count} entries of [[{kind}]], but the maximum is {MAX_ENTRIES}: combine them into a mesh")]
     TooMany {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Kind of the entries.
         kind: &'static str,
@@ -214,7 +214,7 @@ pub enum SceneError {
     /// A file contains no triangles or points.
     #[error("{file} has no {what}: give a file that has some")]
     Empty {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Name of the missing items.
         what: &'static str,
@@ -238,13 +238,13 @@ pub struct LoadedScene {
     pub scene: Scene,
     /// Minimum distance between the outside of the tube and the obstacles, mm. `None` if the scene does not state one.
     pub margin: Option<f64>,
-    /// Hash of the scene's file and of all files that it names, CRC-64/XZ.
+    /// Hash of the scene file and of all mesh and cloud files that it names, CRC-64/XZ.
     pub hash: u64,
 }
 
 impl LoadedScene {
-    /// Returns the box that holds the obstacles as they were read. It shows axes and units that are not as expected.
-    /// `None` if there are only half spaces, or nothing.
+    /// Returns the bounding box of all obstacles except half spaces, from which a user can recognize wrong axes or
+    /// units. Returns `None` if there are only half spaces, or no obstacles.
     #[must_use]
     pub fn bounding_box(&self) -> Option<SceneBox> {
         let bounds = self.scene.bounds();
@@ -305,7 +305,7 @@ fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
 /// Parses a scene file. `file` is its name in error messages.
 ///
 /// # Errors
-/// If the text is not TOML, has other fields or another version, or a number is out of range.
+/// If the text is not TOML, has unknown fields or another format, or a number is out of range.
 pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
     let written: SceneFile = toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start).min(text.len());
@@ -321,7 +321,7 @@ pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
 }
 
 impl SceneFile {
-    /// Checks every number.
+    /// Checks the numbers of entries and the range of every value.
     fn check(&self, file: &str) -> Result<(), SceneError> {
         let counts = [
             ("box", self.boxes.len()),
@@ -403,7 +403,7 @@ impl SceneFile {
     }
 }
 
-/// Checks of the numbers of a file.
+/// Checks of the values of a scene file, which is named in error messages.
 struct Check<'a> {
     file: &'a str,
 }

@@ -9,7 +9,7 @@
 //!
 //! The heights of layers have random errors of up to 10 %. A second set adds a bias of +10 % (in every second scene) or
 //! -10 % to all layers of a growth. The sensors are those that feedback assumes: odometry to 1 % of a layer, gravity's
-//! direction to 0.5 degrees. The scenes have a planted path, for robot A with a margin of 5 mm.
+//! direction to 0.5 degrees. The scenes are generated around a path that is free for robot A with a margin of 5 mm.
 
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
@@ -57,7 +57,7 @@ struct Both {
     open: ObstacleStatistics,
 }
 
-/// Prints a row for each scene, and returns their sum.
+/// Grows in each scene and prints a row of results. Returns the sum over all scenes.
 fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
     println!("{}", if biased { "\nnoise of 10 %, bias of +10 or -10 %" } else { "\nnoise of 10 %" });
     println!("scene           length  clear   closed: contact  pause  detour  min clear   open: contact  min clear");
@@ -112,7 +112,7 @@ fn among(simulation: &Simulation, growths: u64, threads: usize) -> ObstacleStati
 fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let count = FAMILIES.len() as u64;
     let (family, number) = (FAMILIES[(index % count) as usize], index / count);
-    // The first five of every ten numbers have a planted path.
+    // The first five of every ten numbers are generated around a free path.
     let number = number / 5 * 10 + number % 5;
     let body = TubeLimits { radius: RADIUS, clearance: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
     let drawn = random_scenes::random_scene(family, number, &body);

@@ -15,7 +15,8 @@ const MAX_DEPTH: usize = 64;
 const MAX_VISITS: usize = 1 << 20;
 /// Maximum number of points of all nodes together. A mesh may be used by many nodes.
 const MAX_POINTS: usize = 1 << 26;
-/// glTF's codes for number types, and for triangles.
+/// Code of glTF for the number type "unsigned byte". The constants below are the codes for other number types and for
+/// triangles.
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;

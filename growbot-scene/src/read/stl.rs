@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::{RawGeometry, lines, parse_point};
 
-/// Number of bytes before the triangles, and of each triangle.
+/// Number of bytes before the triangles of a binary file. `TRIANGLE` is the number of bytes of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 

@@ -48,8 +48,9 @@ fn feed(tip: &mut TipModel, steps: u32) {
     }
 }
 
-/// Lays a turn with twice the plastic in the quarter round 90 degrees, in this direction. In each step of the head,
-/// half of its plastic comes before and half after, so that both directions give the same.
+/// Lays one turn of plastic while the head turns in the given direction, with twice the plastic in the quarter turn
+/// around 90 degrees. The plastic of each head step is laid half before and half after the step, so both directions lay
+/// the same layer.
 fn lay_turn(tip: &mut TipModel, positive: bool) {
     tip.set_direction(Motor::Head, positive);
     for step in 0..3200 {
@@ -299,8 +300,8 @@ fn the_emulated_board_computes_the_same_encoder_level() {
     }
 }
 
-/// Returns a tip that has laid this many turns, and the distance that its encoder was turned after each, mm of
-/// filament.
+/// Returns a tip that has laid this number of turns, and the length of filament by which its encoder had turned after
+/// each turn, mm.
 fn laid(turns: u32, imperfection: &ErrorModel) -> (TipModel, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);
