@@ -44,7 +44,8 @@ fn the_robots_image_is_small() {
     assert!(flash < FLASH && ram < STATIC_RAM, "{flash} B of flash, {ram} B of static RAM");
 }
 
-/// Free stack that the handler of a crash always finds, bytes (`STACK_RESERVE_BYTES` in `boards/runtime/stack.rs`).
+/// Min free stack with which the handler of a crash keeps the stack pointer, bytes (`STACK_RESERVE_BYTES` in
+/// `boards/runtime/stack.rs`). With less, the handler starts again at the top of the stack.
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]

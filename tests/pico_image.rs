@@ -11,7 +11,7 @@ const RAM: u64 = 200 * 1024;
 const STACK: u64 = 64 * 1024;
 /// Address range of the image in flash.
 const MAPPED: std::ops::Range<u32> = 0x1000_0000..0x1008_0000;
-/// Start of memory.
+/// Start address of the RAM.
 const MEMORY: u64 = 0x2000_0000;
 
 const FLASH_SECTIONS: [&str; 6] = [".boot2", ".vector_table", ".text", ".rodata", ".data", ".interrupts"];

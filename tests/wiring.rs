@@ -45,7 +45,7 @@ struct Pin {
     /// PUPDR: none, up, down.
     pull: u32,
     function: u32,
-    /// Level that the pin was given before it became an output.
+    /// Level that the pin was given before it became an output. `None` without such a level.
     level: Option<bool>,
 }
 

@@ -10,7 +10,7 @@ use rustix::process::geteuid;
 
 /// User number of the administrator, whose files every user trusts.
 const ROOT: u32 = 0;
-/// Permission bits of a mode.
+/// Mask of the permission bits in the mode of a file.
 const PERMISSIONS: u32 = 0o7777;
 /// Mode bit of a folder in which users can rename and remove their own files only.
 const STICKY: u32 = 0o1000;
@@ -43,7 +43,7 @@ pub enum OwnershipError {
         /// User number of this process.
         user: u32,
     },
-    /// The permissions give others too much.
+    /// The permissions of the file or folder let other users read or write more than the protection allows.
     #[error(
         "{path} has mode {mode:04o}, so other users can {}: check its content, then run `chmod {} {path}`",
         match .protection { Protection::Write => "change it", Protection::Access => "access it" },

@@ -78,7 +78,7 @@ pub enum QueryError {
     /// The numbers are not a valid pose.
     #[error("{which}: {error}")]
     Pose {
-        /// `from` or `to`.
+        /// Prefix of the pose's columns: `from` or `to`.
         which: &'static str,
         /// Error of the pose.
         #[source]

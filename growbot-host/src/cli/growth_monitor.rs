@@ -207,7 +207,7 @@ pub fn clock_drift_failure(drift: &ClockDrift, simulated: bool) -> Failure {
     Failure::request_failed(format!("{drift}: the robot was stopped, {}; {}", off_text(simulated), ClockDrift::REMEDY))
 }
 
-/// Returns a text about the parts that are off after a stop.
+/// Returns the part of a message that names the outputs that are off after a stop.
 fn off_text(simulated: bool) -> &'static str {
     if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
 }
@@ -289,20 +289,20 @@ pub fn print_refusal(result: &GrowthResult) {
     }
 }
 
-/// Shows a growth on standard error.
+/// Progress of a growth, which is shown on standard error.
 struct GrowthProgress {
     progress: Progress,
     layers: usize,
-    /// Number of layers before the latest amendment.
+    /// Number of layers that the job had before the latest amendment.
     layers_before: usize,
     laid: u64,
     forecast: Option<Forecast>,
     state: &'static str,
-    /// True if the emergency stop was given here, or pressed.
+    /// True if this program has sent the emergency stop, or if the button was pressed.
     emergency: bool,
     /// Latest printed reason why the board did not accept an amendment.
     not_amended: Option<String>,
-    /// True if the robot waits for filament and the warning was printed.
+    /// True if the robot waits for filament and the user was warned.
     out_of_filament: bool,
 }
 

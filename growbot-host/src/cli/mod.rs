@@ -369,7 +369,7 @@ impl PortArg {
 }
 
 impl RequiredPortArg {
-    /// Reports whether a port is given on the command line.
+    /// Returns true if a port is given on the command line.
     fn is_given(&self) -> bool {
         self.port.is_some()
     }
@@ -453,7 +453,8 @@ impl SelectedPort {
         self.is_simulated() && self.name.resident().is_none()
     }
 
-    /// Returns an error if the robot would be a new one of this program, which has nothing to stop or discard.
+    /// Returns an error if the port would start a new simulated robot in this program, because that has nothing to
+    /// stop or discard.
     fn require_running_robot(&self, command: &str) -> Result<(), Failure> {
         if !self.is_in_process() {
             return Ok(());
@@ -471,17 +472,18 @@ impl SelectedPort {
         simulated_prefix(self.is_simulated())
     }
 
-    /// Returns the text after the name of a simulated robot.
+    /// Returns the remark after the name of a simulated robot. It is empty for a real robot.
     fn simulated_suffix(&self) -> &'static str {
         if self.is_simulated() { ", simulated" } else { "" }
     }
 
-    /// Returns a client at the port of this robot.
+    /// Opens the port and returns a client of the board. `robot` is the robot that `sim` and the emulators simulate.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
         Ok(self.connect(robot, &TipSettings::default())?.client)
     }
 
-    /// Opens the port of this robot. The settings are those of a simulated tip.
+    /// Opens the port. `robot` is the robot that `sim` and the emulators simulate, and `settings` apply to a
+    /// simulated tip.
     fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
         let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };

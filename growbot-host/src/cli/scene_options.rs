@@ -77,7 +77,7 @@ impl SceneArgs {
         Ok(loaded)
     }
 
-    /// Reports whether a margin is given.
+    /// Returns true if the options give a margin.
     pub fn has_margin(&self) -> bool {
         self.margin.is_some()
     }

@@ -11,7 +11,7 @@ use super::Cli;
 /// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
 const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
 
-/// Reports whether a robot may move or heat after this command. No message suggests such a command, because users
+/// Returns true if a robot may move or heat after this command. No message suggests such a command, because users
 /// repeat a suggestion without reading it.
 pub fn may_move(command: &str) -> bool {
     let mut maintaining = maintenance::COMMANDS.iter().map(|(name, ..)| *name).filter(|name| *name != "cooldown");

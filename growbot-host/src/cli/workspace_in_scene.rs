@@ -25,7 +25,7 @@ pub struct SceneSearch<'a> {
     pub effort: u64,
 }
 
-/// Plans to all goals and prints the result. `output` gets each goal, as CSV.
+/// Plans to all goals and prints the result. Writes each goal as CSV to `output`, if a file is given.
 pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
     let mut loaded = scene_file::load(room.scene)?;
     loaded.margin = room.margin.or(loaded.margin);

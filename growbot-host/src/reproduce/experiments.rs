@@ -45,7 +45,7 @@ impl Condition {
         Self { planner, slicing: SlicingRule::Exact, noise, feedback: true }
     }
 
-    /// Returns the name of the loop in files and results.
+    /// Returns the name of the control loop in files and results: `open` or `closed`.
     #[must_use]
     pub fn loop_name(&self) -> &'static str {
         if self.feedback { "closed" } else { "open" }
@@ -146,7 +146,7 @@ impl GrowthSet {
         SampleSummary::of(&self.values(quantity))
     }
 
-    /// Returns the growth whose position error is nearest to the median.
+    /// Returns the growth whose position error is nearest to the median. `None` without growths.
     #[must_use]
     pub fn representative(&self) -> Option<&ExperimentGrowth> {
         let median = self.summary(ErrorQuantity::Position).median;
@@ -168,7 +168,7 @@ pub struct Example {
     pub planned: Vec<PlannedSegment>,
     /// Position of the tip at the start and after each layer, mm.
     pub grown: Vec<Vector3<f64>>,
-    /// Time of growth, s.
+    /// Time that the growth takes at the paper's velocity, s.
     pub seconds: f64,
 }
 

@@ -88,7 +88,7 @@ pub const ROBOT_A: usize = 0;
 pub const B: usize = 9;
 /// Index of robot C in [`ROBOTS`].
 pub const C: usize = 10;
-/// Groups of robots with the same `k`.
+/// Sets of robots with the same `k`, as indexes into [`ROBOTS`].
 pub const CONSTANT_K: [[usize; 3]; 3] = [[0, 1, 2], [3, 4, 5], [6, 7, 8]];
 
 /// Mean heading error of robot A over the groups, with its standard deviation, degrees.

@@ -37,7 +37,7 @@ pub struct Cell {
 }
 
 impl Cell {
-    /// Returns whether our mean is within one standard deviation of the paper's mean. This is not a test.
+    /// Returns true if our mean is within one standard deviation of the paper's mean. This is not a test.
     #[must_use]
     pub fn is_within(&self) -> bool {
         (self.ours.mean - self.paper.mean).abs() <= self.paper.sd

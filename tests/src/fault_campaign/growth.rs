@@ -10,7 +10,7 @@ use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;
 use growbot_core::random::Rng;
 
-/// Layers of the job. Half of them are sent before it pauses.
+/// Number of layers of the job. Half of them are sent at first, and the growth pauses until the others are sent.
 const LAYERS: u32 = 6;
 /// Time from a fault in a pause until the other layers are sent, s.
 const HELD_ON: f64 = 45.0;
@@ -160,7 +160,8 @@ fn has_ended(rig: &Rig) -> bool {
     matches!(rig.state(), State::Fault | State::EmergencyStop | State::Done | State::Parked)
 }
 
-/// Brings a growth to the moment of a fault. `at` (0 to 1) is the position within the phase.
+/// Brings a growth to the moment of a fault. `at` (0 to 1) is the position of this moment within the growth's phase
+/// `onset`.
 fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), ClientError> {
     rig.connect()?;
     rig.begin(LAYERS)?;

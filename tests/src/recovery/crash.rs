@@ -121,7 +121,7 @@ fn grow_until(
     grown
 }
 
-/// Connects another host, which clears a fault and resumes.
+/// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
 fn reconnect_and_resume(
     job: &Job,
     board: &Board,

@@ -39,7 +39,7 @@ const MAX_STEPS: usize = 20_000;
 /// rounding errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
-    /// The anchor, and the tangent there.
+    /// Position of the anchor, and the tangent there.
     pub anchor: Tip,
     /// The vector m at the anchor. It is perpendicular to the tangent, and the curve bends about it there.
     pub m: Vector3<f64>,
@@ -51,7 +51,7 @@ pub struct Helicoid {
     pub after: f64,
 }
 
-/// Position and tangent.
+/// State of an integration: position and tangent.
 type State = Vector6<f64>;
 
 fn tip(state: &State) -> Tip {
@@ -119,7 +119,7 @@ fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f6
     None
 }
 
-/// (m0 x, m0 y, p x, p y, p z, length).
+/// Unknowns of a search for a helicoidal arc: m0 x, m0 y, p x, p y, p z, and the length.
 type Unknowns = Vector6<f64>;
 
 impl Helicoid {
@@ -249,7 +249,8 @@ impl Narrow {
         (Vector3::new(size, 0.0, 0.0), Vector3::new(sin, 0.0, cos))
     }
 
-    /// Returns the first and the last tip.
+    /// Returns the tips at the start and at the end of the arc, relative to the narrow point. `None` if the
+    /// integration fails.
     fn ends(&self, error: f64) -> Option<(Tip, Tip)> {
         let (m, p) = self.m_and_p();
         let narrow = state(&Tip::start());

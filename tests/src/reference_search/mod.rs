@@ -43,7 +43,7 @@ impl Problem {
     }
 }
 
-/// Position, radii, and unit tangent.
+/// A point of a curve: its position and its unit tangent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
     /// Position, radii.

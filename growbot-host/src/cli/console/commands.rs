@@ -11,7 +11,7 @@ use crate::cli::usage;
 /// Longest time that `wait` accepts, s.
 const LONGEST_WAIT_S: f64 = 1e6;
 
-/// A parsed line.
+/// The command of a line that the user has typed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ConsoleCommand {
     /// An empty line.
@@ -31,7 +31,7 @@ pub enum ConsoleCommand {
 /// Requests that the board answers at once.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BoardRequest {
-    /// Identity, status and sensors of the board.
+    /// Read the identity, the status and the sensors of the board.
     Status,
     /// Plan to this pose on the board, which stores the layers.
     Plan(Pose),

@@ -58,7 +58,7 @@ struct ScriptError {
     failed: bool,
 }
 
-/// Action after a command.
+/// Action of the console after a command: read the next line, or end.
 enum LineOutcome {
     Continue,
     Quit,

@@ -11,7 +11,7 @@ use crate::cli::Failure;
 const ROOM_C: [f64; 2] = [5.0, 45.0];
 /// Range of the acceleration that an accelerometer at rest measures, as a multiple of the earth's gravity.
 const GRAVITY: [f64; 2] = [0.85, 1.15];
-/// Angle by which gravity must turn if the tip was tilted, degrees.
+/// Minimum angle by which the measured direction of gravity must change when the user tilts the tip, degrees.
 const TILT_DEG: f64 = 20.0;
 
 /// Checks that a nozzle that was not heated has the temperature of the room.

@@ -67,7 +67,7 @@ Exit codes: 0, every step passed, was left out by choice, or is for a part that
 the robot does not have; 1, one failed or was not reached; 2, invalid arguments
 or input.";
 
-/// A step: its name in the report, and its function.
+/// A step of the commissioning: its name in the report, and its function.
 struct CommissioningStep {
     name: &'static str,
     /// True if the step needs the user. The other steps are repeated each time the command runs.
@@ -77,7 +77,7 @@ struct CommissioningStep {
     run: fn(&mut DoctorSession) -> Result<Finding, Failure>,
 }
 
-/// The steps, in their order.
+/// The steps of the commissioning, in their order.
 const STEPS: [CommissioningStep; 13] = [
     CommissioningStep { name: "link", asks: false, gates: true, run: link::check_link },
     CommissioningStep { name: "description", asks: false, gates: true, run: link::check_description },

@@ -41,7 +41,7 @@ pub enum StepOutcome {
 }
 
 impl StepOutcome {
-    /// Returns the name.
+    /// Returns the name of the outcome for the terminal.
     fn name(self) -> &'static str {
         match self {
             Self::Passed => "passed",

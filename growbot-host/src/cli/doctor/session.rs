@@ -18,7 +18,7 @@ use crate::cli::Failure;
 
 /// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);
-/// Time that a person has for a watched action.
+/// Time limit for an action of the user that the board's sensors must show.
 pub const WATCH: Duration = Duration::from_secs(60);
 /// Number of checks for an answer between two status requests to the board.
 const GREET: u32 = 10;

@@ -33,7 +33,7 @@ pub enum BodyFormat {
 
 /// All extensions of `-o`.
 const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
-/// Chords round a wall, and layers per ring, of a mesh.
+/// Resolution of a mesh: number of chords around the wall, and number of layers for each ring of vertices.
 const RESOLUTION: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
 /// Width of a PNG, pixels.
 const WIDTH: u32 = 1600;
@@ -55,14 +55,14 @@ impl BodyFormat {
     }
 }
 
-/// A grown body.
+/// A grown body that is written to a file.
 pub struct BodyToWrite<'a> {
     /// Name of the growth.
     pub name: &'a str,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
     pub body: SimulatedBody<'a>,
-    /// Scene in which the body was grown.
+    /// Scene in which the body was grown. `None` without a scene.
     pub scene: Option<NamedScene<'a>>,
 }
 

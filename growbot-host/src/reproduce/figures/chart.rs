@@ -63,11 +63,11 @@ pub enum Mark {
     Dash,
     /// Diamond: a number of the paper.
     Diamond,
-    /// Disc on a line: one of our means.
+    /// Disc on a line: one of our means, or a single value.
     Disc,
-    /// Line.
+    /// Line: a curve in a picture of paths.
     Line,
-    /// Empty ring.
+    /// Empty ring: one of our means over `k`.
     Ring,
 }
 

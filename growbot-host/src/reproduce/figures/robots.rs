@@ -14,7 +14,7 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
-/// Robots of panels A to C.
+/// Robots that the panels A to C show, as indexes into `ROBOTS`.
 const SHOWN: [usize; 3] = [paper::ROBOT_A, paper::B, paper::C];
 
 /// Returns Figure 8 as SVG.
@@ -99,8 +99,8 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Er
     }
 }
 
-/// Returns the label of the paper's number for a robot. Robots with the same `k` share one label, which only the
-/// first of them returns.
+/// Returns the label of the paper's number for a robot. Robots with the same `k` share one label: it is returned for
+/// the first of them, and `None` for the others.
 fn named(robot: usize) -> Option<&'static str> {
     match robot {
         0 => Some("A, A1, A2"),

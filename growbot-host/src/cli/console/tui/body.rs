@@ -11,7 +11,7 @@ const MAX_UNREPORTED: usize = 65_536;
 /// Coordinates of a point: x, y, z, mm.
 pub type ScreenPoint = [f64; 3];
 
-/// The body of one job.
+/// The body of one job, as planned and as built so far.
 pub struct TrackedBody {
     plan_id: u64,
     planned: Vec<Layer>,

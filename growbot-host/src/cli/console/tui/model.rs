@@ -23,9 +23,9 @@ pub struct ConsoleModel {
     /// Speed at which the virtual clock of a simulated board runs, in multiples of real time. `None` if the board
     /// runs by its own clock.
     pub speed: Option<f64>,
-    /// Latest status of the board.
+    /// Latest status of the board. `None` until the first one is received.
     pub status: Option<Status>,
-    /// Latest readings of the sensors.
+    /// Latest readings of the sensors. `None` until the first ones are received.
     pub sensors: Option<SensorReadings>,
     /// Reason why the board does not respond. `None` if it responds.
     pub link_error: Option<String>,

@@ -24,7 +24,7 @@ const COMPUTE: Duration = Duration::from_millis(200);
 /// Possible speeds of `sim`, in multiples of real time. The fifth is the initial one.
 const SPEEDS: [u32; 9] = [1, 3, 10, 30, 60, 200, 600, 2_000, 6_000];
 
-/// A board that the screen follows.
+/// Follows a board for the screen: requests its status and its sensors, and receives its events.
 pub struct BoardPoller {
     client: Client,
     /// Index of the speed of the virtual clock in [`SPEEDS`]. `None` for a board that runs by its own clock.
