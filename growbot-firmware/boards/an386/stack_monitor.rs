@@ -1,5 +1,5 @@
-//! Measurement of the stack that was ever used. Start-up paints the whole stack, and words that still have the paint
-//! were never used.
+//! Measurement of the part of the stack that was ever used. Start-up paints the whole stack (fills it with a fixed
+//! word), and words that still have the paint were never used.
 
 use core::hint::black_box;
 
@@ -10,19 +10,20 @@ use crate::registers::Register;
 use crate::runtime::stack;
 use crate::tip;
 
-/// Number of words that are checked in one round of the main loop.
+/// Number of stack words that are checked in one round of the main loop.
 const AT_ONCE: usize = 64;
 
-/// Searches the stack from the bottom upwards for the first used word, some words in each round.
+/// Search of the stack, from the bottom upwards, for the first used word. It checks some words in each round of the
+/// main loop.
 #[derive(Default)]
 pub struct StackMonitor {
-    /// Number of words of paint found so far.
+    /// Number of painted words found so far from the bottom of the stack.
     painted: usize,
 }
 
 impl StackMonitor {
-    /// Continues the search, and reports the result to the host whenever the end of the paint is found. Also crashes if
-    /// the host requests it.
+    /// Continues the search, and reports the number of unused bytes to the host whenever the search has found a used
+    /// word. Crashes the board if the host requests a crash, as a test.
     pub fn look(&mut self) {
         if tip::wants_overflow() {
             black_box(overflow(0));

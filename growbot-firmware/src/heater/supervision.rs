@@ -1,15 +1,16 @@
-//! Supervision: compares the reading with the behaviour of the nozzle that three models predict.
+//! Supervision of the heater: compares the reading with the behaviour of the nozzle that three models predict.
 //!
 //! Three models run along with the real nozzle and use the power that it is given ([`models`]). The change of the
-//! reading over each of the last seconds, up to [`MARKS`] of them, is compared with the changes of the models. Each
-//! model has two changes: for a reading that follows at once, and for one that lags. The change nearer to the reading
-//! counts, so that the comparison favours a healthy nozzle.
+//! reading over each of the last seconds, up to [`MARKS`] of them, is compared with the changes of the models. The
+//! change of each model is computed twice: for a reading that follows the nozzle at once, and for a reading that lags.
+//! The change that is nearer to the reading counts, so that the comparison favours a healthy nozzle.
 //!
-//! The limits (docs/decisions/0023-heater-supervision.md) are for a capacity, loss and power of 10 % more or less than
-//! described and a reading that follows within 4 s. Two trials bound each of them from opposite sides. No limit may
-//! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/no_false_alarms.rs`). Every fault
-//! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below
-//! call these two trials `sound` and `faults`. The module's own tests check the values.
+//! The limits (docs/decisions/0023-heater-supervision.md) are for a nozzle whose heat capacity, loss and power differ
+//! from its description by up to 10 % and whose reading follows within 4 s. Two trials bound each limit from opposite
+//! sides. No limit may raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and
+//! `tests/no_false_alarms.rs`). Every fault must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo
+//! fault-campaign`). The comments below call these two trials `sound` and `faults`. The module's own tests check the
+//! values.
 //!
 //! The limits are:
 //!
@@ -85,8 +86,8 @@ const RISE_C: f32 = 6.0;
 /// Max rise of the reading above the upper model, degrees, if the heater had no power in the whole time (decision
 /// 0023). The trials bound it like [`RISE_C`].
 const RISE_UNPOWERED_C: f32 = 2.0;
-/// Ages of the checkpoints since which a rise of the reading is judged, s (decision 0023). The trials bound them like
-/// [`RISE_C`].
+/// Ages of the checkpoints with which the reading is compared to find a rise, s (decision 0023). The trials bound them
+/// like [`RISE_C`].
 const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
 /// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall
 /// cannot be that of the nozzle (decision 0023). A smaller value raises false alarms in the trial `sound`; with a
@@ -95,8 +96,8 @@ const FALL_TIMES: f32 = 1.6;
 /// Degrees by which a fall of the reading may exceed the limit of [`FALL_TIMES`] (decision 0023). The trials bound them
 /// like [`FALL_TIMES`].
 const FALL_C: f32 = 4.0;
-/// Ages of the checkpoints since which a fall of the reading is judged, s (decision 0023). The trials bound them like
-/// [`FALL_TIMES`].
+/// Ages of the checkpoints with which the reading is compared to find a fall, s (decision 0023). The trials bound them
+/// like [`FALL_TIMES`].
 const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
 /// Distance of a hot nozzle below its target, degrees, which counts as a temperature drop after [`DROP_S`] (decision
 /// 0023). A smaller distance raises false alarms in the trial `sound`, in which the flow varies by 35 %.
@@ -139,11 +140,11 @@ const AHEAD_S: f32 = 4.0;
 /// Rate of the reading, degrees a second, beyond which the reading is extrapolated (decision 0023). With a higher rate
 /// the trial `faults` fails: the nozzle must stay below 5 C above `max_c`.
 const AHEAD_C_PER_S: f32 = 0.5;
-/// Ages of the checkpoints since which the rate for [`AHEAD_C_PER_S`] is measured, s. They are about 3 s (decision
-/// 0023).
+/// Ages of the checkpoints from which the rate of the reading for [`AHEAD_C_PER_S`] is measured, s. They are about 3 s
+/// (decision 0023).
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
-/// Inputs of the supervision after each control period.
+/// Inputs of the supervision in one control period.
 pub struct SupervisionInput<'a> {
     pub reading_c: f32,
     pub target_c: f32,
@@ -151,14 +152,14 @@ pub struct SupervisionInput<'a> {
     pub duty: f32,
     /// Length of the control period, s.
     pub seconds: f32,
-    /// The target has been reached.
+    /// True if the nozzle has reached its target since the target was set.
     pub hot: bool,
-    /// State of the temperature control. `None` while the gains are tuned.
+    /// State of the temperature control. `None` while the PID gains are tuned.
     pub regulated: Option<ControlState>,
     pub nozzle: &'a NozzleModel<'a>,
 }
 
-/// The part of the temperature control's state that the supervision needs.
+/// The part of the temperature control's state that the supervision of the heater needs.
 #[derive(Debug, Clone, Copy)]
 pub struct ControlState {
     pub trim: f32,
@@ -167,7 +168,7 @@ pub struct ControlState {
     pub dither: Option<Dither>,
 }
 
-/// The supervision of a heater that is on.
+/// State of the supervision of a heater that is on.
 #[derive(Debug, Clone, Default)]
 pub struct Supervision {
     marks: Deque<Checkpoint, MARKS>,
@@ -178,15 +179,15 @@ pub struct Supervision {
     fall_c: f32,
     /// Integral term (trim) of the temperature control, averaged over [`LEARNING_S`].
     learned: f32,
-    /// Reading when the heater was switched on, degrees Celsius.
+    /// First reading after the heater was switched on, degrees Celsius. `None` before that reading.
     first_c: Option<f32>,
     /// True once the reading has differed from `first_c` by [`MOVED_C`].
     moved: bool,
-    /// The time for which the reading has not changed at all. `None` if the reading changes.
+    /// Reading since its last change. `None` before the first reading.
     still: Option<FrozenReading>,
-    /// Time without power, s.
+    /// Time for which the heater has had no power, s.
     unpowered_s: f32,
-    /// Time for which a hot nozzle has been far below the target, s.
+    /// Time for which a hot nozzle has been more than [`DROP_C`] below its target, s.
     low_s: f32,
     /// Time for which a hot nozzle has been below its band, s.
     out_s: f32,
@@ -195,7 +196,7 @@ pub struct Supervision {
     dither: DitherPeriod,
 }
 
-/// A reading that does not change.
+/// A reading, and the time for which it has not changed.
 #[derive(Debug, Clone, Copy)]
 struct FrozenReading {
     reading_c: f32,
@@ -214,7 +215,7 @@ struct MeanHeat {
     need_w: f32,
 }
 
-/// The dither in the reading, over one period.
+/// Sums over one period of the dither, from which the dither's amplitude in the reading is computed.
 #[derive(Debug, Clone, Copy, Default)]
 struct DitherPeriod {
     sine: f32,
@@ -222,20 +223,20 @@ struct DitherPeriod {
     seconds: f32,
     /// Part of the dither period in which the power was saturated, s.
     saturated_s: f32,
-    /// Number of consecutive periods in which the dither was missing in the reading.
+    /// Number of consecutive dither periods in which the dither was missing in the reading.
     missed: u32,
-    /// Number of consecutive periods in which the power was saturated.
+    /// Number of consecutive dither periods in which the power was saturated.
     saturated: u32,
 }
 
 impl Supervision {
-    /// Resets all state of the supervision that refers to the previous target.
+    /// Resets the state of the supervision that refers to the previous target.
     pub fn retarget(&mut self) {
         (self.low_s, self.out_s) = (0.0, 0.0);
         self.dither = DitherPeriod::default();
     }
 
-    /// Compares a reading with the models.
+    /// Advances the models by a control period, and compares the reading with them.
     ///
     /// # Errors
     /// Returns the fault that the reading shows.
@@ -425,13 +426,14 @@ impl Supervision {
     }
 }
 
-/// Returns whether the heater gets full power. A reading that does not change at full power may be that of a nozzle
-/// that warms no further, as in a draught.
+/// Returns whether the heater gets full power. A reading that does not change at full power may be that of a nozzle in
+/// a draught, which gets no warmer.
 fn has_all_the_power(look: &SupervisionInput) -> bool {
     look.duty >= 1.0
 }
 
-/// Returns the fault of a nozzle that does not get as warm as its power makes it, depending on the reading.
+/// Returns the fault to report for a nozzle that is less warm than its power should make it. The fault depends on the
+/// reading, and on whether the nozzle was hot.
 fn lacks(look: &SupervisionInput) -> Fault {
     if !look.hot {
         Fault::HeatingTooSlow
