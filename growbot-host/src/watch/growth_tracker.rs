@@ -71,7 +71,7 @@ pub struct Update<'a> {
     explanation: Option<&'static str>,
     /// Reason why the board rejected the latest command. `None` otherwise.
     command_error: Option<&'a str>,
-    /// Problem with this program's own files.
+    /// Problem with this program's own files. `None` without a problem.
     warning: Option<&'a str>,
     /// Title of the shown body if it is shown as a simulated tip has laid it, otherwise `None`.
     built_name: Option<&'static str>,
