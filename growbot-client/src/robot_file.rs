@@ -91,7 +91,8 @@ pub fn is_built_in(name: &str) -> bool {
 /// ```
 ///
 /// # Errors
-/// If there is no such robot or file, the file cannot be read, or the description is not valid.
+/// If the name is neither that of a built-in robot nor that of a file, the file cannot be read, or the description is
+/// not valid.
 pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
     let (text, file) = text_of(name_or_file)?;
     parse(&text, &file)
@@ -100,7 +101,7 @@ pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
 /// Returns the TOML text of a built-in robot or else of a file, and the name of this text for error messages.
 ///
 /// # Errors
-/// If there is no such robot or file, or the file cannot be read.
+/// If the name is neither that of a built-in robot nor that of a file, or the file cannot be read.
 pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), RobotFileError> {
     if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| name_or_file.as_os_str() == *name) {
         return Ok(((*text).into(), (*name).to_owned()));

@@ -116,7 +116,7 @@ impl Client {
         let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
             let before = hello.status.uptime_ms;
-            // A board without a robot description does not leave this state.
+            // A board without a robot description runs no self-test.
             if hello.status.state != State::SelfTest
                 || hello.robot_hash == 0
                 || before > SELF_TEST_MS

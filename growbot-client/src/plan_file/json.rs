@@ -117,9 +117,10 @@ pub enum PathFamily {
     H,
 }
 
-/// Returns the path types that were searched completely, and those searched statistically.
+/// Returns the fields `complete` and `statistical` of the plan's file: the path types that were searched completely,
+/// and those that were searched only from likely initial values.
 fn searched(plan: &Plan) -> (Vec<PathFamily>, Vec<PathFamily>) {
-    // Through a scene the shortest path may have any type, and none of the searches there is complete.
+    // In a scene, the shortest path may have any type, and the search is not complete for any.
     if plan.planner != Planner::Shortest || plan.scene.is_some() {
         return (Vec::new(), Vec::new());
     }
@@ -181,7 +182,7 @@ impl From<&Pose> for TipPoseJson {
 }
 
 impl TipPoseJson {
-    /// Returns the pose, with heading 0 if the tip is vertical.
+    /// Converts to a pose in JSON form, with heading 0 if the tip is vertical.
     #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
@@ -216,7 +217,7 @@ impl GoalJson {
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
     }
 
-    /// Returns the pose.
+    /// Returns the pose of the goal.
     #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
@@ -224,7 +225,7 @@ impl GoalJson {
     }
 }
 
-/// serde passes a reference.
+/// Reports whether a field is false, so that serde omits it.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_false(value: &bool) -> bool {
     !*value
@@ -265,7 +266,7 @@ impl LegJson {
     }
 }
 
-/// serde passes a reference.
+/// Reports whether a count is 0, so that serde omits the field.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_zero(count: &usize) -> bool {
     *count == 0
@@ -303,7 +304,7 @@ pub enum SegmentJson {
 }
 
 impl SegmentJson {
-    /// Converts a segment that grows from a tip of this frame.
+    /// Converts a segment to JSON form. `base_from_tip` is the frame of the tip at the segment's start.
     fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
             Segment::Arc { alpha, bend, length } => {
@@ -318,7 +319,7 @@ impl SegmentJson {
         }
     }
 
-    /// Converts a whole path from a tip of this frame.
+    /// Converts the segments of a path to JSON form. `base_from_start` is the frame of the tip at the path's start.
     fn path(path: &[Segment], base_from_start: &Frame) -> Vec<Self> {
         let grown = |base_from_tip: &mut Frame, segment: &Segment| {
             let written = Self::new(segment, base_from_tip);
@@ -379,22 +380,22 @@ impl From<&Plan> for PlanFile {
 }
 
 impl PlanFile {
-    /// Converts a plan of this robot and adds the robot's description, so that a reader needs no other file.
+    /// Converts a plan to JSON form and adds the description of its robot, so that a reader needs no other file.
     #[must_use]
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
     }
 
-    /// Returns the JSON in one line, with its newline, for pipes.
+    /// Returns the JSON of the plan in one line that ends with a newline, for pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
         sanitize::json_line(self)
     }
 
-    /// Returns the JSON in many lines, for files.
+    /// Returns the JSON of the plan in indented lines, for files.
     #[must_use]
     pub fn to_text(&self) -> String {
-        // Serialization fails only for maps whose keys are not strings, and there are no such maps.
+        // Serialization fails only for maps whose keys are not strings, which a plan does not contain.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 }
