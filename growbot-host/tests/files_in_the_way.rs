@@ -1,5 +1,5 @@
-//! Tests of existing and missing files. A run log replaces an existing file only with `--overwrite`, or gets a name of
-//! its own, `-` is standard input or output in all commands, and missing directories are created.
+//! Tests of existing and missing files. A run log replaces an existing file only with `--overwrite`. `-` is standard
+//! input or output in all commands, and missing directories are created.
 #![cfg(unix)]
 
 use crate::running;

@@ -136,7 +136,8 @@ fn long_requests_are_refused_and_do_not_block_commands() {
     let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
     assert_eq!(status_of(lab.page(), &(post(&lab, "transfer-encoding: chunked") + &chunk)), 413);
     assert_eq!(status_of(lab.page(), &post(&lab, "content-length: 17000000")), 413);
-    // The service handles two long requests at a time and refuses the next one. Commands are short, so they do not wait.
+    // The service handles two long requests at a time and refuses further ones. Commands are short, so they do not
+    // wait.
     let long = post(&lab, "transfer-encoding: chunked\r\nexpect: 100-continue");
     let read: Vec<_> = (0..2).map(|_| status_of_kept(&lab, &long)).collect();
     assert!(read.iter().all(|(_, status)| *status == 100));

@@ -14,8 +14,8 @@ use tempfile::TempDir;
 /// Numeric identifier of another user, which no process of the tests has.
 const OTHER_USER: u32 = 54_321;
 
-/// Directories for settings: `lab/project`, in which commands run, below a settings file that may be of another user,
-/// and `conf`, the configuration of the user, who has a robot.
+/// Directories for settings: `lab`, with a settings file that another user may have written; `lab/project`, in which
+/// commands run; and `conf`, with the settings of the user, who has a robot.
 struct Place {
     root: TempDir,
     users_robot: FakeBoard,

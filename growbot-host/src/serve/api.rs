@@ -139,7 +139,8 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
     (router, openapi::complete(&document))
 }
 
-/// Sets the description of a route, and problem details as its default response.
+/// Returns a function that sets the description of an operation in the OpenAPI document, and problem details as its
+/// default response.
 fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |operation| operation.description(words).default_response::<Problem>()
 }

@@ -25,14 +25,14 @@ pub enum CommandSource {
     Socket,
 }
 
-/// A recorded command.
+/// A line of the audit log: a command and its outcome.
 #[derive(Serialize)]
 struct AuditRecord<'a> {
     time_utc: String,
     source: CommandSource,
     robot: &'a str,
     command: &'a str,
-    /// Reason why the command failed. `None` if it was carried out or accepted.
+    /// Reason why the command failed. `None` if the command was carried out or accepted.
     error: Option<&'a str>,
 }
 
@@ -43,7 +43,7 @@ impl Audit {
     }
 
     /// Appends a command with its source to the audit log. `refused` is the reason why the command failed, or `None` if
-    /// it succeeded.
+    /// the command succeeded.
     pub fn note(&self, by: CommandSource, robot: &str, order: &str, refused: Option<&str>) {
         let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error: refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);

@@ -21,7 +21,7 @@ const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: c
 const KEPT: &str = "The service keeps the stop, and sends it before anything else once the robot is connected; \
                     `withdraw-stop` withdraws it";
 
-/// A command.
+/// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotCommand {

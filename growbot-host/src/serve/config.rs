@@ -28,7 +28,7 @@ pub struct RobotEntry {
     /// Robot description: a built-in name or a file. The default is the built-in description whose name the board
     /// reports.
     pub robot: Option<String>,
-    /// Pace of the time of `sim:NAME`, in multiples of real time. The default is 1.
+    /// Pace of the time of a simulated robot `sim:NAME`, in multiples of real time. The default is 1.
     pub pace: Option<f64>,
 }
 
@@ -48,7 +48,7 @@ impl RobotEntry {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServeEntry {
-    /// Port of the pages' address on this machine.
+    /// TCP port of the service's pages on this machine.
     pub port: Option<u16>,
     /// Timeout of a request's body, s. The default is 20. The timeout of a request's head, and that of the pause before
     /// it, are half as long.
@@ -87,7 +87,7 @@ pub struct NotifyEntry {
     pub webhook: Option<String>,
     /// Program, with its arguments, that is run for each notice.
     pub command: Option<Vec<String>>,
-    /// Events that are sent. The default is all events.
+    /// Events about which notices are sent. The default is all events.
     pub events: Option<Vec<NotificationEvent>>,
 }
 

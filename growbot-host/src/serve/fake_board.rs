@@ -46,7 +46,8 @@ pub struct FakeBoard {
     pub pause: PauseCause,
     pub plan_id: u64,
     layers: u32,
-    /// Number of layers that the board counts as laid. The board reports none of these layers.
+    /// Number of layers that are laid according to the board's status. The board does not send these layers to the
+    /// host.
     pub laid: u32,
     /// True if the board belongs to another robot.
     pub is_of_other_robot: bool,

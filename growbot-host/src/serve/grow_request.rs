@@ -83,7 +83,7 @@ struct SceneOutline {
 }
 
 impl PlanOutline {
-    /// Returns the outline of a plan. It is empty if the plan cannot be read.
+    /// Reads the outline of a plan in JSON. All fields are `None` if the plan cannot be read.
     fn of(plan: &RawValue) -> Self {
         serde_json::from_str(plan.get()).unwrap_or_default()
     }
@@ -93,7 +93,7 @@ impl PlanOutline {
 pub struct PlanInScene {
     /// The plan.
     pub plan: Plan,
-    /// The scene. `None` if the request has none.
+    /// The scene. `None` if neither the request nor the plan names a scene.
     pub scene: Option<LoadedScene>,
 }
 

@@ -126,8 +126,8 @@ impl RobotWorker {
         self.lock_kept_logs().retain(|(of, _)| of != job);
     }
 
-    /// Writes the changes of the list of jobs, and the lines of run logs, that could not be written before. Does not
-    /// wait for other threads.
+    /// Tries again to write the changes of the list of jobs, and the lines of run logs, that could not be written
+    /// before. Does not wait for other threads.
     pub(super) fn write_kept(&self) {
         if let Ok(mut store) = self.shared.job_writer.try_lock()
             && store.has_kept()

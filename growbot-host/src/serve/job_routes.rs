@@ -203,7 +203,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     }
 }
 
-/// Limit of a list of jobs.
+/// Query of a request for the list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobListQuery {

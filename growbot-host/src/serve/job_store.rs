@@ -1,4 +1,5 @@
-//! All jobs of the service, in SQLite. The list can be rebuilt from the run logs, which are the authoritative record.
+//! List of all jobs of the service, in an SQLite database. The list can be rebuilt from the run logs, which are the
+//! authoritative record.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -77,7 +78,7 @@ pub enum JobStoreError {
     OtherVersion {
         /// Path of the database.
         path: PathBuf,
-        /// Version of its tables.
+        /// Version of the tables in the database.
         found: i64,
     },
     /// SQLite has failed.
@@ -96,7 +97,7 @@ impl JobStoreError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum JobState {
-    /// The board has the job or is receiving it. It heats, homes, grows or pauses.
+    /// The board has the job or is receiving it, and heats, homes, grows or pauses.
     Active,
     /// The job was left unfinished and can be resumed.
     Interrupted,
@@ -136,7 +137,7 @@ impl JobState {
 /// A job of the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Job {
-    /// Identifier in addresses: the time of the job's creation, then the name of the robot.
+    /// Identifier, also in URLs: the time of the job's creation, then the name of the robot.
     pub id: String,
     /// Name of the robot in the service.
     pub robot: String,
@@ -229,7 +230,7 @@ impl JobStore {
         Ok(transaction.commit()?)
     }
 
-    /// Opens a second, read-only connection to the list. [`JobStore::open`] must have opened it before.
+    /// Opens a second, read-only connection to the list. [`JobStore::open`] must have created the list before.
     pub fn open_to_read(places: &ServicePaths) -> Result<Self, JobStoreError> {
         let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         database.busy_timeout(BUSY_TIMEOUT)?;

@@ -171,8 +171,8 @@ impl JobStore {
         })
     }
 
-    /// Returns the identifier of the job that became active by the latest such change in memory. `None` without such a
-    /// change.
+    /// Returns the identifier of the job that the latest change in memory to the active state concerns. `None` without
+    /// such a change.
     pub(super) fn kept_active(&self) -> Option<&str> {
         self.kept.iter().rev().find_map(|update| match update {
             JobUpdate::State { id, state: JobState::Active, .. } => Some(id.as_str()),

@@ -124,8 +124,8 @@ impl RoleLimits {
     }
 
     /// Waits until the number of running computations allows one more, then runs the computation on a thread of its
-    /// own. The computation ends when its time is over or when the returned future is dropped because the requester has
-    /// gone, as far as it calls [`Computation::check`].
+    /// own. The computation must call [`Computation::check`] regularly, and end if that returns an error: when its time
+    /// is over, or when the returned future is dropped because the client has disconnected.
     pub async fn compute<T: Send + 'static>(
         &self,
         what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,

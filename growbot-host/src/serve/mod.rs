@@ -2,19 +2,19 @@
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
 //! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board.
-//! `connector` connects to a board, `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends
-//! the notices about it. `stopper` sends emergency stops, and `stop_file` stores an unconfirmed stop on disk. `job_run`
-//! carries out a job on the board.
+//!   `connector` connects to a board, `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends
+//!   the notices about it. `stopper` sends emergency stops, and `stop_file` stores an unconfirmed stop on disk.
+//!   `job_run` carries out a job on the board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are the changes of
-//! the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
-//! commands.
+//!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
+//!   commands.
 //! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi`
 //!   completes its OpenAPI document.
 //! - `page` has the files of the page, and `command_socket` receives its commands.
 //! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks
-//! the tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections and
-//! `limits` the other resources that clients of each role can use. `workers` is the thread on which requests other than
-//! commands are handled. `state_lock` prevents a second service from using the same files.
+//!   the tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections
+//!   and `limits` the other resources that clients of each role can use. `workers` is the thread on which requests
+//!   other than commands are handled. `state_lock` prevents a second service from using the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
 //! - [`client`] is the client of the user's socket.
 

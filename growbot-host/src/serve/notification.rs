@@ -2,7 +2,7 @@
 //! database, so that the service sends them after a restart if it could not do so before.
 //!
 //! The database also stores the conditions of each robot that were reported last, in the transaction that queues the
-//! notice. So a fault is reported once, although the service may be killed at any moment. A notice is sent twice only if
+//! notice. So a fault is reported once, although the service may be killed at any time. A notice is sent twice only if
 //! the service is killed between sending and recording.
 
 use growbot_client::run_log::utc_now;

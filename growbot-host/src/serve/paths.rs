@@ -61,7 +61,7 @@ impl ServicePaths {
     /// Checks that no other user can replace the service's socket.
     ///
     /// # Errors
-    /// [`OwnershipError`] with the directory of the socket, or the directory above it, that another user can change.
+    /// [`OwnershipError`] with the first directory on the path of the socket that another user can change.
     pub fn check_runtime(&self) -> Result<(), OwnershipError> {
         check_private(&self.runtime)
     }

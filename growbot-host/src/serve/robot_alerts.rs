@@ -15,8 +15,8 @@ pub(super) struct LastAlerts {
 }
 
 impl RobotWorker {
-    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the one that
-    /// was reported last.
+    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the condition
+    /// that was recorded last.
     pub(super) fn record_status(&self, status: Status) {
         let condition = AlertState::from_status(&status);
         self.update_state(|known| (known.status, known.reported) = (Some(status), Some(time_since_boot())));

@@ -1,5 +1,5 @@
-//! The stop of a robot that its board has not confirmed, and the pause that its board may not have received, on disk.
-//! These files outlive the service.
+//! Files with the stop of a robot that its board has not confirmed, and with the pause that its board may not have
+//! received. These files outlive the service.
 
 use std::fs;
 use std::io::{self, ErrorKind};

@@ -1,5 +1,5 @@
-//! Tests of a robot's thread with sequences of orders and faults. They are compared with a model: a robot heats only
-//! after an order that nothing later has voided, and no stop gets lost.
+//! Tests of a robot's thread with sequences of orders and faults. The results are compared with a model: a robot heats
+//! only after an order that nothing later has voided, and no stop gets lost.
 //!
 //! All pairs of steps run as a test, and some triples. `cargo stop-triples` runs all triples.
 
@@ -115,7 +115,8 @@ impl Start {
     }
 }
 
-/// Model of what the orders of a person allow and require: that the robot may heat, and that it must be off.
+/// Model of the orders and events of a sequence: whether they allow the robot to heat, and whether they require it to
+/// be off.
 ///
 /// An order to continue that is repeated on a silent line stays valid when the board parks, because a person has given
 /// it and only a later stop or pause voids it.

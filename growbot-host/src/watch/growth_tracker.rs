@@ -83,7 +83,7 @@ pub struct Update<'a> {
     finish_in_s: Option<f64>,
     layers: LayersUpdate,
     readings: NewReadings<'a>,
-    /// Result of the growth. `None` before its end.
+    /// Result of the growth. `None` before the growth has ended.
     result: Option<&'a GrowthResult>,
 }
 
@@ -115,7 +115,8 @@ pub struct UpdateCursor {
 }
 
 impl GrowthTracker {
-    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers.
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers, which are
+    /// already built.
     pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,

@@ -43,7 +43,7 @@ pub enum WatchError {
     /// The address cannot be bound.
     #[error("cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove it")]
     Address {
-        /// Requested port, 0 for any.
+        /// Requested port. 0 stands for any free port.
         port: u16,
         /// Error of the operating system.
         error: io::Error,
@@ -93,12 +93,13 @@ impl LiveGrowth {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
+    /// computed. `None` if the pace is not known.
     pub fn set_pace(&self, pace: Option<f64>) {
         self.watched().set_pace(pace);
     }
 
-    /// Sends an event to the pages.
+    /// Updates the state of the growth with an event, and sends the change to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
             *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(time_since_boot());
@@ -188,12 +189,13 @@ impl WatchPage {
         &self.address
     }
 
-    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
+    /// computed. `None` if the pace is not known.
     pub fn set_pace(&self, pace: Option<f64>) {
         self.shared.live.set_pace(pace);
     }
 
-    /// Sends an event to the pages.
+    /// Updates the state of the growth with an event, and sends the change to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         self.shared.live.ingest(event);
     }

@@ -1,9 +1,9 @@
-//! Filter of requests: only a request of a client on this machine that knows the token, and of no other web page than
-//! the page itself, is handled.
+//! Filter of requests: only requests of the page itself or of a program are handled, and only under a name of this
+//! machine or of a configured proxy.
 //!
 //! Any page in a browser can send requests to addresses of this machine. So the address contains a secret. A host name
-//! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The rejection reveals
-//! nothing.
+//! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The response to a
+//! rejected request is the same as for an unknown path, so it reveals nothing.
 
 use axum::extract::{Request, State};
 use axum::http::header::{HOST, HeaderMap, HeaderValue, ORIGIN};

@@ -128,7 +128,7 @@ struct Listener {
 
 impl Listener {
     /// Returns the next event: the first update at once, further updates after a change, and a heartbeat when one is
-    /// due. `None` after the end of the growth.
+    /// due. `None` after the result of the growth was sent, or after the growth was superseded.
     async fn next(mut self) -> Option<(LiveEvent, Self)> {
         if self.seen.ended || self.live.is_left.load(Ordering::Acquire) {
             return None;
