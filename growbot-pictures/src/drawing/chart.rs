@@ -5,7 +5,7 @@ use super::canvas::Canvas;
 /// Greatest number of steps on an axis.
 const MAX_STEPS: f64 = 6.0;
 
-/// A mapping from values to positions.
+/// A mapping from values to positions on an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scale {
     /// Linear, between these values.
@@ -55,7 +55,7 @@ impl Scale {
         Self::Log(from, to)
     }
 
-    /// Returns the position of a value. It is from 0 to 1 within the scale.
+    /// Returns the position of a value on the axis: 0 at its start, 1 at its end.
     pub fn share(self, value: f64) -> f64 {
         match self {
             Self::Linear(from, to) => (value - from) / (to - from),
@@ -108,7 +108,7 @@ pub fn number(value: f64) -> String {
 
 /// A plot in a drawing.
 pub struct Panel {
-    /// Left, top, width and height, pixels.
+    /// Left edge, top edge, width and height, units of the drawing.
     pub area: [f64; 4],
     /// Horizontal scale.
     pub x: Scale,
@@ -117,14 +117,14 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Returns the position of a point in the drawing. A point outside the panel is moved to the edge.
+    /// Returns the position of a point in the drawing. A point above or below the panel is moved to its edge.
     pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
         (left + width * self.x.share(x), top + height * (1.0 - self.y.share(y).clamp(0.0, 1.0)))
     }
 
-    /// Draws the frame, lines, labels and names of the axes. `ticks` are those of the x axis. `None` to derive them
-    /// from its scale.
+    /// Draws the frame, lines, labels and names of the axes. `ticks` are the positions and labels of the ticks on the x
+    /// axis. If `None`, they are derived from its scale.
     pub fn axes(&self, canvas: &mut Canvas, head: &str, x_name: &str, y_name: &str, ticks: Option<&[(f64, String)]>) {
         let [left, top, width, height] = self.area;
         let (right, bottom) = (left + width, top + height);
@@ -153,7 +153,7 @@ impl Panel {
         ));
     }
 
-    /// Returns the start of the x axis.
+    /// Returns the value at the start of the x axis.
     pub fn min_x(&self) -> f64 {
         match self.x {
             Scale::Linear(from, _) | Scale::Log(from, _) => from,

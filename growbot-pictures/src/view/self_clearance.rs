@@ -11,7 +11,7 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// Greatest number of points of the body that are examined. A body of 1 m has one about each millimetre.
+/// Greatest number of points of the body that are examined. A body of 1 m has about one point per millimetre.
 const MAX_POINTS: usize = 1500;
 
 /// Returns the least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm. It
@@ -32,8 +32,8 @@ pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Op
     nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
 }
 
-/// Returns the least local minimum of the distance between points, given with their lengths along a line, that are more
-/// than `neighbourhood` apart along it.
+/// Returns the least local minimum of the distance between two points of a line that are more than `neighbourhood`
+/// apart along the line. Each point is given with its length along the line, mm.
 fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f64> {
     let between = |a: usize, b: usize| Some((points.get(a)?.0 - points.get(b)?.0).norm());
     let mut nearest: Option<f64> = None;
