@@ -31,8 +31,8 @@ pub struct Helicoid {
     pub p: Vector3<f64>,
 }
 
-/// Max length of an integration step, radii. The test `integration_agrees_with_small_steps` checks that this length and
-/// the two fractions below give results exact to 1e-9.
+/// Max length of an integration step, radii. The test `integration_agrees_with_small_steps` checks that results are
+/// exact to 1e-9 with this length and with the fractions [`SHARE_OF_WAY`] and [`SHARE_OF_TURN`].
 const MAX_STEP: f64 = 0.2;
 /// Max length of an integration step near a point where `m` vanishes and its direction turns fast, as a fraction of the
 /// length in which `m` would vanish at its present rate of change.

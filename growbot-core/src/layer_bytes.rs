@@ -113,6 +113,7 @@ pub fn decode(bytes: &LayerBytes) -> Layer {
 
 /// Decodes a received layer and checks it against the robot's limits, with a tolerance of one unit of rounding.
 ///
+/// # Errors
 /// Returns a [`LayerError`] that contains the limit that the layer exceeds.
 pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
     let layer = decode(bytes);

@@ -121,7 +121,7 @@ pub fn length(path: &[Segment]) -> f64 {
     path.iter().fold(0.0, |length, segment| length + segment.length())
 }
 
-/// Returns `base_from_tip` at the end of a path (Eq 5).
+/// Returns the frame of the tip, `base_from_tip`, at the end of a path that begins at `base_from_start` (Eq 5).
 #[must_use]
 pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())

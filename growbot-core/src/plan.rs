@@ -23,7 +23,7 @@ pub enum Planner {
 /// A planned path, and the number of candidates from which it was selected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedPath {
-    /// The path.
+    /// Planned path.
     pub path: Path,
     /// Number of paths to the goal that the planner found.
     pub candidate_count: usize,

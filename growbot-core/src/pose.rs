@@ -61,9 +61,9 @@ pub enum PoseError {
     TooFar {
         /// Name of the coordinate.
         field: &'static str,
-        /// The coordinate, mm.
+        /// Value of the coordinate, mm.
         value: f64,
-        /// The limit, mm.
+        /// Max absolute value of a coordinate, mm.
         limit: f64,
     },
     /// The pitch lies beyond straight up or straight down.

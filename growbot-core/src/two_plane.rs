@@ -30,6 +30,7 @@ const PARALLEL: f64 = 1e-12;
 
 /// Returns the two-plane path from start to goal, whose arcs have the given radius (mm).
 ///
+/// # Errors
 /// Returns [`PathFull`] if a [`Path`] has no space for all segments. There are at most six, so this does not happen.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFull> {
@@ -97,7 +98,7 @@ struct Builder {
 
 impl Builder {
     /// Appends the shortest path in the plane with this normal. The path begins at the tip, whose direction is `from`.
-    /// It ends at distance `offset` (a vector, radii) from the tip, in direction `to`.
+    /// It ends at the position `offset` (radii) relative to the tip, in direction `to`.
     fn planar(
         &mut self,
         from: &Vector3<f64>,

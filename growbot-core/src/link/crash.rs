@@ -101,7 +101,7 @@ pub struct CrashRecord {
     pub hfsr: u32,
     /// Address of the memory access that failed. `None` if the processor has not recorded it.
     pub address: Option<u32>,
-    /// Stack pointer before the exception. Without a frame, the stack pointer at which the exception was taken.
+    /// Stack pointer before the exception. If `frame` is `None`, the stack pointer at which the exception was taken.
     pub sp: u32,
     /// Words of the stack from `sp` on. Words beyond the end of the stack are 0. If the stack pointer is below the
     /// stack, the words of the stack that may be return addresses.

@@ -50,19 +50,19 @@ pub enum Fault {
     SupplyLow,
     /// The supply's voltage is above the robot's max.
     SupplyHigh,
-    /// A layer, or the homing, did not end in time.
+    /// A layer, or the homing, took longer than it may.
     MotionOverdue,
     /// The step interrupt has stopped.
     StepsStalled,
-    /// The board restarted during its work because its supply dropped.
+    /// The board restarted during operation because its supply voltage dropped.
     BrownOut,
-    /// The board restarted during its work because its watchdog was not fed.
+    /// The board restarted during operation because its watchdog was not fed.
     WatchdogReset,
-    /// The board restarted during its work because its processor faulted.
+    /// The board restarted during operation because its processor faulted.
     ProcessorFault,
-    /// The board restarted during its work because its stack overflowed.
+    /// The board restarted during operation because its stack overflowed.
     StackOverflow,
-    /// The board restarted during its work because of a loss of power or an external reset.
+    /// The board restarted during operation because of a loss of power or an external reset.
     PowerLost,
     /// The nozzle gets hotter although the heater's second switch is open.
     HeaterSwitchWelded,

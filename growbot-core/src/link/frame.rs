@@ -21,7 +21,7 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
-/// Version of the frame format and of its header. It is the first byte of a frame.
+/// Version of the frame format and of its header. It is the first byte of a frame, before the COBS encoding.
 pub const FRAME_VERSION: u8 = 2;
 /// Max length of a frame's body, bytes.
 pub const MAX_BODY_LEN: usize = 224;

@@ -22,18 +22,19 @@ pub enum BoardKind {
     Stm32f405,
     /// A Raspberry Pi Pico, to which the user connects drivers and switches.
     Pico,
-    /// A BTT SKR Pico, with four TMC2209.
+    /// A BTT SKR Pico, with four TMC2209 stepper drivers.
     SkrPico,
 }
 
-/// The controller board and its pins. Without this table, the pins are those of the board that runs the firmware.
+/// The controller board and its pins. If a robot file does not contain this table, the board that runs the firmware
+/// uses its default pins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct BoardDescription {
-    /// Kind of the board. A board of another kind refuses the description.
+    /// Kind of the board. A board of another kind refuses the robot description.
     pub kind: BoardKind,
-    /// Pins that differ from those of the kind.
+    /// Pins of signals that are not at the default pin of the board's kind.
     #[serde(default)]
     pub pins: PinOverrides,
 }
@@ -43,41 +44,41 @@ pub struct BoardDescription {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct PinOverrides {
-    /// STEP of the head's driver.
+    /// GPIO pin for STEP of the head's stepper driver.
     pub head_step: Option<u8>,
-    /// DIR of the head's driver.
+    /// GPIO pin for DIR of the head's stepper driver.
     pub head_direction: Option<u8>,
-    /// EN of the head's driver.
+    /// GPIO pin for EN of the head's stepper driver.
     pub head_enable: Option<u8>,
-    /// STEP of the feed's driver.
+    /// GPIO pin for STEP of the feed's stepper driver.
     pub feed_step: Option<u8>,
-    /// DIR of the feed's driver.
+    /// GPIO pin for DIR of the feed's stepper driver.
     pub feed_direction: Option<u8>,
-    /// EN of the feed's driver.
+    /// GPIO pin for EN of the feed's stepper driver.
     pub feed_enable: Option<u8>,
-    /// PWM output for the power of the heater.
+    /// GPIO pin of the PWM output that sets the power of the heater.
     pub heater: Option<u8>,
-    /// Second switch in the supply of the heater.
+    /// GPIO pin of the output that closes the second switch in the supply of the heater.
     pub heater_enable: Option<u8>,
-    /// PWM output for the fan.
+    /// GPIO pin of the PWM output for the fan.
     pub fan: Option<u8>,
-    /// Input for the fault outputs of the stepper drivers, which are joined on one wire.
+    /// GPIO pin of the input for the fault outputs of the stepper drivers, which are joined on one wire.
     pub driver_fault: Option<u8>,
-    /// Switch that detects filament.
+    /// GPIO pin of the input for the switch that detects filament.
     pub filament_presence: Option<u8>,
-    /// The encoder that the filament turns.
+    /// GPIO pin of the input for the encoder that the filament turns.
     pub filament_motion: Option<u8>,
-    /// The head's index sensor.
+    /// GPIO pin of the input for the head's index sensor.
     pub index: Option<u8>,
-    /// Emergency-stop button.
+    /// GPIO pin of the input for the emergency-stop button.
     pub emergency_stop: Option<u8>,
-    /// SDA of the orientation sensor.
+    /// GPIO pin for SDA (I2C data) of the orientation sensor.
     pub orientation_data: Option<u8>,
-    /// SCL of the orientation sensor.
+    /// GPIO pin for SCL (I2C clock) of the orientation sensor.
     pub orientation_clock: Option<u8>,
-    /// Input for the voltage divider of the thermistor, one of the ADC pins 26 to 29.
+    /// GPIO pin of the input for the voltage divider of the thermistor, one of the ADC pins 26 to 29.
     pub thermistor: Option<u8>,
-    /// Input for the voltage divider of the supply, one of the ADC pins 26 to 29.
+    /// GPIO pin of the input for the voltage divider of the supply, one of the ADC pins 26 to 29.
     pub supply: Option<u8>,
 }
 

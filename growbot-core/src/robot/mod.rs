@@ -74,6 +74,7 @@ impl Robot {
 
     /// Decodes a description from the postcard form that [`Robot::encode`] gives, and checks it.
     ///
+    /// # Errors
     /// Returns [`RobotError::Unreadable`] if the bytes are not exactly one description. Otherwise returns the errors of
     /// [`Robot::new`].
     pub fn decode(bytes: &[u8]) -> Result<Self, RobotError> {
@@ -179,6 +180,7 @@ impl Robot {
     /// `slack` is the fraction by which a layer may exceed a limit, to allow for rounding. A layer thinner than the min
     /// height can be laid (a plan with one has a warning). A layer without material on its inner side cannot be laid.
     ///
+    /// # Errors
     /// Returns a [`LayerError`] with the value of the layer and the limit that it exceeds.
     pub fn check_layer(&self, layer: &Layer, slack: f64) -> Result<(), LayerError> {
         let limits = &self.description.layer;

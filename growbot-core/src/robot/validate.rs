@@ -12,7 +12,7 @@ const MAX_SIZE: f64 = 1e4;
 /// Min size of a part of a robot, mm.
 const MIN_SIZE: f64 = 1e-3;
 
-/// Value that stands for no limit. An optional limit has it if the robot file omits the limit.
+/// Value that stands for no limit. An optional limit has this value if the robot file omits it.
 const UNLIMITED: f64 = 1e9;
 
 /// A field of a robot description, as its name and its value. The methods check the value.

@@ -43,8 +43,9 @@ impl SimulatedSensors {
         MeasuredQuantities { growth: true, direction, up: !direction }
     }
 
-    /// Returns the measurements of the sensors after the layer of this index, for its commanded and its laid form, and
-    /// for the true frame of the tip.
+    /// Returns the measurements of the sensors after a layer. `commanded` and `laid` are this layer as commanded and as
+    /// laid, and `base_from_tip` is the true frame of the tip after it. `seed` and the layer's `index` determine the
+    /// noise.
     #[must_use]
     pub fn measure(
         &self,

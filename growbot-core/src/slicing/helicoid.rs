@@ -114,7 +114,7 @@ impl<'a> HelicoidLayers<'a> {
         self.layers.iter().map(|layers| u64::from(layers.count)).sum()
     }
 
-    /// Returns the number of segments.
+    /// Returns the number of helicoidal segments that the layers cover.
     pub(super) fn segments(&self) -> usize {
         self.segments.len()
     }

@@ -51,9 +51,9 @@ struct PieceShape {
 /// Variances that weight the deviation of a segment from its planned shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Variances {
-    /// Variance of the curvature, 1/mm^2.
+    /// Variance of the deviation of the curvature, 1/mm^2.
     curvature: f64,
-    /// Variance of the length, mm^2.
+    /// Variance of the deviation of the length, mm^2.
     length: f64,
 }
 
@@ -237,7 +237,7 @@ impl ReferenceTrajectory {
 
 type Constraint = SVector<f64, CONSTRAINTS>;
 
-/// The end of a reference trajectory, linearised in the shapes of its pieces.
+/// The end of a reference trajectory, linearised in the shapes of its segments.
 #[derive(Default)]
 struct Linear {
     /// Error of the end at the goal, in the frame of the end: position in radii, and angles about the y and the -x axis

@@ -49,7 +49,7 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
 /// A root of the polynomial, or a point at which rounding leaves open whether there are two roots, one or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Root {
-    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] is inverse.
+    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] was created with `inverse`.
     pub x: f64,
     /// True if the polynomial certainly changes its sign at this root. False if rounding leaves that open.
     pub certain: bool,

@@ -102,14 +102,15 @@ pub(super) fn shortest(
     arcs.shortest(problem, keep_alive)
 }
 
-/// An arc after the rough refinement, in single precision.
+/// An arc to be refined precisely: the result of a rough refinement in single precision, or a seed that is too narrow
+/// for it.
 struct RoughArc {
     seed: Seed<f64>,
     length: f64,
     arrived: bool,
 }
 
-/// The roughly refined arcs that the search has found so far.
+/// The arcs that the search has found so far and that are to be refined precisely.
 struct RoughArcs {
     /// The goal of the problem, and the mirror image of this goal.
     goals: [FitGoal<f32>; 2],
