@@ -51,21 +51,21 @@ const SLACK: f64 = 1e-3;
 /// Distance from obstacles, mm, in excess of the required clearance, above which the exact distance is not computed.
 const FAR: f64 = 100.0;
 
-/// The place at which the remaining body would be too near to an obstacle.
+/// Position at which the remaining body would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ClearanceViolation {
-    /// Index of the layer.
+    /// Index of the layer that would be too near.
     pub layer: u32,
-    /// Point of the centreline, mm.
+    /// Point of the layer's centreline, mm.
     pub point_mm: [f64; 3],
     /// Name of the nearest obstacle.
     pub obstacle: String,
-    /// Distance of the tube's outside from the obstacle, mm.
+    /// Distance of the tube's outside from the obstacle, mm. Negative inside.
     pub clearance_mm: f64,
     /// 3 standard deviations of the position at `point_mm`, mm.
     pub deviation_mm: f64,
-    /// Reason why no detour was found, if one was searched for.
+    /// Reason why no detour was found. Null if none was searched for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_detour: Option<String>,
 }
@@ -88,17 +88,17 @@ impl std::fmt::Display for ClearanceViolation {
 
 impl std::error::Error for ClearanceViolation {}
 
-/// Another path that the growth took.
+/// A new path of the remaining layers, because the previous path would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Detour {
-    /// Index of the first layer.
+    /// Index of the first layer on the new path.
     pub from: u32,
-    /// Length of the path, mm.
+    /// Length of the new path, mm.
     pub length_mm: f64,
     /// Proven minimum clearance between the outside of the tube and the obstacles, mm.
     pub clearance_mm: f64,
-    /// The place at which the correction would have been too near.
+    /// Position at which the previous path would have been too near to an obstacle.
     pub instead_of: ClearanceViolation,
 }
 

@@ -10,12 +10,12 @@
 //!
 //! | from | to | where | how |
 //! |---|---|---|---|
-//! | layer laid | `LayerReadings` | the board's controller | encoder and gravity, read when the layer is committed |
-//! | `LayerReadings` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
-//! | `Laid` | growth and direction | here | pulses to mm of body; gravity to a direction |
+//! | a laid layer | `LayerReadings` | the board's controller | encoder and gravity, read when the layer is committed |
+//! | `LayerReadings` | `LayerLaid` | the board's controller | for the latest 16 layers; not in the journal |
+//! | `LayerLaid` | growth and direction | here | pulses to mm of body; gravity to a direction |
 //! | growth, direction | estimate, rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
 //! | rest of the path | layers in bytes, a plan id | here | as for a new job |
-//! | layers, plan id | `Amend`, `Layers` | [`crate::growth`] | from the first layer that can still be changed |
+//! | layers, plan id | `Amend`, `AppendLayers` | [`crate::growth`] | from the first layer that can still be changed |
 //! | an amendment | line of the run log | [`crate::run_log`] | before it is sent |
 //!
 //! A board that restarted counts pulses from 0. The host therefore reads the encoder while no filament is fed and
@@ -93,20 +93,20 @@ pub struct Correction {
     pub detour: Option<Detour>,
 }
 
-/// Start of a count of the filament's encoder.
+/// A reading of the filament's encoder from which the feedback measures growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EncoderReference {
-    /// Boot number of the board's start.
+    /// Boot number of the board when the encoder was read.
     pub boot_id: u32,
-    /// Number of layers laid before.
+    /// Number of layers that were laid before the reading.
     pub laid: u32,
-    /// Count of the encoder. `None` without one.
+    /// The reading, pulses. Null without an encoder.
     #[serde(default, deserialize_with = "crate::run_log::lenient")]
     pub filament_pulses: Option<u32>,
 }
 
-/// Result of the feedback.
+/// Result of the feedback of a growth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeedbackReport {
     /// Number of amendments of the job.
@@ -330,7 +330,7 @@ mod tests {
         let grown = 1.1 * HEIGHT * 100.0;
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
         assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
-        // The rest is commanded less high and ends at the planned height.
+        // The remaining layers are commanded lower, and end at the planned height.
         let rest = feedback.replan_rest(&[]).unwrap().layers;
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
         let commanded = end.translation.z - height(&feedback);

@@ -62,7 +62,7 @@ pub enum InputError {
     },
 }
 
-/// Returns the kind of input, for a message, whose maximum length is `max` bytes.
+/// Returns the name, for error messages, of the kind of input whose maximum length is `max` bytes.
 fn kind(max: &u64) -> &'static str {
     if *max == MAX_LOG_BYTES { "run log" } else { "plan or robot description" }
 }
@@ -153,7 +153,7 @@ pub fn note_standard_input() -> Result<(), FileError> {
 }
 
 /// Reader that fails at a line longer than [`MAX_TEXT_BYTES`]. The whole stream may have any length. The limit prevents
-/// that a line without an end fills the memory.
+/// a line without an end from filling the memory.
 pub struct BoundedLines<R> {
     lines: R,
     /// Number of bytes read since the last newline.

@@ -19,15 +19,15 @@ use crate::suggest::did_you_mean;
 pub struct MaterialPreset {
     /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
     pub nozzle_c: Option<f64>,
-    /// Filament that is pushed in to load it, mm.
+    /// Length of filament that is pushed in to load the material, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub load_mm: f64,
-    /// Filament that is pulled out to unload it, mm.
+    /// Length of filament that is pulled out to unload the material, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub unload_mm: f64,
-    /// Filament that is pushed through to purge the nozzle, mm.
+    /// Length of filament that is pushed through the nozzle to purge it, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub purge_mm: f64,

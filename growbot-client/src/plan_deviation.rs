@@ -25,25 +25,25 @@ const AHEAD: usize = 16;
 pub struct PlanDeviation {
     /// Greatest distance of the body's centreline from the planned one, mm.
     pub max_mm: f64,
-    /// Length of the body there, mm.
+    /// Length of the body up to the point of the greatest distance, mm.
     pub at_mm: f64,
     /// Limit above which growbot warns, mm.
     pub limit_mm: f64,
 }
 
-/// Clearance of a grown body.
+/// Smallest clearance of a grown body from the obstacles of its scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BodyClearance {
     /// Smallest distance between the outside of the tube and an obstacle, mm, negative inside.
     pub clearance_mm: f64,
-    /// Length of the body there, mm.
+    /// Length of the body up to the point of the smallest distance, mm.
     pub at_mm: f64,
-    /// Point of the centreline there, mm.
+    /// Point of the centreline at which the distance is smallest, mm.
     pub point_mm: [f64; 3],
-    /// Name of the nearest obstacle there.
+    /// Name of the obstacle that is nearest to the body.
     pub obstacle: String,
-    /// True if the body touches it.
+    /// True if the body touches the obstacle.
     pub contact: bool,
 }
 

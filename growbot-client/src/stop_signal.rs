@@ -14,14 +14,14 @@ use serde::{Deserialize, Serialize};
 /// Number of low bits of `StopSignal::stops` that hold the level of the stop.
 const LEVEL_BITS: u32 = 2;
 
-/// A stop that a board has not confirmed yet.
+/// Kind of a stop of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StopLevel {
-    /// Heater and steppers off. The body can be resumed.
+    /// The board switches heater and steppers off. The body can be resumed.
     Stop,
-    /// Heater and steppers off before anything else, until the stop is cleared.
+    /// The board switches heater and steppers off before anything else, and stays off until the stop is cleared.
     EmergencyStop,
 }
 
@@ -67,8 +67,8 @@ impl StopSignal {
         }
     }
 
-    /// Records that the board has switched off because of this stop, which ends the stop. Returns false if a newer stop
-    /// was raised, which stays pending.
+    /// Marks this stop as confirmed, because the board has switched off. Returns false and changes nothing if a newer
+    /// stop was raised since.
     pub fn confirm(&self, generation: Generation) -> bool {
         let state = self.stops.load(Ordering::SeqCst);
         let confirmed = encode(generation.0, None);
@@ -132,8 +132,8 @@ pub struct Permit {
 }
 
 impl Permit {
-    /// Returns a permit with a new signal that nothing else uses, for a program whose only user sends the request. No
-    /// other program part can void it.
+    /// Returns a permit with a new signal that nothing else uses, for a program whose only user sends the request. Only
+    /// a stop that is raised through [`Permit::signal`] voids it.
     #[must_use]
     pub fn standalone() -> Self {
         Arc::<StopSignal>::default().permit()

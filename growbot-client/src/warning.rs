@@ -20,9 +20,9 @@ pub struct Warning {
     pub code: String,
     /// Message for users.
     pub message: String,
-    /// The value found.
+    /// Value that violates the limit.
     pub value: f64,
-    /// The limit that it passes.
+    /// Limit that the value violates.
     pub limit: f64,
 }
 

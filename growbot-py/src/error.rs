@@ -13,7 +13,7 @@ use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
 
-/// Class of the exception.
+/// Class of the Python exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorKind {
     /// `InputError`: the value of an argument is not valid.
@@ -60,7 +60,7 @@ impl From<String> for ErrorValue {
 pub enum Error {
     /// An error that growbot has detected.
     Growbot {
-        /// Class of the exception.
+        /// Class of the Python exception.
         kind: ErrorKind,
         /// Message with the cause, the value, the limit and a remedy.
         message: String,

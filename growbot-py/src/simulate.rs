@@ -304,7 +304,7 @@ pub fn simulate_many<'py>(
     rows(py, &tasks, &grown)
 }
 
-/// Returns outcomes of growths as a structured array with the fields [`FIELDS`]. `tasks` are the index of the plan and
+/// Returns outcomes of growths as a structured array with the fields `FIELDS`. `tasks` are the index of the plan and
 /// the seed of each growth.
 pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[CoreResult]) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;

@@ -63,7 +63,7 @@ struct ClockDriftJson {
     /// Excess of the board's clock over the host's, percent: the bound nearer to 0.
     #[serde(default)]
     percent: f64,
-    /// The limit, percent.
+    /// Limit of the absolute percentage above which the clock counts as wrong.
     #[serde(default)]
     limit_percent: f64,
     /// Time that has passed on the board's clock, ms.

@@ -3,9 +3,9 @@
 //!
 //! With feedback, the plan id of a job is the hash of all its layers, where laid layers count as they were commanded.
 //! Events that the board sent before an amendment contain an earlier plan id. An amendment consists of an `Amend`
-//! message with 16 layers and three `Layers` messages with 48 layers, which take 0.08 s on a serial line. An amendment
-//! that would change nothing is not sent. The log contains the event `amendment` before the request is sent, and
-//! `amendment-rejected` if the board refuses it. If the end of the log does not show whether the board accepted the
+//! message with 16 layers and three `AppendLayers` messages with 48 layers, which take 0.08 s on a serial line. An
+//! amendment that would change nothing is not sent. The log contains the event `amendment` before the request is sent,
+//! and `amendment-rejected` if the board refuses it. If the end of the log does not show whether the board accepted the
 //! latest amendment, the plan id of the board's job decides. The encoder also counts the filament of an interrupted
 //! layer, unless the board lost power.
 
@@ -23,9 +23,8 @@ pub(super) const IN_ENGINE: u32 = 2;
 /// Minimum time between two amendments, s. At this rate, amendments of 64 layers use a fifth of the capacity of a
 /// serial line.
 const AMEND_EVERY_S: f64 = 0.5;
-/// Maximum number of amendments of a job without layers. An eighth of the number of layers is subtracted from it. A
-/// board's journal has space for some 2,000 records besides the layers that a job begins with, and amendments may add
-/// layers.
+/// Maximum number of amendments of a job, from which an eighth of the number of its layers is subtracted. A board's
+/// journal has space for some 2,000 records besides the layers that a job begins with, and amendments may add layers.
 const MAX_AMENDMENTS: usize = 1792;
 /// Maximum number of attempts to send an amendment. The board refuses it if it began a replaced layer meanwhile.
 const AMEND_TRIES: u32 = 4;

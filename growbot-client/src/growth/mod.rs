@@ -153,7 +153,7 @@ pub enum JobEvent {
     Reconnected,
 }
 
-/// Replacement of the layers from an index on.
+/// Amendment of a job: a replacement of its layers from an index on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Amendment {
@@ -165,7 +165,7 @@ pub struct Amendment {
     pub from: u32,
     /// Total number of layers of the job after the amendment.
     pub total: u32,
-    /// The first of the replacement layers. More may follow.
+    /// The first replacement layers, at most 64. The other ones are sent later.
     #[serde(with = "crate::run_log::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
@@ -327,7 +327,7 @@ struct UploadState {
     pending: Option<PendingAmendment>,
     /// Number of laid layers from which on the job may be amended again.
     amend_at: u32,
-    /// True if the board was commanded to pause because the rest would be too near to an obstacle.
+    /// True if the board was commanded to pause because the remaining layers would be too near to an obstacle.
     pausing: bool,
     /// Number of layers, from the first of the job, that were recorded as sent in a [`JobEvent`].
     handed_over: u32,

@@ -71,7 +71,7 @@ impl JobRunner<'_> {
                         // The stop is retried, but the user should not wait for that.
                         on_event(&JobEvent::CommandFailed(error.to_string()));
                         if matches!(self.client.event(Duration::ZERO), Err(ClientError::Port(_))) {
-                            // Only a new connection can deliver it.
+                            // Only a new connection can carry the stop.
                             break;
                         }
                     }
@@ -93,7 +93,7 @@ impl JobRunner<'_> {
                 | ClientError::StopNotAcknowledged { .. }
                 | ClientError::Port(_),
             ) if orders.stop_requested() && self.client.emergency_stop().is_ok() => {
-                // The order was not answered, but the emergency stop was.
+                // The board did not respond to the request to stop, but confirmed the emergency stop.
                 on_event(&JobEvent::State(State::EmergencyStop));
                 Outcome::Stopped
             }
@@ -137,7 +137,7 @@ impl JobRunner<'_> {
             }
             self.board.ended_ms = hello.status.uptime_ms;
             return Ok(match outcome(hello.status.state, hello.status.fault) {
-                // A board forgets a job that is done. All of it is laid once all of it is reported.
+                // A board forgets a job that is done. If all layers of the job are reported, all are laid.
                 _ if self.built.as_built.len() >= self.job.layers.len() => Outcome::Done,
                 Some(fault @ Outcome::Fault(_)) if hello.status.plan_id == self.job.plan_id => fault,
                 _ => Outcome::Interrupted,
@@ -155,7 +155,7 @@ impl JobRunner<'_> {
         loop {
             if let Some(order) = orders.pop().filter(|order| stopped_by != Some(order.command)) {
                 let command = order.command;
-                // An order that did not reach the board is kept for the next session.
+                // A command that did not reach the board is kept for the next session.
                 self.execute(&order, on_event).inspect_err(|_| match command.may_be_repeated() {
                     true => orders.requeue(order),
                     false => on_event(&JobEvent::CommandFailed(command.uncertain_message())),

@@ -43,7 +43,7 @@ pub struct GrowthReport {
     pub feedback: Option<FeedbackReport>,
 }
 
-/// Source of a measured arrival.
+/// Source of the final pose of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]

@@ -19,10 +19,10 @@ use crate::warning::Warning;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PlanFile {
-    /// Name of the query, in the output of a batch.
+    /// Name of the query in a batch. Omitted for a single plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// [`FORMAT`].
+    /// Name and version of the format: `growbot-plan/1`.
     pub format: String,
     /// Name of the robot.
     pub robot: String,
@@ -45,7 +45,7 @@ pub struct PlanFile {
     pub layers: usize,
     /// Time to lay the layers, s.
     pub duration_s: f64,
-    /// Length of filament, mm.
+    /// Length of filament that the body needs, mm.
     pub filament_mm: f64,
     /// Kinds of the segments in order: C for an arc, S for a straight line, H for a helicoidal arc. Missing in older
     /// plans.
@@ -58,18 +58,18 @@ pub struct PlanFile {
     /// search. Missing in older plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complete: Vec<PathFamily>,
-    /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, if the goal of a
-    /// leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
+    /// Path types that were searched from likely initial values only, so that a shorter path may exist: `H`, if the
+    /// goal of a leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub statistical: Vec<PathFamily>,
     /// Number of shorter paths that were rejected because the body would have collided with itself. Omitted if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
-    /// Length of the two-plane path, mm. Missing in older plans.
+    /// Length of the path that the two-plane planner finds, mm. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
-    /// Excess length of the two-plane path over this path, percent. 0 for a path of no length. Missing in older
-    /// plans.
+    /// Excess length of the path of the two-plane planner over this path, percent. 0 for a path of no length. Missing
+    /// in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_longer_percent: Option<f64>,
     /// The legs, one more than waypoints. Omitted if there are no waypoints.
@@ -77,7 +77,7 @@ pub struct PlanFile {
     pub legs: Vec<LegJson>,
     /// Segments of the path.
     pub segments: Vec<SegmentJson>,
-    /// Reasons against growing it.
+    /// Reasons against growing the plan.
     pub warnings: Vec<Warning>,
     /// Description of the robot, as in its file. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -92,7 +92,7 @@ pub struct PlanFile {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SceneRefJson {
-    /// File of the scene: a scene file, a mesh or a cloud.
+    /// Name of the scene's file: a scene file, a mesh or a cloud of points.
     pub file: String,
     /// Hash of the scene's file and of the files that it names, 16 hexadecimal digits.
     pub hash: String,
@@ -205,8 +205,8 @@ pub struct GoalJson {
     pub heading_deg: f64,
     /// Pitch, degrees.
     pub pitch_deg: f64,
-    /// True if only the position was given, so that heading and pitch are those chosen for it. Omitted if a direction
-    /// was given.
+    /// True if only the position was given, so that the planner chose heading and pitch. Omitted if a direction was
+    /// given.
     #[serde(default, skip_serializing_if = "is_false")]
     pub direction_free: bool,
 }
@@ -242,13 +242,14 @@ pub struct LegJson {
     pub path_type: String,
     /// Length of the leg, mm.
     pub length_mm: f64,
-    /// Number of paths found.
+    /// Number of paths that the planner found for the leg.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
-    /// Number of shorter paths that were rejected.
+    /// Number of shorter paths of the leg that were rejected because the body would have collided with itself. Omitted
+    /// if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
-    /// Length of the two-plane path, mm.
+    /// Length of the leg that the two-plane planner finds, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
 }
@@ -279,7 +280,7 @@ fn is_zero(count: &usize) -> bool {
 pub enum SegmentJson {
     /// A circular arc.
     Arc {
-        /// Angle of greatest deposition in the tip's frame, degrees.
+        /// Angle in the tip's frame at which most material is laid, degrees. The tube bends away from it.
         alpha_deg: f64,
         /// Angle of the arc, degrees.
         beta_deg: f64,

@@ -82,7 +82,7 @@ impl Serial {
         }
         match fcntl_lock(&self.file, FlockOperation::NonBlockingLockShared) {
             Ok(()) => {
-                // Unlocking fails as rarely as locking.
+                // An error of unlocking is ignored, because it is as unlikely as one of locking.
                 let _ = fcntl_lock(&self.file, FlockOperation::NonBlockingUnlock);
                 false
             }

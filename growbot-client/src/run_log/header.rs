@@ -18,13 +18,13 @@ pub struct RunHeader {
     /// Version of the program that has written it.
     #[serde(default)]
     pub growbot: String,
-    /// Time of day at the start, RFC 3339 with milliseconds.
+    /// Date and time at the start of the growth, RFC 3339 with milliseconds.
     #[serde(default)]
     pub started_utc: String,
-    /// The command line.
+    /// Command line with which the program was started.
     #[serde(default)]
     pub command_line: Vec<String>,
-    /// The port, as it was given.
+    /// The port as the user gave it.
     #[serde(default)]
     pub port: String,
     /// Kind of tip that lays the body.
@@ -63,9 +63,9 @@ pub struct RunHeader {
 pub struct ResumeRecord {
     /// Version of the program.
     pub growbot: String,
-    /// The command line.
+    /// Command line with which the program was started.
     pub command_line: Vec<String>,
-    /// The port, as it was given.
+    /// The port as the user gave it.
     pub port: String,
 }
 

@@ -31,7 +31,7 @@ impl LineQueue {
         self.waiting.len() + self.lost
     }
 
-    /// Returns the number of lines that were dropped.
+    /// Returns the number of lines that were dropped because the queue was full.
     pub fn lost(&self) -> usize {
         self.lost
     }

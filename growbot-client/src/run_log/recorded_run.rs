@@ -40,9 +40,9 @@ pub enum ReadRunLogError {
     /// The first line is not the header of a run log.
     #[error("{file} is not a run log ({reason}): give a file that `growbot grow --log` wrote")]
     Header {
-        /// The file.
+        /// Name of the log's file.
         file: String,
-        /// Error of the header.
+        /// Reason why the first line is not a valid header.
         reason: String,
     },
     /// The plan in the log is not valid.
@@ -425,8 +425,8 @@ impl RecordedRun {
             RunEvent::EncoderReference(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
             RunEvent::Amendment(amendment) => self.amend(amendment),
             RunEvent::AmendmentRejected { .. } => self.revert_amendment(),
-            // The replaced layers are not stored: a refusal of the latest amendment reverts only the layers of the
-            // amendment.
+            // The layers that this replaces are dropped, because reverting the latest amendment restores the layers
+            // from before that amendment.
             RunEvent::LayersSent { from, layers } => drop(self.replace(from as usize, layers)),
             RunEvent::Resumed(_) => self.result = None,
             RunEvent::End { result } => self.result = Some(*result),

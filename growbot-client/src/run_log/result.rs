@@ -84,7 +84,8 @@ pub struct GrowthResult {
     /// The interrupted layer. Null if none was.
     #[serde(default, deserialize_with = "lenient")]
     pub interrupted: Option<InterruptedLayerJson>,
-    /// In the output of `replay` on a simulated robot: the arrival if its plastic lay as commanded.
+    /// In the output of `replay` for a simulated robot: pose of the tip and its errors if each layer had been laid as
+    /// commanded.
     #[serde(default, deserialize_with = "lenient")]
     pub commanded: Option<ArrivalJson>,
     /// In the output of `replay`: number of lines of the log that could not be read.
@@ -118,7 +119,7 @@ pub enum OutcomeKind {
     Refused,
     /// In the output of `replay`: the log has no end.
     Unfinished,
-    /// In a log: an outcome of another version.
+    /// In a log: an outcome that this version of growbot does not know.
     Unknown,
 }
 
@@ -176,13 +177,13 @@ pub struct ArrivalJson {
     pub final_pose: TipPoseJson,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
-    /// Distance from the goal over the length of the planned path. 0 if the path has no length.
+    /// Distance from the goal divided by the length of the planned path. 0 if the path has no length.
     pub normalized_position_error: f64,
     /// Difference of the headings, degrees. Null if the tip or its goal is vertical.
     pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: f64,
-    /// Angle between the two directions, degrees.
+    /// Angle between the directions of tip and goal, degrees.
     pub direction_error_deg: f64,
 }
 
@@ -217,9 +218,9 @@ pub struct FeedbackResult {
     pub direction_sd_deg: f64,
     /// Estimated systematic error of the growth, percent.
     pub growth_bias_percent: f64,
-    /// For a simulated robot: distance of the estimate from the tip, mm.
+    /// For a simulated robot: distance of the estimate from the true tip, mm.
     pub estimate_error_mm: Option<f64>,
-    /// For a simulated robot: angle between the directions of the estimate and the tip, degrees.
+    /// For a simulated robot: angle between the directions of the estimate and the true tip, degrees.
     pub estimate_direction_error_deg: Option<f64>,
 }
 
