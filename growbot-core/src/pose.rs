@@ -80,8 +80,8 @@ impl Pose {
     pub const MAX_COORDINATE_MM: f64 = 1e7;
 
     /// Max angle from straight up or straight down at which a direction counts as vertical, radians (0.0006 degrees).
-    /// The heading of a vertical direction has no meaning. Rounding of the layers alone turns the tip of a vertical
-    /// body by a fifth of this angle.
+    /// The heading of a vertical direction has no meaning. Rounding alone turns the tip of a vertical body by a fifth
+    /// of this angle.
     pub const VERTICAL_TOLERANCE_RAD: f64 = 1e-5;
 
     /// Creates a pose from a position in mm, and a heading and a pitch in radians. The heading is wrapped to `(-pi,

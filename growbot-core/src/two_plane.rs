@@ -19,12 +19,11 @@ use crate::dubins2::{self, Direction, PlanarPose};
 use crate::path::{Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, tip_direction};
 
-/// Max distance between start and goal, radii, at which the two count as one point. The direction of a shorter line
-/// between them would consist of rounding errors. The test `degenerate_poses_are_reached` of [`crate::plan`] checks
-/// this value.
+/// Max distance between start and goal, radii, at which the two count as one point. Rounding errors would determine the
+/// direction of such a short line. The test `degenerate_poses_are_reached` of [`crate::plan`] checks this value.
 const ONE_POINT: f64 = 1e-12;
-/// Max length of the cross product of two unit vectors at which the two count as parallel. The plane that they span
-/// would otherwise consist of rounding errors. The tests `goals_nearly_ahead_are_reached` and
+/// Max length of the cross product of two unit vectors at which the two count as parallel. Rounding errors would
+/// determine the plane that such vectors span. The tests `goals_nearly_ahead_are_reached` and
 /// `degenerate_poses_are_reached` of [`crate::plan`] check this value.
 const PARALLEL: f64 = 1e-12;
 

@@ -14,8 +14,8 @@ use super::path_types::Tangent;
 /// by up to 0.008 rad. The test `no_path_type_is_shorter_than_its_bound` checks all margins of this module.
 const ANGLE_MARGIN: f32 = 0.01;
 /// Margin of the lower bound of a path's length, radii, for the errors of its angles. The arc-tangent approximation
-/// errs by up to 0.004 rad. The length of LRL contains four such errors (0.016), so the margin is about twice what LRL
-/// needs.
+/// errs by up to 0.004 rad. The length of the path type LRL (left, right, left) contains four such errors (0.016), so
+/// the margin is about twice what LRL needs.
 const LENGTH_MARGIN: f32 = 0.03;
 /// Margin of the lower bound of a path's length, as a fraction of the length of the path's line. It is several times
 /// the rounding error of single precision, 6e-8.
@@ -49,8 +49,8 @@ pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
     [lsl, rsr, lsr, rsl, lrl, rlr]
 }
 
-/// Returns the lower bound of the length of LRL, from the distance and the direction between the centres of its first
-/// and its last circle.
+/// Returns the lower bound of the length of LRL (left, right, left), from the distance and the direction between the
+/// centres of its first and its last circle.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn three_arcs(distance: f32, along: f32, heading: f32) -> f32 {
     let square = (4.0 - distance) * (4.0 + distance);

@@ -47,7 +47,7 @@ const MORE_LAYERS: u32 = 5;
 pub struct SlicedLayer {
     /// Index of the segment in the path, counted from 0.
     pub segment: usize,
-    /// The layer.
+    /// Alpha, height and tilt of the layer.
     pub layer: Layer,
 }
 
