@@ -11,7 +11,7 @@ use embedded_hal::i2c::I2c;
 
 use crate::hal::GravitySensor;
 
-/// Identification of a BMI160 (data sheet, register 0x00).
+/// Content of the register CHIP_ID of a BMI160 (data sheet, register 0x00).
 const CHIP_ID: u8 = 0xD1;
 /// Reading of an axis that measures the earth's gravity (1 g), in counts, at a measuring range of 2 g (data sheet,
 /// table 1).

@@ -46,9 +46,9 @@ use crate::stepping::Mailbox;
 /// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BootInfo {
-    /// Identifier that differs at each start.
+    /// Identifier of this boot, which differs at each start.
     pub boot_id: u32,
-    /// The cause of the start.
+    /// Cause of the board's start.
     pub reset_cause: ResetCause,
     /// Result of the check of the firmware's image.
     pub image: ImageCheck,
@@ -70,13 +70,13 @@ impl BootInfo {
 /// Detector of a stalled step interrupt: compares the interrupt's count of ticks from check to check.
 #[derive(Debug, Clone, Copy, Default)]
 struct StepTickMonitor {
-    /// Number of step interrupts at the latest check.
+    /// Number of step interrupts since the board's start, as read at the latest check.
     ticks: u32,
     /// Number of consecutive checks at which `ticks` had not changed.
     looks_without: u8,
 }
 
-/// The controller of one robot.
+/// Controller of one robot: it answers the host's requests, lays the layers of the job, and supervises the robot.
 pub struct Controller<B: Board> {
     robot: Robot,
     identity: BootInfo,
@@ -221,7 +221,8 @@ impl<B: Board> Controller<B> {
         self.link.send_events(now);
     }
 
-    /// Switches everything off after an emergency stop. Each poll calls this function first.
+    /// Switches everything off if an emergency stop has occurred since the last call. Acknowledges an emergency stop
+    /// that was received over the link.
     fn handle_emergency_stop(&mut self, handover: &Mailbox) {
         let (calls, presses) = (handover.link_emergency_stops(), handover.emergency_stop_presses());
         if handover.is_emergency_stopped() || calls != self.calls || presses != self.presses {

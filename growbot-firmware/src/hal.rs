@@ -24,8 +24,9 @@ pub trait Adc {
 
 /// The tip's orientation sensor.
 pub trait GravitySensor {
-    /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
-    /// `None` if the sensor does not respond. The measurement takes a millisecond at most.
+    /// Returns the direction of gravity in the tip's frame, thousandths of the earth's. The vector points upwards, like
+    /// that of a resting accelerometer. `None` if the sensor does not respond. The measurement takes a millisecond at
+    /// most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
 }
 
@@ -97,7 +98,8 @@ impl<D: StepperDrivers> StepperDrivers for Option<D> {
 
 /// All outputs of the tip, for an interrupt that switches them off and must not wait until the main loop releases them.
 pub trait Outputs {
-    /// Switches heater, fan and both drivers off at once, from any context. This function cannot fail and never waits.
+    /// Switches heater, fan and both stepper drivers off at once, from any context. This function cannot fail and never
+    /// waits.
     fn make_safe(&mut self);
 }
 

@@ -18,7 +18,7 @@ use growbot_core::link::message::ImageCheck;
 
 /// Name of the linker symbol at which an image contains its seal.
 pub const SYMBOL: &str = "GROWBOT_IMAGE_SEAL";
-/// Max number of parts of an image.
+/// Max number of parts (contiguous address ranges) of an image that a seal covers.
 pub const PARTS: usize = 3;
 /// Number of words of the seal.
 pub const SEAL_WORDS: usize = 2 + 2 * PARTS;

@@ -1,4 +1,4 @@
-//! The layers that the board stores: those that are accepted and not yet laid.
+//! Store of the layers that the board has accepted and not yet laid.
 
 use growbot_core::layer_bytes::LayerBytes;
 use heapless::Deque;
@@ -41,7 +41,7 @@ impl LayerStore {
         self.first + self.layers.len() as u32
     }
 
-    /// Returns the number of further layers that the store can take.
+    /// Returns the number of further layers for which the store has room.
     #[must_use]
     pub fn room(&self) -> u32 {
         (CAPACITY - self.layers.len()) as u32

@@ -27,7 +27,7 @@ impl<'a, const N: usize> LinkMux<'a, N> {
         Self { first, second, on_second: false, within_frame: false }
     }
 
-    /// Returns whether the latest byte came from the second port.
+    /// Returns whether the second port is in use.
     #[must_use]
     pub const fn is_second_active(&self) -> bool {
         self.on_second

@@ -30,7 +30,7 @@ fn description_a() -> RobotDescription {
     toml::from_str(include_str!("../../robots/growbot-a.toml")).expect("robots/growbot-a.toml is readable")
 }
 
-/// Returns the paper's robot A.
+/// Returns robot A of the paper, as described in `robots/growbot-a.toml`.
 pub fn robot_a() -> Robot {
     Robot::new(description_a()).expect("robots/growbot-a.toml is valid")
 }
@@ -68,7 +68,7 @@ struct Levels {
 }
 
 impl FakePins {
-    /// Returns the pin with a number.
+    /// Returns the pin with this number.
     pub fn pin(&self, number: usize) -> FakePin {
         let mut levels = self.0.borrow_mut();
         if levels.high.len() <= number {

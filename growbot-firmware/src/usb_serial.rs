@@ -135,19 +135,19 @@ impl Setup {
 pub enum ControlResponse {
     /// Send this content, cut off after this number of bytes.
     Send(Content, usize),
-    /// The request is done.
+    /// Acknowledge the request.
     Done,
-    /// The request is done once the host has sent a line coding.
+    /// Receive a line coding from the host, then acknowledge the request.
     TakeCoding,
-    /// The request is done. From then on, the device has the address in the field.
+    /// Acknowledge the request. From then on, the device has this address.
     Address(u8),
-    /// The request is done. The value is `true` if the endpoints are in use.
+    /// Acknowledge the request. Enable the data endpoints if the value is `true`, and disable them otherwise.
     Configure(bool),
-    /// The request is done. The endpoint whose address is in the field is reset.
+    /// Acknowledge the request, and restart the packet sequence of the endpoint with this address.
     ClearEndpoint(u8),
-    /// The request is done. A program on the host has opened or closed the port.
+    /// Acknowledge the request. A program on the host has opened or closed the port.
     Opened,
-    /// The request is refused.
+    /// Refuse the request.
     Refuse,
 }
 

@@ -71,8 +71,8 @@ pub fn engine(settings: EngineConfig) -> BenchmarkEngine {
     )
 }
 
-/// All outputs of the tip (heater, fan and both drivers). Switching them off takes five stores, as on the robot's
-/// board.
+/// All outputs of the tip (heater, fan and both stepper drivers). Switching them off takes five stores, as on the
+/// robot's board.
 pub struct BenchmarkOutputs;
 
 impl Outputs for BenchmarkOutputs {

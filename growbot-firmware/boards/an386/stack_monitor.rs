@@ -48,7 +48,7 @@ impl StackMonitor {
     }
 }
 
-/// Calls itself without end, each time with a new stack frame.
+/// Overflows the stack: calls itself without end, each time with a new stack frame.
 #[expect(unconditional_recursion, reason = "it is to overflow the stack")]
 #[inline(never)]
 fn overflow(depth: u32) -> u32 {
@@ -62,14 +62,14 @@ fn undefined_instruction() {
     cortex_m::asm::udf();
 }
 
-/// Reads from an address without memory.
+/// Reads from an address without memory, so that the processor faults.
 #[inline(never)]
 fn access_in_vain() -> u32 {
     // SAFETY: the address has no memory, so that the processor faults, as intended.
     unsafe { Register::at(table::NOWHERE) }.read()
 }
 
-/// Hangs until the watchdog expires.
+/// Hangs without feeding the watchdog, until the watchdog expires.
 #[inline(never)]
 fn hang() {
     loop {

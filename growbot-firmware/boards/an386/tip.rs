@@ -115,7 +115,8 @@ impl TipPins {
     }
 }
 
-/// All outputs of the tip (heater, fan and both drivers), which the step interrupt switches off in an emergency.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct EmulatedOutputs;
 
 impl Outputs for EmulatedOutputs {
@@ -124,7 +125,7 @@ impl Outputs for EmulatedOutputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context.
+/// Switches heater, fan and both stepper drivers off at once, from any context.
 pub fn make_safe() {
     for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY] {
         word(output).write(0);

@@ -292,7 +292,8 @@ impl PicoPins {
     }
 }
 
-/// All outputs of the tip (heater, fan and both drivers), which the step interrupt switches off in an emergency.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct PicoOutputs;
 
 impl Outputs for PicoOutputs {
@@ -301,7 +302,7 @@ impl Outputs for PicoOutputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context. The pins stay with their owners.
+/// Switches heater, fan and both stepper drivers off at once, from any context. The pins stay with their owners.
 pub fn make_safe() {
     set(SAFE_LOW.load(Ordering::Relaxed), false);
     set(SAFE_HIGH.load(Ordering::Relaxed), true);

@@ -147,7 +147,8 @@ impl Stm32Pins {
     }
 }
 
-/// All outputs of the tip (heater, fan and both drivers), which the step interrupt switches off in an emergency.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct Stm32Outputs;
 
 impl Outputs for Stm32Outputs {
@@ -156,7 +157,7 @@ impl Outputs for Stm32Outputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context. The pins stay with their owners.
+/// Switches heater, fan and both stepper drivers off at once, from any context. The pins stay with their owners.
 pub fn make_safe() {
     // SAFETY: `bsrr` sets and clears single pins in one write, so that the owners of other pins are not disturbed.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };

@@ -72,8 +72,8 @@ impl ConfigUpload {
     }
 }
 
-/// Returns the robot if its description is for one of these kinds of board, or for any kind. If `kinds` is empty, every
-/// description is accepted.
+/// Returns the robot if its description states one of the board kinds `kinds`, or no kind. Returns an error otherwise.
+/// If `kinds` is empty, every description is accepted.
 pub(super) fn check_board_kind(kinds: &[BoardKind], robot: Robot) -> Result<Robot, DescriptionError> {
     let asked = robot.description().board.map(|board| board.kind);
     match (asked, kinds.first()) {

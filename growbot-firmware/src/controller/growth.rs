@@ -16,9 +16,9 @@ const ALLOWANCE: f64 = 0.2;
 /// Time that is added to the max duration of every move, us, in addition to [`ALLOWANCE`].
 const ALLOWANCE_US: u64 = 2_000_000;
 
-/// Time for which the heater already gets the power for a first layer before the plastic of that layer flows, s. Power
-/// takes seconds from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/no_false_alarms.rs`
-/// bounds the value).
+/// Time for which the heater already gets the power for the first layer after homing or a pause before the plastic of
+/// that layer flows, s. Power takes seconds from the heater to the nozzle (docs/decisions/0022-heater-regulation.md;
+/// `tests/no_false_alarms.rs` bounds the value).
 const LEAD_S: f64 = 1.5;
 /// Upper limit of the time [`LEAD_S`], as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;

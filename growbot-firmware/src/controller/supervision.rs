@@ -105,7 +105,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Reads every sensor except the thermistor.
+    /// Reads every sensor except the thermistor. Publishes all readings, and returns those that can indicate danger.
     fn read_sensors(&mut self, handover: &Mailbox) -> InputSample {
         let description = self.robot.description();
         let sensors = &description.sensors;
@@ -164,7 +164,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Sets the heater's two switches.
+    /// Sets the duty of the heater's power stage and its second switch. Latches a fault if a pin cannot be set.
     fn apply_heater_output(&mut self, output: HeaterOutput, handover: &Mailbox) {
         let duty = (output.duty * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
         let enabled = if output.enable {

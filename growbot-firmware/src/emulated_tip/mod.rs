@@ -240,8 +240,8 @@ pub const ALARM_WORDS: u32 = 1024;
 /// Byte offset of the ring buffer of step records, which the board writes. Record `i` is at `STEP_RING + 4 * (i %
 /// STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
-/// Number of step records in the ring buffer, a power of two. They last for over four minutes at one step a tick and 4
-/// kHz.
+/// Number of step records in the ring buffer, a power of two. They suffice for over four minutes at one step a tick and
+/// 4 kHz.
 pub const STEP_RING_RECORDS: u32 = 1 << 20;
 
 /// Value of the word [`CRASH`]: the board executes an instruction that does not exist.

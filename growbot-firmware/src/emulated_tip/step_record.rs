@@ -3,7 +3,7 @@
 
 use super::{STEP_RING, STEP_RING_RECORDS};
 
-/// One rising edge of a STEP pin, as stored in the ring:
+/// One rising edge of a STEP pin, as stored in the ring buffer of the shared memory:
 ///
 /// | bits | meaning |
 /// |---|---|

@@ -33,9 +33,9 @@ pub const PERIOD_US: u64 = 100_000;
 /// Max age of a temperature reading while the heater gets power, us. The ADC conversions of a reading may be one period
 /// older, so the heater never gets power by a conversion that is older than 0.5 s (decision 0022).
 const OLDEST_READING_US: u64 = 400_000;
-/// Time for which the temperature must stay in its band before the nozzle counts as hot, us. The derivation of this
-/// value is not recorded. `heater::tests::times` checks it, and `heater::tests::sound` bounds it from below: if a
-/// nozzle counts as hot too early, its temperature drops.
+/// Time for which the temperature must stay in the robot's temperature band around the target before the nozzle counts
+/// as hot, us. The derivation of this value is not recorded. `heater::tests::times` checks it, and
+/// `heater::tests::sound` bounds it from below: if a nozzle counts as hot too early, its temperature drops.
 const SETTLING_US: u64 = 2_000_000;
 /// Max distance from the target, as a share of the temperature band, at which the nozzle's temperature counts as
 /// steady. The temperature must stay within this distance for [`STEADY_US`] before a layer is laid. The share and the
@@ -43,7 +43,7 @@ const SETTLING_US: u64 = 2_000_000;
 /// half of robot A's band.
 const STEADY_BANDS: f32 = 0.45;
 /// Time for which the temperature must stay within [`STEADY_BANDS`] of the target before a layer is laid, us.
-/// `tests/no_false_alarms.rs` bounds both values.
+/// `tests/no_false_alarms.rs` bounds this time and [`STEADY_BANDS`].
 const STEADY_US: u64 = 10_000_000;
 /// Time in the temperature band after which a layer is laid even if the temperature never was within [`STEADY_BANDS`]
 /// of the target, us. So a robot still grows if its nozzle never comes nearer to the target. The derivation of this
@@ -106,7 +106,7 @@ pub struct HeaterController {
     duty: f64,
     /// Time of the latest update, us. `None` before the first update.
     updated: Option<u64>,
-    /// Latest time at which the heater was switched on, got its target, or began to heat, us.
+    /// Latest time at which the heater was switched on, its target was set, or it began to heat, us.
     on_since: u64,
     /// Time since which the temperature has been in its band, us. `None` while it is outside.
     in_band_since: Option<u64>,
@@ -196,7 +196,7 @@ impl HeaterController {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
     }
 
-    /// Returns whether the temperature is steady enough to lay a layer.
+    /// Returns whether the temperature has been near enough to the target for long enough to lay a layer.
     #[must_use]
     pub fn is_steady(&self, now: u64) -> bool {
         let lasts = |since: Option<u64>, min| since.is_some_and(|since| now.saturating_sub(since) >= min);

@@ -23,9 +23,10 @@ pub struct NozzleModel<'a> {
     /// Power that the nozzle needs for each degree above the surroundings, W/K: losses to the surroundings and the fan,
     /// and the heating of filament.
     pub loss_w_per_k: f32,
-    /// Power at full duty, W. It is proportional to the square of the supply's voltage.
+    /// Power of the heater at full duty and the present supply voltage, W. It is proportional to the square of the
+    /// voltage.
     pub available_w: f32,
-    /// Power at full duty and the nominal voltage, W.
+    /// Power of the heater at full duty and the nominal supply voltage, W.
     pub power_w: f32,
     /// True if the supply voltage is measured.
     pub measured: bool,

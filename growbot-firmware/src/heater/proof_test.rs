@@ -48,8 +48,8 @@ const RISING_C_PER_S: f32 = 0.3;
 /// Degrees a second by which the fall of a reference line may exceed the limit of [`FALL_TIMES`] (decision 0021). A
 /// faster fall, as in a draught, levels off too soon.
 const FALLING_C_PER_S: f32 = 0.3;
-/// Max fall of a reference line, as a multiple of the fall that the nozzle's loss causes. The supervision limits a fall
-/// by the same factor (decision 0023).
+/// Max rate at which a reference line may fall, as a multiple of the rate at which the nozzle's loss of heat cools it.
+/// The supervision limits a fall by the same factor (decision 0023).
 const FALL_TIMES: f32 = 1.6;
 /// Max difference between two one-second means of a reading that does not change, degrees. This difference is far less
 /// than a count of the ADC and more than the rounding of a mean.
@@ -61,7 +61,7 @@ const STILL_RISING_S: f32 = 30.0;
 /// must exceed [`LIMIT_C`] on a nozzle with 10 % less power and a lag of 4 s.
 const RISE_C: f32 = 8.0;
 /// Time that the reading takes to show a rise, s: the lag of 4 s of the slowest healthy thermistor, and a second for
-/// the cartridge (decision 0021).
+/// the heater cartridge (decision 0021).
 const DELAY_S: f32 = 5.0;
 /// Distance above the reference line, degrees, beyond which a one-second mean counts as a rise (decision 0021).
 const LIMIT_C: f32 = 3.5;
@@ -75,7 +75,7 @@ pub struct UnheatedTrend {
     means: Deque<f32, MEANS>,
     /// Sum of the readings for the current one-second mean.
     sum: f32,
-    /// Time covered by the current one-second mean so far, s.
+    /// Time covered so far by the readings of the current one-second mean, s.
     seconds: f32,
 }
 

@@ -35,14 +35,14 @@ const DITHER_COUNTS: f32 = 1.2;
 const DITHER_MIN_C: f32 = 0.35;
 /// Max amplitude of the dither, degrees. It is bounded like [`DITHER_MIN_C`].
 const DITHER_MAX_C: f32 = 0.7;
-/// Assumed lag of the reading behind the nozzle, s. The dither of the target is computed with it. The thermistors of
-/// the trials lag by 1 to 4 s (`heater::tests::plant`).
+/// Assumed lag of the reading behind the nozzle, s, with which the dither's part in the reading is computed. The
+/// thermistors of the trials lag by 1 to 4 s (`heater::tests::plant`).
 const DITHER_LAG_S: f32 = 2.0;
 /// Time constant of the filter that smooths the reading for the derivative term, s (decision 0022).
 const SMOOTHING_S: f32 = 1.0;
 /// Rate, degrees a second, beyond which a reading counts as approaching the target by itself, so that the integral term
-/// is frozen. The rate was lowered from 0.3 C/s together with the fan's ramp and the lead of the power. Over 100 h of
-/// growth the nozzle then stayed within 1.24 C of its target, instead of 1.81 C.
+/// is frozen. The rate was lowered from 0.3 C/s when the slow change of the fan's speed and the early power for a first
+/// layer were added. Over 100 h of growth the nozzle then stayed within 1.24 C of its target, instead of 1.81 C.
 const APPROACH_C_PER_S: f32 = 0.15;
 /// Bound of the integral term (trim), as a share of the power that holds the temperature, if the supply voltage is
 /// measured (decision 0022). A smaller value raises false alarms in `heater::tests::sound`.
@@ -54,8 +54,8 @@ const TRIM_MAX_UNMEASURED: f32 = 0.55;
 /// room temperature the holding power is zero, and the scale factor would be infinite.
 const MIN_NEED: f32 = 0.02;
 
-/// Phase and amplitude of the dither at a moment. The dither varies target and power together, so that a working sensor
-/// shows it.
+/// Phase and amplitude of the dither at a moment. The dither varies target and power together, so that the reading of a
+/// working sensor shows it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Dither {
     /// Phase of the dither: the elapsed share of its period, 0 to 1.
@@ -80,7 +80,8 @@ pub struct TemperatureControl {
 }
 
 impl TemperatureControl {
-    /// Prepares the temperature control for another target. The integral term (trim) is kept.
+    /// Resets the state of the temperature control for another target, except for the integral term (trim) and the
+    /// slope of the reading.
     pub fn retarget(&mut self) {
         *self =
             Self { trim: self.trim, previous_c: self.previous_c, slope_c_per_s: self.slope_c_per_s, ..Self::default() };

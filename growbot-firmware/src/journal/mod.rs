@@ -42,9 +42,9 @@ pub use current_job::{JournalJob, RoundingCarry};
 pub use record::LayerRecord;
 use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
-/// Number of slots in which the journal tries to write a record before the flash counts as broken.
+/// Max number of slots in which the journal tries to write a record before the flash counts as broken.
 const MAX_WRITE_ATTEMPTS: u32 = 3;
-/// Number of times that a slot is read without a valid record before the slot counts as invalid.
+/// Max number of times that a slot is read. If no reading is a valid record, the slot counts as invalid.
 const MAX_READS: u32 = 3;
 /// Max number of sectors that the journal uses.
 const MAX_SECTORS: usize = 4;

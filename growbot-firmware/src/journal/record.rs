@@ -35,8 +35,8 @@ pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum RecordKind {
-    /// The first record of a sector. It contains the number of erasures in the journal, including the erasure of this
-    /// sector. Its job number is that of the last job that began before the erasure.
+    /// The first record of a sector. It contains the total number of erasures in the journal, including the erasure of
+    /// this sector. Its job number is that of the last job that began before the erasure.
     Sector,
     /// The beginning of a job: plan id, hash of the robot's description, and number of layers.
     Job,
@@ -148,12 +148,12 @@ pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
     [lean as i16, (lean >> 16) as i16]
 }
 
-/// Splits a number of 64 bits into two words of 32.
+/// Splits a 64-bit number into its low and its high 32-bit word.
 pub(super) const fn split(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
 }
 
-/// Joins two words of 32 bits to a number of 64.
+/// Joins a low and a high 32-bit word to a 64-bit number.
 pub(super) const fn join(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
 }

@@ -1,5 +1,5 @@
-//! Inputs that indicate danger. A level must persist over several samples, ten a second, before it counts, because
-//! wires pick up noise.
+//! Monitor of the inputs that indicate danger. A level must persist over several samples, ten a second, before it
+//! counts, because wires pick up noise.
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};

@@ -118,7 +118,7 @@ impl RetainedError {
 struct StartupAction {
     /// True if work was in progress, so that a reset during it is a fault.
     under_way: bool,
-    /// Latched fault, `Some(None)` for the emergency stop. `None` if nothing is latched.
+    /// The latched fault: `Some(Some(fault))`, or `Some(None)` for the emergency stop. `None` if nothing is latched.
     latched: Option<Option<Fault>>,
 }
 

@@ -180,8 +180,8 @@ where
         }
     }
 
-    /// Returns the number of ticks up to and including the next tick that does more than count: it makes a step, begins
-    /// a sector or a move, changes the pace, or halts. `u32::MAX` if nothing happens without a new move.
+    /// Returns the number of ticks up to and including the next tick that does more than count itself: it makes a step,
+    /// begins a sector or a move, changes the speed, or halts. `u32::MAX` if nothing happens without a new move.
     pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
         if self.head.raised || self.feed.raised || handover.is_halt_requested() || handover.is_link_stop_pending() {
             return 1;

@@ -33,7 +33,7 @@ pub struct RampLimits {
     pub(super) braking_ticks: u32,
 }
 
-/// Signed speeds of head and feed at the beginning and the end of a turn at full rate, steps a second.
+/// Signed speeds of head (turns/s) and feed (mm/s) at the beginning and the end of a turn at full rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EndSpeeds {
     head: f64,

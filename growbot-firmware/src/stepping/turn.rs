@@ -33,7 +33,7 @@ pub struct Sector {
     pub feed_steps: u32,
 }
 
-/// One layer as one turn of the head.
+/// Plan of one layer: the steps and ticks of one turn of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turn {
     /// The sectors in the order of increasing angles, starting at the tip's x axis.

@@ -26,7 +26,7 @@ const ANSWER_BYTES: usize = 8;
 const WRITTEN_US: u64 = 2 * 8 * 10 * 1_000_000 / BAUD as u64;
 /// Max time from a request to the end of its response, us. 12 bytes and the driver's delay take 1.3 ms.
 const ANSWER_US: u64 = 10_000;
-/// Number of attempts to read a register.
+/// Max number of attempts to read a register of a driver.
 const ATTEMPTS: u8 = 3;
 /// Max number of received bytes that one call processes: the capacity of a FIFO.
 const TAKEN_AT_ONCE: usize = 32;

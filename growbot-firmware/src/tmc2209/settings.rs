@@ -19,7 +19,7 @@ const BLANK_TIME: u32 = 1;
 /// Delay of a driver's response: 3 times 8 bits after the request, which several drivers on one line need (table 5.1,
 /// SENDDELAY).
 const SEND_DELAY: u8 = 2;
-/// All flags of GSTAT. Writing ones clears them (table 5.1).
+/// All flags of the register GSTAT. Writing ones clears them (table 5.1).
 const ALL_FLAGS: u32 = 0b111;
 /// Max time between two 256ths of a step at which StallGuard's reading is used, clocks of 12 MHz. The value corresponds
 /// to one turn a second of a motor of 200 full steps. Below about this speed StallGuard is not reliable (11.5).

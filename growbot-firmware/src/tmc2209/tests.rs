@@ -63,7 +63,7 @@ impl Bench {
         self.drivers.problem().map(|DriverReport { motor, problem }| (motor, problem))
     }
 
-    /// Asserts that there is no problem now, and that this problem is found within a time, ms.
+    /// Asserts that the drivers have not reported a problem yet, and that they report this one within a time, ms.
     fn finds(&mut self, motor: Motor, problem: DriverProblem, ms: u64) {
         assert_eq!(self.found(), None);
         self.run(ms);

@@ -445,8 +445,8 @@ impl Bench {
         panic!("it does not get hot: {:?}", self.status());
     }
 
-    /// Creates a bench and brings its board into a state by the events that lead there. A warm nozzle saves the time of
-    /// heating.
+    /// Creates a bench and brings its board into a state by the events that lead to that state. A warm nozzle saves the
+    /// time of heating.
     pub fn in_state(state: State) -> Self {
         let robot = crate::testing::fast_robot();
         let cold = matches!(state, State::Heating | State::Tuning);

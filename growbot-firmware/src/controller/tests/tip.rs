@@ -292,7 +292,8 @@ impl Motors {
     }
 }
 
-/// All outputs of the tip (heater, fan and both drivers), which the step interrupt switches off in an emergency.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct FakeOutputs {
     pub power: FakePower,
     pub fan: FakePower,

@@ -10,7 +10,7 @@ pub const LAG_S: f32 = 4.0;
 /// Number of checkpoints, [`MARK_S`] apart, that are compared with the present reading. `heater::tests::faults` bounds
 /// it: with fewer checkpoints slow faults are found too late.
 pub const MARKS: usize = 25;
-/// Time between two checkpoints, s: the shortest time over which a change is judged ([`super::FALL_WINDOW_S`]).
+/// Time between two checkpoints, s: the shortest time over which a change is checked ([`super::FALL_WINDOW_S`]).
 pub const MARK_S: f32 = 1.0;
 
 /// Deviation of a model from the nominal model: factors of the heater's power, of the power that the nozzle loses, and
@@ -65,7 +65,7 @@ impl Change {
     }
 }
 
-/// Range of a change, degrees.
+/// Smallest and largest change that a model predicts, degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CheckBounds {
     pub min: f32,

@@ -20,7 +20,7 @@ use super::*;
 const SLOTS: usize = 11;
 const SECTOR_BYTES: usize = 32 * (SLOTS + 1);
 const RECORD_WORDS: usize = 8;
-/// Max number of losses of power between a first state of the flash and the end of the sequence of calls.
+/// Max number of losses of power during one sequence of calls.
 const MAX_LOSSES: u8 = 3;
 
 /// Functions that return the levels of weak bits. The argument is the number of earlier readings of the record since
