@@ -90,7 +90,7 @@ struct Node {
 
 /// Maximum number of items in a leaf.
 const LEAF: usize = 8;
-/// Maximum number of levels. Items are halved, and there are fewer than 2^32.
+/// Maximum number of levels of a tree. Each level halves the number of items, which is below 2^32.
 const MAX_DEPTH: usize = 40;
 
 impl Node {

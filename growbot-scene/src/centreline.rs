@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 /// Position and direction of a tip, without its roll.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipPose {
-    /// Position, mm.
+    /// Position of the tip, mm.
     pub position: Vector3<f64>,
     /// Direction of growth, a unit vector.
     pub direction: Vector3<f64>,
@@ -30,15 +30,15 @@ pub struct ArcSegment {
     pub from: TipPose,
     /// Unit vector towards which the segment bends, perpendicular to the direction at its start. Arbitrary for a line.
     pub towards: Vector3<f64>,
-    /// Curvature, 1/mm; 0 for a line.
+    /// Curvature of the segment, 1/mm; 0 for a line.
     pub curvature: f64,
-    /// Length, mm.
+    /// Length of the segment, mm.
     pub length: f64,
 }
 
 /// A piece of a centreline, parametrized by arc length.
 pub trait Curve {
-    /// Returns the length, mm.
+    /// Returns the length of the curve, mm.
     fn length(&self) -> f64;
     /// Returns the point at the length `along` (mm) from the start of the curve.
     fn point(&self, along: f64) -> Vector3<f64>;
@@ -66,7 +66,7 @@ impl Curve for ArcSegment {
 }
 
 impl ArcSegment {
-    /// Creates a straight line.
+    /// Creates a straight line of this length (mm) from a tip.
     #[must_use]
     pub fn line(from: TipPose, length: f64) -> Self {
         Self { from, towards: Vector3::zeros(), curvature: 0.0, length }

@@ -16,10 +16,10 @@ pub struct DistanceQueries(pub u64);
 /// Clearance that a body needs, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RequiredClearance {
-    /// Minimum distance of the centreline from obstacles: half the tube's diameter and the margin.
+    /// Minimum distance of the centreline from obstacles, mm: half the tube's diameter and the margin.
     pub distance: f64,
-    /// Tolerance of the proof. A curve whose clearance is below `distance + tolerance` may be rejected, so that grazing
-    /// contact need not be resolved.
+    /// Tolerance of the proof, mm. A curve whose clearance is below `distance + tolerance` may be rejected, so that
+    /// grazing contact need not be resolved.
     pub tolerance: f64,
 }
 
@@ -90,8 +90,8 @@ pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) ->
 /// Number of distance queries of [`min_clearance_until`] between two checks of the clock.
 const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
-/// Like [`min_clearance`], but returns `None` if the result is not found before `deadline`. A long body beside a wall
-/// needs a distance query for every two tolerances.
+/// Like [`min_clearance`], but returns `None` if the result is not found before `deadline`. For a long body beside a
+/// wall, a distance query is needed for each two tolerances of its length.
 #[must_use]
 pub fn min_clearance_until(
     scene: &Scene,

@@ -29,7 +29,7 @@ pub enum DemoScene {
 }
 
 impl DemoScene {
-    /// Returns the ends of the free way in the form of the command line: start as a pose, goal as a position.
+    /// Returns the ends of the free way as arguments of the command line: the start as a pose, the goal as a position.
     #[must_use]
     pub fn endpoints(self) -> (&'static str, &'static str) {
         match self {
@@ -76,7 +76,7 @@ impl DemoScene {
     }
 }
 
-/// Rounds lengths to whole mm.
+/// Rounds lengths (mm) or angles (degrees) to whole numbers.
 fn whole(point: [f64; 3]) -> [f64; 3] {
     point.map(f64::round)
 }

@@ -18,7 +18,7 @@ use crate::shapes::{Shape, Triangle};
 pub enum SceneFamily {
     /// Upright round pillars and boxes.
     Pillars,
-    /// Walls across the way, each with a window.
+    /// Walls across the way from start to goal, each with a window.
     Walls,
     /// Pipes in all directions.
     Pipes,
@@ -35,11 +35,11 @@ pub const FAMILIES: [SceneFamily; 5] =
 /// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GroundTruth {
-    /// This path exists.
+    /// A path exists. The field is a path that is kept free of obstacles.
     Path(Vec<ArcSegment>),
     /// No path exists.
     NoPath,
-    /// Nothing is known.
+    /// Neither a path nor its absence is known.
     Unknown,
 }
 

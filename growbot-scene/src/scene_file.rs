@@ -144,12 +144,12 @@ pub enum SceneError {
     Toml {
         /// Path of the file.
         file: String,
-        /// Line, from 1.
+        /// Number of the line with the error, from 1.
         line: usize,
         /// Message of the TOML parser.
         reason: String,
     },
-    /// The scene has another format version.
+    /// The scene file has a format version that is not supported.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: change the file's first line")]
     UnsupportedFormat {
         /// Path of the file.
@@ -166,7 +166,7 @@ pub enum SceneError {
         field: String,
         /// Value of the field.
         value: f64,
-        /// Permitted values.
+        /// Description of the permitted values.
         limit: &'static str,
     },
     /// The file has too many entries of one kind.
@@ -174,7 +174,7 @@ pub enum SceneError {
     TooMany {
         /// Path of the file.
         file: String,
-        /// Kind of the entries.
+        /// Kind of the entries, such as `box`.
         kind: &'static str,
         /// Number of entries.
         count: usize,
@@ -185,7 +185,7 @@ pub enum SceneError {
          `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     OpenMesh {
-        /// File of the mesh.
+        /// Path of the mesh file.
         file: String,
         /// Number of open edges.
         open: usize,
@@ -197,9 +197,9 @@ pub enum SceneError {
          Recalculate Outside), or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     FlippedFaces {
-        /// File of the mesh.
+        /// Path of the mesh file.
         file: String,
-        /// Number of edges between such faces.
+        /// Number of edges between two faces of which one is inside out.
         flipped: usize,
     },
     /// The meshes and clouds of a scene exceed the total size limit.
@@ -208,7 +208,7 @@ pub enum SceneError {
          smaller, or remove some"
     )]
     TooLarge {
-        /// File of the scene.
+        /// Path of the scene file.
         file: String,
     },
     /// A file contains no triangles or points.
@@ -216,7 +216,7 @@ pub enum SceneError {
     Empty {
         /// Path of the file.
         file: String,
-        /// Name of the missing items.
+        /// Missing items: points or faces.
         what: &'static str,
     },
 }

@@ -59,7 +59,7 @@ fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
     }
 }
 
-/// Asserts that each stretch begins at the end of the previous one, and that the last ends at the goal.
+/// Asserts that each segment begins at the end of the previous one, and that the last segment ends at the goal.
 fn assert_joined(drawn: &RandomScene, stretches: &[growbot_scene::centreline::ArcSegment], goal: PlannerGoal) {
     let mut tip = drawn.start;
     for stretch in stretches {

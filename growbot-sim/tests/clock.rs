@@ -15,7 +15,7 @@ use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
-/// A simulated robot whose clock runs faster than its host's by a factor, on a connection that delays responses.
+/// A simulated robot whose clock runs `rate` times as fast as its host's, on a connection that delays responses.
 struct Skewed {
     sim: Rc<RefCell<Sim>>,
     rate: f64,

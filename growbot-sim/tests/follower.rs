@@ -207,7 +207,7 @@ fn number(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().expect("it is a number"))
 }
 
-/// Checks growths on all cores.
+/// Checks growths with these disturbances on all cores. Returns the error messages of those that are wrong.
 fn check_all(subject: &Subject, cases: &[Vec<(usize, Disturbance)>]) -> Vec<String> {
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     thread::scope(|scope| {

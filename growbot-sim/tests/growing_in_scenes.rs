@@ -31,7 +31,7 @@ const MARGIN: f64 = 5.0;
 const RADIUS: f64 = 100.0;
 const EFFORT: u64 = 5;
 
-/// Returns a number from the environment.
+/// Returns the number in an environment variable, or `default` if the variable is not set.
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is {text}, no number")))
 }
@@ -51,7 +51,7 @@ fn no_closed_loop_growth_touches_an_obstacle() {
     assert!(20 * (noise.closed.pauses + bias.closed.pauses) <= 2 * scenes * growths);
 }
 
-/// Results of the growths in all scenes.
+/// Results of the growths in all scenes, in closed loop and in open loop.
 struct Both {
     closed: ObstacleStatistics,
     open: ObstacleStatistics,

@@ -24,13 +24,13 @@ impl Canvas {
         ))
     }
 
-    /// Returns the finished drawing.
+    /// Returns the finished drawing as SVG.
     pub fn finish(mut self) -> String {
         self.0.push_str("</svg>\n");
         self.0
     }
 
-    /// Adds an element. Writing to a String cannot fail.
+    /// Adds an SVG element. It cannot fail, because it writes to a String.
     pub fn add(&mut self, element: impl Display) {
         let _ = writeln!(self.0, "{element}");
     }

@@ -2,15 +2,15 @@
 
 use super::canvas::Canvas;
 
-/// Greatest number of steps on an axis.
+/// Greatest number of steps between the ticks of an axis.
 const MAX_STEPS: f64 = 6.0;
 
 /// A mapping from values to positions on an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scale {
-    /// Linear, between these values.
+    /// Linear scale from the first to the second value.
     Linear(f64, f64),
-    /// Logarithmic, between these values, both positive.
+    /// Logarithmic scale from the first to the second value. Both are positive.
     Log(f64, f64),
 }
 
@@ -63,7 +63,7 @@ impl Scale {
         }
     }
 
-    /// Returns the values at which lines and labels are drawn.
+    /// Returns the values at which grid lines and labels are drawn.
     pub fn ticks(self) -> Vec<f64> {
         match self {
             Self::Linear(from, to) => {
@@ -84,7 +84,7 @@ impl Scale {
     }
 }
 
-/// Returns the smallest of 1, 2 or 5 times a power of ten that divides `whole` into at most `max` parts.
+/// Returns the smallest step, 1, 2 or 5 times a power of ten, that divides `whole` into at most `max` parts.
 pub fn round_step(whole: f64, max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(whole / max)));
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)

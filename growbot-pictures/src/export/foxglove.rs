@@ -28,11 +28,11 @@ pub enum Topic {
     Plan,
     /// The growing wall, a disc for each layer.
     Body,
-    /// Values of the layers laid.
+    /// Values of each layer that was laid.
     Layers,
     /// State and temperatures of the board.
     Status,
-    /// Faults when they occur.
+    /// Each fault, when it occurs.
     Faults,
     /// All other events, as text.
     Events,

@@ -70,7 +70,7 @@ pub struct BodyMesh {
     pub vertices: Vec<Point3<f64>>,
     /// Height of the layer at each vertex, on the middle of the wall at the vertex's angle, mm. Empty for obstacles.
     pub heights: Vec<f64>,
-    /// Indices of vertices, counter-clockwise seen from outside.
+    /// Triangles, as indices of vertices in counter-clockwise order seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 

@@ -20,7 +20,7 @@ pub const LEGEND: f64 = 220.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightScale {
     palette: Palette,
-    /// Heights at which the colours end, mm.
+    /// Heights of the first and the last colour, mm. Heights beyond have the same colours.
     range: [f64; 2],
     /// Smallest and greatest height of the layers, mm.
     all: [f64; 2],
@@ -56,7 +56,7 @@ impl HeightScale {
         Self { palette, range: range.unwrap_or(found), all, is_fixed: range.is_some() }
     }
 
-    /// Returns the heights at which the colours end, mm.
+    /// Returns the heights of the first and the last colour, mm.
     pub fn range(&self) -> [f64; 2] {
         self.range
     }

@@ -73,7 +73,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
     groups
 }
 
-/// Returns the group of the scene around a body, with the smallest clearance from it.
+/// Returns the group of the scene around a body, with the smallest clearance of the body from the obstacles.
 fn scene(around: &SceneView) -> InfoGroup {
     let narrowest = around.clearance_text().zip(around.closest_approach_text());
     let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.obstacles.summary())];

@@ -94,22 +94,22 @@ pub struct SimulatedBody<'a> {
 /// A plan or a run that is viewed.
 #[derive(Debug)]
 pub struct Subject<'a> {
-    /// Name, for example that of its file.
+    /// Name of the plan or run, for example the name of its file.
     pub name: &'a str,
-    /// The robot.
+    /// Robot of the plan or run.
     pub robot: &'a Robot,
-    /// The plan.
+    /// The plan, which a run has too.
     pub plan: &'a Plan,
     /// Log of the growth. `None` for a body without a log.
     pub run: Option<&'a RecordedRun>,
     /// Body of a growth that was simulated without a board, and so has no log. `None` for other bodies.
     pub laid: Option<SimulatedBody<'a>>,
-    /// Scene in which the body is shown. `None` without one.
+    /// Scene in which the body is shown. `None` without a scene.
     pub scene: Option<NamedScene<'a>>,
 }
 
 impl Subject<'_> {
-    /// Returns the name without the extension of a file.
+    /// Returns the name of the subject without a file extension.
     fn stem(&self) -> &str {
         Path::new(self.name).file_stem().and_then(OsStr::to_str).unwrap_or(self.name)
     }

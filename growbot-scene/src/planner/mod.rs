@@ -244,7 +244,7 @@ impl Search<'_, '_> {
         self.best.as_ref().map_or(self.problem.max_length, |best| best.chain.length)
     }
 
-    /// Records a new body if it is the best.
+    /// Records and reports a new body if it costs less than the best body so far.
     fn keep(&mut self, shortening: PathShortener) {
         let cost = |chain: &ViaPath| cost(self.problem, chain);
         if self.best.as_ref().is_none_or(|best| cost(&shortening.chain) < cost(&best.chain)) {

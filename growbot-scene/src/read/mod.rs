@@ -226,7 +226,7 @@ fn words(line: &[u8]) -> Vec<&str> {
     words.map(|word| std::str::from_utf8(word).unwrap_or("(no UTF-8)")).collect()
 }
 
-/// Parses three numbers.
+/// Parses the first three words as coordinates. Returns `None` if they are not numbers.
 fn parse_point(words: &[&str]) -> Option<Vector3<f64>> {
     let [x, y, z, ..] = words else { return None };
     Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))

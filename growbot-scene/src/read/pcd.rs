@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::RawGeometry;
 
-/// Position of a coordinate among the fields of a point.
+/// Position of a coordinate among the values of a point in a PCD file.
 #[derive(Debug, Clone, Copy)]
 struct PcdField {
     /// Index of the value in a line of text.
@@ -14,7 +14,7 @@ struct PcdField {
     size: usize,
 }
 
-/// Content of the header.
+/// Content of the header of a PCD file.
 #[derive(Debug, Default)]
 struct PcdHeader {
     names: Vec<String>,

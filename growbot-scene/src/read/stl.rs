@@ -8,7 +8,7 @@ use super::{RawGeometry, lines, parse_point};
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
-/// Reads an STL file. Many binary files begin like text files, so the length decides.
+/// Reads an STL file. Many binary files begin like text files, so the length of the file decides whether it is binary.
 pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     let announced = count.map(|count| count as usize * TRIANGLE + HEADER);

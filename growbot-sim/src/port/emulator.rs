@@ -213,7 +213,7 @@ impl Port for Emulator {
     }
 }
 
-/// Clock of an emulated board.
+/// Handle with which a caller lets time pass on the clock of an emulated board.
 #[derive(Clone)]
 pub struct EmulatedClock(Option<Rc<RefCell<SteppedBoard>>>);
 
@@ -243,7 +243,7 @@ struct SteppedBoard {
     line: TcpStream,
     to_board: VecDeque<u8>,
     from_board: VecDeque<u8>,
-    /// Ticks per second.
+    /// Frequency of the board's clock, ticks per second.
     tick_hz: u32,
     /// Number of ticks since the emulator started, over all boots of the board.
     passed: u64,
@@ -621,8 +621,8 @@ impl TipThread {
     }
 }
 
-/// The simulated tip that follows the emulated board, shared with the thread that updates it. It returns the body that
-/// was really laid, for comparison with the board's report.
+/// The simulated tip that follows the emulated board, shared with the thread that updates it. The body that was really
+/// laid is read through it, for comparison with the board's report.
 struct SharedFollowed(Arc<Mutex<TipFollower>>);
 
 impl SimulatedTip for SharedFollowed {

@@ -54,7 +54,7 @@ impl Time {
     }
 }
 
-/// Reason why an emulated board could not be started.
+/// Error of starting or running an emulated board.
 #[derive(Debug)]
 pub enum QemuError {
     /// `qemu-system-arm` is not on the path.

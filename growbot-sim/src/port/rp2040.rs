@@ -203,7 +203,7 @@ impl Rp2040Emulator {
         }
     }
 
-    /// Returns the tip in its current state.
+    /// Returns a mutable reference to the simulated tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }

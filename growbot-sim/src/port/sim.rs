@@ -126,7 +126,7 @@ impl Sim {
         self.simulated_tip().start_at(pose);
     }
 
-    /// Loads a spool with this length of filament, mm.
+    /// Sets the remaining length of filament on the spool, mm.
     pub fn load_filament(&mut self, mm: f64) {
         self.tip.borrow_mut().load_filament(mm);
     }
@@ -148,7 +148,7 @@ impl Sim {
         self.simulated_tip().clear_fault(fault);
     }
 
-    /// Returns the tip in its current state.
+    /// Returns a mutable reference to the simulated tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }

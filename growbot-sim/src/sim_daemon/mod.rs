@@ -63,7 +63,7 @@ pub enum SimDaemonError {
         /// Error of the operating system.
         error: io::Error,
     },
-    /// The messages of the robot's process cannot be parsed.
+    /// The robot's process uses another version of the messages. The field is the robot's name.
     #[error("the process of the simulated robot sim:{0} is from another release: switch the robot off and on again")]
     OtherRelease(String),
 }

@@ -59,7 +59,7 @@ struct KeptFlash {
     name: &'static str,
     kept: MemoryFile,
     flash: Flash,
-    /// Number of writes to the flash, up to which the file contains its content.
+    /// Number of writes to the flash when the file was last saved.
     writes: u64,
 }
 

@@ -19,8 +19,8 @@ use super::{SimDaemonError, StateDir};
 use crate::port::TipSettings;
 use crate::port::sim::Sim;
 
-/// Maximum time by which the robot's time advances between two checks for requests, at a pace of at most 1. It is
-/// proportional to a faster pace.
+/// Maximum time by which the robot's time advances between two checks for requests, at a pace of at most 1. At a faster
+/// pace, it is multiplied by the pace.
 const STEP: Duration = Duration::from_millis(10);
 /// Maximum delay of the robot's time behind real time that the robot makes up for.
 const MAX_BEHIND: Duration = Duration::from_secs(1);

@@ -14,7 +14,7 @@ use super::SimDaemonError;
 /// Maximum length of the path of a Unix socket, bytes.
 const LONGEST_SOCKET_PATH: usize = 107;
 
-/// The directory of a simulated robot.
+/// The directory with the state of a simulated robot, such as its flash, and with the socket to which programs connect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StateDir {
     name: String,

@@ -39,12 +39,12 @@ pub enum TipFault {
     IndexStuck,
     /// The head's motor slips once and misses some steps.
     HeadLosesSteps {
-        /// Number of steps that differ from the commanded ones.
+        /// Number of steps that the head misses or makes in addition.
         steps: u32,
     },
     /// The head's motor runs ahead once by some steps.
     HeadGainsSteps {
-        /// Number of steps that differ from the commanded ones.
+        /// Number of steps that the head misses or makes in addition.
         steps: u32,
     },
     /// The head is blocked and makes no step.

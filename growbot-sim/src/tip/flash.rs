@@ -96,7 +96,8 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         self.0.borrow_mut().bytes.copy_from_slice(bytes);
     }
 
-    /// Makes the bits of a mask weak whose first byte is at `offset` in the flash. All other bits are no longer weak.
+    /// Makes the bits that are set in `mask` weak. The first byte of the mask applies to the byte of the flash at
+    /// `offset`. All other bits are no longer weak.
     pub fn weaken(&self, offset: usize, mask: &[u8]) {
         self.0.borrow_mut().weak = (offset, mask.to_vec());
     }

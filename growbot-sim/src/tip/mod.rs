@@ -23,7 +23,7 @@
 //! | `nozzle.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
 //! | `filament.rs` | the filament between spool and nozzle, and the encoder that it turns |
 //! | `sensors.rs`, `noise.rs` | readings of a 12-bit ADC, the index sensor, the switches and the orientation sensor; noise is a function of seed, channel and tick |
-//! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, loss, room, supply, lag, noise |
+//! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, heat loss, room temperature, supply, lag, noise |
 //! | `fault.rs` | faults: [`TipFault`], added and removed at any time by `inject` and `clear_fault` |
 //! | `pins.rs` | pins, ADC channels and sensors of a simulated board that are connected to the tip |
 

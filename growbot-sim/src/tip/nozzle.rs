@@ -200,13 +200,14 @@ struct Decay {
     lag_s: f64,
     drive_loss_w_per_k: f64,
     flow_w_per_k: f64,
-    /// Loss to the surroundings and to the filament, W/K.
+    /// Heat loss to the surroundings and to the filament, W/K.
     loss_w_per_k: f64,
     /// Fraction of the block's temperature difference from its steady state that remains. `sensor` is the fraction for
     /// the thermistor.
     block: f64,
     sensor: f64,
-    /// Thermistor's temperature change per degree of the block's initial temperature difference.
+    /// Temperature change of the thermistor per degree of the block's initial temperature difference from its steady
+    /// state.
     mixed: f64,
 }
 

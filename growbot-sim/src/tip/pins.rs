@@ -23,7 +23,7 @@ pub struct StepPin(pub Motor, pub SharedTip);
 /// DIR pin of a motor: high turns the head counter-clockwise and pushes filament out.
 pub struct DirectionPin(pub Motor, pub SharedTip);
 
-/// ENABLE pin of a motor: high holds the motor.
+/// ENABLE pin of a motor: high energises the motor.
 pub struct EnablePin(pub Motor, pub SharedTip);
 
 /// An input with two levels, which is read from the tip.

@@ -296,7 +296,7 @@ impl Plastic {
         &settled.came_out
     }
 
-    /// Returns `start_from_tip`: the tip's frame in the frame of the start of growth, including the layer in progress.
+    /// Returns the pose of the tip in the frame of the start of growth, including the layer in progress.
     pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &ErrorModel) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;

@@ -70,7 +70,7 @@ impl TipModel {
         Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), SensorChannel::Supply))
     }
 
-    /// Converts a voltage, given in counts, like the 12-bit ADC, with noise.
+    /// Converts a voltage, given in counts, to a reading of the 12-bit ADC, with noise.
     fn convert(&self, counts: f64, channel: SensorChannel) -> u16 {
         let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
         libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16

@@ -36,17 +36,18 @@ pub enum Disturbance {
     PowerLoss,
     /// The host's program is killed.
     HostKilled,
-    /// Another host takes the board over and leaves.
+    /// Another host takes the board over and ends its session.
     OtherLeaves,
-    /// Another host takes the board over and falls silent.
+    /// Another host takes the board over and then sends nothing more.
     OtherFallsSilent,
-    /// Another host takes the board over, requests the job and leaves.
+    /// Another host takes the board over, requests to resume the job, and ends its session.
     OtherResumes,
-    /// Another host takes the board over, stops it and leaves.
+    /// Another host takes the board over, stops it, and ends its session.
     OtherStops,
-    /// Another host stops the board, resumes the job without starting it, and leaves the board in `Idle`.
+    /// Another host takes the board over, stops it, resumes the job without starting it, and ends its session, which
+    /// leaves the board in `Idle`.
     OtherLeavesIdle,
-    /// Another host stops the board, resumes the job, starts it and leaves.
+    /// Another host takes the board over, stops it, resumes and starts the job, and ends its session.
     OtherRestarts,
 }
 
@@ -91,16 +92,16 @@ impl Disturbance {
     }
 }
 
-/// Direction of a frame.
+/// Direction of a frame on the connection.
 #[derive(Clone, Copy)]
 enum Direction {
     ToBoard,
     ToHost,
 }
 
-/// Message of a port whose host was killed.
+/// Error message of a connection whose host was killed.
 pub const KILLED: &str = "the host was killed";
-/// Message of a port on which a growth took too long.
+/// Error message of a connection on which a growth took too long.
 pub const ENDLESS: &str = "the growth is followed for ever";
 
 /// A connection that is disturbed at chosen frames. Frames are counted from 0 in both directions together.

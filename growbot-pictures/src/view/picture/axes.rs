@@ -40,7 +40,7 @@ impl Axes {
         (0..8).map(|corner| self.corner([corner & 1, corner >> 1 & 1, corner >> 2 & 1]))
     }
 
-    /// Returns the height of the lower face, mm.
+    /// Returns the height of the lower face of the box, mm.
     pub fn floor(&self) -> f64 {
         self.min.z
     }

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-/// The viewpoint.
+/// Viewpoint of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Viewpoint {
     /// From one of eight corners, selected so that the goal's direction and the way to the goal are seen from the side.

@@ -29,7 +29,7 @@ pub struct Arrow {
     pub thick: f64,
 }
 
-/// Returns the shaft and head of an arrow as a path.
+/// Returns the shaft and head of an arrow as an SVG path element.
 pub fn arrow(place: &Projection, arrow: &Arrow, colour: &str) -> String {
     let Arrow { from, along, length, thick } = arrow;
     let at = |share: f64| from + share * length * along;
@@ -64,7 +64,7 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Projection, base_from_tip: &Frame,
 /// Name and style of a line that is drawn next to a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineStyle {
-    /// Meaning of the line.
+    /// Name of the line in the key.
     pub name: &'static str,
     /// Style of the line, as SVG attributes.
     pub style: &'static str,
@@ -154,7 +154,7 @@ pub fn word_at_free_side(
     draw_label(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
 }
 
-/// A floor of whole squares.
+/// The floor under a body, drawn as a grid of whole squares.
 pub struct Floor {
     /// Corner with the smallest x and y, at the height of the floor, mm.
     corner: Vector3<f64>,
@@ -178,13 +178,13 @@ impl Floor {
         self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
     }
 
-    /// Returns the four corners.
+    /// Returns the four corners of the floor, mm.
     pub fn corners(&self) -> [Vector3<f64>; 4] {
         let [x, y] = self.squares;
         [(0, 0), (x, 0), (0, y), (x, y)].map(|(x, y)| self.at(x, y))
     }
 
-    /// Draws the floor.
+    /// Draws the grid lines of the floor.
     pub fn draw(&self, canvas: &mut Canvas, place: &Projection) {
         let [wide, deep] = self.squares;
         let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);

@@ -9,20 +9,20 @@
 //! - `stage`: one body with its marks
 //!
 //! - **Faces.** The tube is rings of flat faces. Each ring is drawn after those farther away (painter's algorithm), and
-//!   the faces of a ring are ordered by how much they face the viewer. Two stretches that pass each other are ordered
-//!   by their rings. A ring ends with a piece of the path, after 2.9 degrees of bend, or after 0.7 radii of length.
-//!   Long bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own colour,
-//!   because renderers leave seams otherwise.
+//!   the faces of a ring are ordered by how much they face the viewer. Two parts of a tube that pass each other are
+//!   ordered by their rings. A ring ends with a segment of the path, after 2.9 degrees of bend, or after 0.7 radii of
+//!   length. Long bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own
+//!   colour, because renderers leave seams otherwise.
 //! - **Around it.** The shadow is the tube's own, straight down onto a floor of whole squares. Arrows are solids,
 //!   drawn by their outlines in the order of depth. The tip's axes and the names lie over everything. The planned
 //!   tube of a run is two lines where a tube's surface turns away: its centreline, moved by a radius to both sides of
 //!   the line of sight.
 //! - **Colours of heights** end at percentiles 1 and 99 of all heights shown, so that a few layers do not take the
-//!   contrast from all others. The legend names the percentiles if there are heights beyond. Colour-blind readers can
-//!   distinguish the scales and series. Viridis and cividis suit print in grey.
+//!   contrast from all others. The legend names the percentiles if there are heights beyond them. Colour-blind readers
+//!   can distinguish the scales and series. Viridis and cividis suit print in grey.
 //! - **Axes** are three edges of a box of whole squares, those that hide least of the body.
 //! - **Several bodies** have one camera and one scale. If start and goal are the same, they also have one frame, so
-//!   that equal places appear at equal places.
+//!   that equal positions are drawn at equal positions.
 
 mod axes;
 mod camera;
@@ -83,7 +83,7 @@ const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 /// Options of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureOptions {
-    /// The viewpoint.
+    /// Viewpoint of the picture.
     pub look: Viewpoint,
     /// Colours of the heights of layers.
     pub palette: Palette,

@@ -38,7 +38,7 @@ impl ScreenBounds {
         [self.max[0] - self.min[0], self.max[1] - self.min[1]]
     }
 
-    /// Returns the centre.
+    /// Returns the centre, mm.
     pub fn centre(&self) -> [f64; 2] {
         [0.5 * (self.min[0] + self.max[0]), 0.5 * (self.min[1] + self.max[1])]
     }
@@ -58,13 +58,13 @@ pub struct Projection {
 }
 
 impl Projection {
-    /// Returns the position of a point in the drawing.
+    /// Returns the position of a point (mm) in the drawing, units of the drawing to the right and down.
     pub fn point(&self, point: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(point);
         [self.at[0] + self.scale * (right - self.centre[0]), self.at[1] - self.scale * (up - self.centre[1])]
     }
 
-    /// Returns a direction in the drawing. It is as long as the projected direction.
+    /// Returns a direction as a vector in the drawing, to the right and down. It is as long as the projected direction.
     pub fn direction(&self, direction: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(direction);
         [right, -up]

@@ -48,7 +48,7 @@ pub struct Tube {
     faces: u32,
 }
 
-/// Detail of a drawn tube.
+/// Level of detail of a drawn tube.
 #[derive(Debug, Clone, Copy)]
 pub struct Detail {
     /// Approximate greatest number of rings.
@@ -86,7 +86,7 @@ impl Tube {
         std::iter::once(self.base_from_start).chain(self.rings.iter().map(|(frame, _)| *frame))
     }
 
-    /// Returns the points of the centreline.
+    /// Returns the points of the centreline at the rings, mm.
     pub fn centreline(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         self.frames().map(|frame| frame.translation.vector)
     }

@@ -71,10 +71,10 @@ const NAMES_ROW: f64 = 20.0;
 /// Number of letters of a name that fit into its column.
 const NAME_LETTERS: usize = 34;
 
-/// A body, with the bytes of its log if it is a run.
+/// A plan or a run that is plotted, with the bytes of its log if it is a run.
 #[derive(Debug, Clone, Copy)]
 pub struct PlotInput<'a> {
-    /// The body.
+    /// The plan or run that is plotted.
     pub subject: &'a Subject<'a>,
     /// Bytes of the run log. `None` for a plan.
     pub log: Option<&'a [u8]>,
@@ -218,7 +218,7 @@ impl Axis {
         Self { scale: Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 }), name, along, unit }
     }
 
-    /// Returns the position of each layer on the axis.
+    /// Returns the position of the end of each layer on the axis.
     fn layers(&self, curve: &PlotCurve) -> Vec<f64> {
         match self.along {
             XAxis::Path => curve.layered.lengths.clone(),
@@ -226,7 +226,7 @@ impl Axis {
         }
     }
 
-    /// Returns the position of a reading on the axis.
+    /// Returns the position of a temperature reading on the axis.
     fn of(&self, reading: &TemperatureReading, curve: &PlotCurve) -> f64 {
         match self.along {
             XAxis::Path => {

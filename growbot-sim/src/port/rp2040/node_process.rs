@@ -35,7 +35,7 @@ pub enum Rp2040Error {
     /// The script that Node runs does not exist. The field is the expected path.
     #[error("{} not found: the port rp2040 works only in growbot's source directory", .0.display())]
     NoScript(PathBuf),
-    /// The emulator does not exist. The field is the expected path.
+    /// The emulator `rp2040js` is not installed. The field is its expected path.
     #[error("no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
     NoEmulator(PathBuf),
     /// Node cannot be run.

@@ -16,7 +16,7 @@ fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
-/// Returns a tip without noise at 200 degrees whose motors are held.
+/// Returns a tip without noise, with a nozzle at 200 degrees Celsius and both motors enabled.
 fn hot_tip() -> TipModel {
     let mut tip = TipModel::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.set_nozzle_c(200.0);
@@ -35,12 +35,12 @@ fn seconds(tip: &TipModel, seconds: f64) -> u64 {
     tip.now() + (seconds * 4000.0) as u64
 }
 
-/// Lets time pass.
+/// Advances the tip's time by `time`, s.
 fn wait(tip: &mut TipModel, time: f64) {
     tip.advance(seconds(tip, time));
 }
 
-/// Feeds this many steps, one a tick.
+/// Makes this number of feed steps, one per tick.
 fn feed(tip: &mut TipModel, steps: u32) {
     for _ in 0..steps {
         tip.advance(tip.now() + 1);
