@@ -79,7 +79,7 @@ impl StepperDrivers for UnmanagedDrivers {
     }
 }
 
-/// Drivers that are optional: `None` if the robot does not use the board's serial line.
+/// Stepper drivers that are optional: `None` if the robot does not use the board's serial line for drivers.
 impl<D: StepperDrivers> StepperDrivers for Option<D> {
     fn poll(&mut self, now: u64, in_use: bool) {
         if let Some(drivers) = self {

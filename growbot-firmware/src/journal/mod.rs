@@ -265,7 +265,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(kind, index, laid.to_content())
     }
 
-    /// Records that an interrupted layer counts as laid, and the part of the layer that was made.
+    /// Records that an interrupted layer counts as laid. `laid` is the layer as far as it was made, or a default value
+    /// if that is not known.
     ///
     /// # Errors
     /// Returns the same errors as [`Journal::record_laid`].
