@@ -36,6 +36,7 @@ use super::turn::{Sector, Turn};
 
 /// A move as the engine accepts it. It does not contain the sectors of a turn, which the engine reads one by one from
 /// the mailbox.
+///
 /// The discriminants here and in [`PendingReport`] begin at 1, so that 0 can stand for `None`. An empty [`Mailbox`] is
 /// therefore all zeros, and costs a board no flash.
 #[derive(Clone, Copy)]

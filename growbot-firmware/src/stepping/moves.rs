@@ -82,6 +82,7 @@ pub struct TurnReport {
 }
 
 /// The reason why the engine switches everything off.
+///
 /// The discriminants begin at 1, so that 0 can stand for `None` in the mailbox.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
