@@ -19,45 +19,45 @@ use stm32f4xx_hal::gpio::{
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 
-/// Pin of the signal `head STEP` (WIRING.md).
+/// Signal `head STEP` of the table in WIRING.md.
 pub type HeadStep = PC6<Output>;
-/// Pin of the signal `head DIR` (WIRING.md), with logical levels.
+/// Signal `head DIR` of the table in WIRING.md, with logical levels.
 pub type HeadDirection = InvertiblePin<PC7<Output>>;
-/// Pin of the signal `head EN` (WIRING.md), with logical levels. High energises the motor.
+/// Signal `head EN` of the table in WIRING.md, with logical levels. High energises the motor.
 pub type HeadEnable = InvertiblePin<PC8<Output>>;
-/// Pin of the signal `feed STEP` (WIRING.md).
+/// Signal `feed STEP` of the table in WIRING.md.
 pub type FeedStep = PB12<Output>;
-/// Pin of the signal `feed DIR` (WIRING.md), with logical levels.
+/// Signal `feed DIR` of the table in WIRING.md, with logical levels.
 pub type FeedDirection = InvertiblePin<PB13<Output>>;
-/// Pin of the signal `feed EN` (WIRING.md), with logical levels. High energises the motor.
+/// Signal `feed EN` of the table in WIRING.md, with logical levels. High energises the motor.
 pub type FeedEnable = InvertiblePin<PB14<Output>>;
-/// Pin of the signal `drivers' fault outputs, joined` (WIRING.md), with logical levels. High means a fault.
+/// Signal `drivers' fault outputs, joined` of the table in WIRING.md, with logical levels. High means a fault.
 pub type DriverFault = InvertiblePin<PC9<Input>>;
-/// Pin of the signal `heater power` (WIRING.md).
+/// Signal `heater power` of the table in WIRING.md.
 pub type HeaterPower = PA8<Alternate<1>>;
-/// Pin of the signal `heater second switch` (WIRING.md).
+/// Signal `heater second switch` of the table in WIRING.md.
 pub type HeaterEnable = PA7<Output>;
-/// Pin of the signal `fan` (WIRING.md).
+/// Signal `fan` of the table in WIRING.md.
 pub type FanPower = PB15<Alternate<9>>;
-/// Pin of the signal `thermistor` (WIRING.md).
+/// Signal `thermistor` of the table in WIRING.md.
 pub type ThermistorInput = PC0<Analog>;
-/// Pin of the signal `supply voltage` (WIRING.md).
+/// Signal `supply voltage` of the table in WIRING.md.
 pub type SupplyInput = PC1<Analog>;
-/// Pin of the signal `index sensor` (WIRING.md), with logical levels. High means that the head is on the index mark.
+/// Signal `index sensor` of the table in WIRING.md, with logical levels. High means that the head is on the index mark.
 pub type Index = InvertiblePin<PB6<Input>>;
-/// Pin of the signal `filament presence` (WIRING.md), with logical levels. High means that filament is present.
+/// Signal `filament presence` of the table in WIRING.md, with logical levels. High means that filament is present.
 pub type FilamentPresence = InvertiblePin<PB5<Input>>;
-/// Pin of the signal `filament encoder` (WIRING.md).
+/// Signal `filament encoder` of the table in WIRING.md.
 pub type FilamentMotionPin = PB7<Input>;
-/// Pin of the signal `emergency stop` (WIRING.md), with logical levels. High means that it is pressed.
+/// Signal `emergency stop` of the table in WIRING.md, with logical levels. High means that it is pressed.
 pub type EmergencyStop = InvertiblePin<PB8<Input>>;
-/// Pin of the signal `orientation sensor SCL` (WIRING.md).
+/// Signal `orientation sensor SCL` of the table in WIRING.md.
 pub type OrientationClock = PB10<Output<OpenDrain>>;
-/// Pin of the signal `orientation sensor SDA` (WIRING.md).
+/// Signal `orientation sensor SDA` of the table in WIRING.md.
 pub type OrientationData = PB11<Output<OpenDrain>>;
-/// Pin of the signal `link, board to host` (WIRING.md).
+/// Signal `link, board to host` of the table in WIRING.md.
 pub type LinkTx = PA2<Alternate<7>>;
-/// Pin of the signal `link, host to board` (WIRING.md).
+/// Signal `link, host to board` of the table in WIRING.md.
 pub type LinkRx = PA3<Alternate<7>>;
 
 /// True if a low level at EN energises a motor. [`make_safe`], which does not own the pins, reads this.
