@@ -1,4 +1,4 @@
-//! Prepares the build of a board. It does nothing for the desktop.
+//! Build script. It prepares the build of a board's firmware, and does nothing in a build for the desktop.
 
 #[cfg(feature = "build-board")]
 #[path = "build/board.rs"]

@@ -17,10 +17,10 @@ use growbot_core::pose::Pose;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
-/// Number of goals around the start, near and far, in any direction.
+/// Default number of random goals around the start, near and far, in any direction.
 const RANDOM_GOALS: u32 = 14;
 
-/// Goals with degenerate planes and circles.
+/// Special goals, at which planes or circles of the planners degenerate: x, y, z in mm, heading and pitch in degrees.
 const SPECIAL_GOALS: [[f64; 5]; 12] = [
     [0.0, 0.0, 0.0, 0.0, 90.0],
     [0.0, 0.0, 0.0, 0.0, -90.0],
@@ -59,7 +59,7 @@ fn goals(random: u32) -> impl Iterator<Item = [f64; 5]> {
 /// Number of boards that plan at the same time.
 const BOARDS: usize = 2;
 
-/// Results of the comparison.
+/// Numbers of plans, helicoidal arcs and layers that were compared.
 #[derive(Debug, Default)]
 struct Compared {
     plans: u32,

@@ -19,15 +19,15 @@ use growbot_core::tracking::SensorNoise;
 use growbot_sim::parallel;
 use nalgebra::Vector3;
 
-/// Bodies of each kind.
+/// Default number of bodies for each distance and each bias.
 const LOOPS: u64 = 25;
 /// Distances from start to goal, radii.
 const DISTANCES: [u32; 4] = [4, 8, 16, 32];
-/// Max error of a layer's growth, as a fraction.
+/// Max error of a layer's growth, as a fraction of it.
 const NOISE: f64 = 0.1;
-/// Noise of the odometry, as a fraction of a layer.
+/// Standard deviation of the odometry's noise, as a fraction of a layer.
 const ODOMETRY: f64 = 0.01;
-/// Noise of the direction, degrees per axis.
+/// Standard deviation of the noise of the measured direction, degrees per axis.
 const DIRECTION: f64 = 0.5;
 
 /// Returns a pose at a position with a random direction.
@@ -36,7 +36,7 @@ fn pose(position: Vector3<f64>, random: &mut Rng) -> Pose {
     Pose::new(position, libm::atan2(direction.y, direction.x), libm::asin(direction.z)).unwrap()
 }
 
-/// Returns the arrival in open loop and in closed loop for one seed.
+/// Returns the arrival of one body in open loop, and that of a body with the same seed in closed loop.
 fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [Arrival; 2] {
     let mut random = Rng::new(&[u64::from(distance), seed]);
     let radius = robot.description().planning_radius_mm;
@@ -62,14 +62,15 @@ fn pair(robot: &Robot, distance: u32, disturbance: &Disturbance, seed: u64) -> [
     [open, closed].map(|grown| Arrival::of(&grown.base_from_tip, &goal, length(&path)))
 }
 
-/// Returns all pairs of one kind.
+/// Returns the arrivals in open and in closed loop of `loops` bodies at this distance (radii) and with this bias of
+/// growth.
 fn pairs(robot: &Robot, distance: u32, bias: f64, loops: u64) -> Vec<[Arrival; 2]> {
     let disturbance = Disturbance { growth_noise: NOISE, growth_bias: bias, ..Disturbance::default() };
     let seeds: Vec<u64> = (0..loops).collect();
     parallel::map(&seeds, |&seed| pair(robot, distance, &disturbance, seed), |_| {})
 }
 
-/// Returns mean, 95th percentile and max.
+/// Returns the mean, the 95th percentile and the max of some values.
 fn figures(values: impl Iterator<Item = f64>) -> [f64; 3] {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);

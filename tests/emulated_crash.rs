@@ -17,7 +17,7 @@ use growbot_tests::firmware;
 use growbot_tests::tip_memory::TipMemoryView;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// Returns a client of a board that runs this image, and the words of its tip.
+/// Returns a client of a board that runs this image, and a view of the memory that the board shares with its tip.
 fn board(image: &Path) -> (Client, TipMemoryView) {
     let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
     let mut emulator = Emulator::start(&robot, Some(image)).unwrap();
@@ -27,7 +27,7 @@ fn board(image: &Path) -> (Client, TipMemoryView) {
     (client, words)
 }
 
-/// Makes a board crash in this way, and waits until it has restarted.
+/// Makes a board crash in the way `how`, and waits until it has restarted.
 fn crash(words: &TipMemoryView, how: u32) {
     let boots = words.read(table::BOOTS);
     words.write(table::CRASH, how);

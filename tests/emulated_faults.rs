@@ -29,8 +29,9 @@ fn robot() -> Robot {
 /// Time limit for a board to reach a state, s of its own clock. The time until it notices a fault has its own limit.
 const LIMIT_S: u32 = 300;
 
-/// Grows until a state, injects a fault into the tip, and waits for the board's fault. It must come within this time of
-/// the board's clock, s. `None` expects the emergency stop.
+/// Grows until the board is in the state `during`, injects the fault `broken` into the tip, and checks the board's
+/// reaction. The board must report `expected`, or the emergency stop if that is `None`, within `within` s of its
+/// clock.
 fn run_case(broken: TipFault, during: State, expected: Option<Fault>, within: f64) {
     let what = format!("{} while {}", broken.name(), during.name());
     let robot = robot();

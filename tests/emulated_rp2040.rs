@@ -32,7 +32,7 @@ fn robot() -> Robot {
 /// Temperature of a nozzle that is warm at once, which saves the heating time, degrees Celsius.
 const WARM_C: f64 = 190.0;
 
-/// Returns the same robot with an SKR Pico, which has its signals on other pins than a Pico.
+/// Returns robot A2 on an SKR Pico, which has its signals on other pins than a Pico.
 fn on_skr_pico() -> Robot {
     let mut description = robot().description().clone();
     description.board = Some(BoardDescription { kind: BoardKind::SkrPico, pins: PinOverrides::default() });
@@ -65,7 +65,7 @@ fn grow_as(
     grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
 }
 
-/// Grows a path on the simulated board. Also returns the time on its clock.
+/// Grows a path on the simulated board. Also returns the time on the board's clock at the end.
 fn simulated(path: &[Segment]) -> (GrowthReport, Duration) {
     let sim = Rc::new(RefCell::new(Sim::new(robot())));
     sim.borrow_mut().simulated_tip().preheat_instantly(WARM_C);
@@ -83,9 +83,10 @@ fn on_an386(path: &[Segment]) -> GrowthReport {
     grow_on(Box::new(emulator), tip, path)
 }
 
-/// Clock of the processor, Hz, and steps per second that both axes must be able to make at once. They may take half of
-/// the processor's time. Each step has its own tick, because no two coincide.
+/// Clock of the processor, Hz.
 const CLOCK_HZ: u64 = 125_000_000;
+/// Steps per second that both axes must be able to make at the same time. Each step has its own tick, because no two
+/// coincide, and the ticks may take half of the processor's time.
 const STEPS_PER_S: u64 = 10_000;
 /// Size of the stack, bytes. Half of it must stay unused.
 const STACK: u64 = 64 * 1024;
@@ -148,7 +149,8 @@ fn the_pico_lays_the_same_layers_as_simulation_and_cortex_m4() {
     check_figures(&figures);
 }
 
-/// An image for no robot is configured over its line, and drives that robot at the configured pins.
+/// An image that was built for no robot is configured over its serial line, and then drives the configured robot at
+/// that robot's pins.
 #[test]
 fn a_board_configured_as_skr_pico_uses_its_pins() {
     let path = [Segment::Arc { alpha: 1.0, bend: 0.2, length: 20.0 }];

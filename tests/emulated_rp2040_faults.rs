@@ -40,9 +40,10 @@ const FEW: [Case; 8] = [
     Case { fault: TipFault::EmergencyStop, onset: Onset::FirstLayer },
     Case { fault: TipFault::FilamentOut, onset: Onset::Boot },
 ];
-/// Max delay after the simulated board's detection of a fault: seconds, and a fraction of the simulated board's time.
-/// Readings of 0.1 s begin at other times, and the heater starts from other readings.
+/// Max delay of the Pico's detection of a fault after that of the simulated board, s. The delay may be longer by the
+/// fraction [`LATER`], because readings of 0.1 s begin at other times, and the heater starts from other readings.
 const LATER_S: f64 = 0.3;
+/// Additional delay of the Pico's detection, as a fraction of the time that the simulated board takes.
 const LATER: f64 = 0.02;
 /// Time limit for a board to reach a state, ms of its own clock.
 const PATIENCE_MS: u64 = 900_000;
@@ -50,12 +51,13 @@ const PATIENCE_MS: u64 = 900_000;
 const LAYERS: u32 = 4;
 /// Identifier of the job.
 const PLAN: u64 = 1;
-/// Temperature of the nozzle when a growth begins, degrees Celsius: for faults during heating, and for all others.
+/// Temperature of the nozzle when a growth begins, for faults during heating, degrees Celsius.
 const HEATING_C: f64 = 60.0;
+/// Temperature of the nozzle when a growth begins, for all faults that do not begin during heating, degrees Celsius.
 const WARM_C: f64 = 197.0;
 
-/// Returns every fault that can come through pins, while the nozzle heats and in the first layer. Faults that are
-/// noticed at the start come there too.
+/// Returns a case for every fault that can come through the pins, during heating and in the first layer. Faults that
+/// the board's tests at its start can notice have a case at the start, too.
 fn all() -> Vec<Case> {
     let at_boot = |fault: &TipFault| matches!(fault, TipFault::SecondSwitchClosed | TipFault::FilamentOut);
     TipFault::ALL
@@ -89,7 +91,7 @@ impl BoardUnderTest for Rp2040Emulator {
     }
 }
 
-/// Result of a fault.
+/// Reaction of a board to a fault.
 #[derive(Debug, PartialEq)]
 struct CaseResult {
     state: State,

@@ -23,7 +23,7 @@ use growbot_tests::pico_firmware;
 /// Max excess of the mean time of a layer over that of the robot's description, as a fraction.
 const LATER: f64 = 0.01;
 
-/// Robot A2, which lays a layer in 0.18 s, with robot A's sensors.
+/// Returns robot A2, which lays a layer in 0.18 s, with robot A's sensors.
 fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a2".as_ref()).unwrap().description().clone();
     description.sensors.filament_motion = Some(FilamentMotion { mm_per_pulse: 1.25, jam_mm: 8.0 });
@@ -36,7 +36,8 @@ fn robot() -> Robot {
 struct Seen {
     /// Time at which each layer was reported, by the chip's clock.
     laid: Vec<Duration>,
-    /// Min number of layers between the current layer and the first changed layer.
+    /// Min number of layers between the layer in progress and the first layer that an amendment changes. `None`
+    /// before the first amendment.
     lead: Option<u32>,
     /// Number of times that the board waited for layers.
     waits: u32,

@@ -21,7 +21,7 @@ use growbot_sim::uf2;
 use growbot_tests::pico_firmware;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// Time of the watchdog, with a margin.
+/// Timeout of the board's watchdog, with a margin.
 const WATCHDOG: Duration = Duration::from_millis(2500);
 
 type Board = Rc<RefCell<Rp2040Emulator>>;

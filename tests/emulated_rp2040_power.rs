@@ -26,10 +26,11 @@ use growbot_tests::recovery::{Body, ReferenceGrowth};
 const BOARDS: usize = 3;
 /// Size of a description's slot, bytes. The whole slot is erased before it is written again.
 const SLOT: u32 = 128 * 1024;
-/// Bytes between two tried places of an erase.
+/// Distance between two points of an erase at which power is cut, bytes.
 const ERASED: usize = 256;
-/// Sizes of a page of flash and of a record of the journal, bytes.
+/// Size of a page of flash, bytes.
 const PAGE: u32 = 256;
+/// Size of a record of the journal, bytes.
 const RECORD: u32 = 32;
 
 type Board = Rc<RefCell<Rp2040Emulator>>;
@@ -38,7 +39,7 @@ fn robot(name: &str) -> Robot {
     robot_file::load(name.as_ref()).unwrap()
 }
 
-/// Returns all places if `GROWBOT_CUTS` is `all`, otherwise `few` of them, evenly spread.
+/// Returns all points at which power is cut if `GROWBOT_CUTS` is `all`, otherwise `few` of them, evenly spread.
 fn places(all: impl Iterator<Item = u32>, few: usize) -> Vec<u32> {
     let all: Vec<u32> = all.collect();
     if std::env::var("GROWBOT_CUTS").is_ok_and(|cuts| cuts == "all") {
@@ -47,7 +48,8 @@ fn places(all: impl Iterator<Item = u32>, few: usize) -> Vec<u32> {
     (0..few).map(|index| all[(2 * index + 1) * all.len() / (2 * few)]).collect()
 }
 
-/// Calls `work` for each place on [`BOARDS`] threads. Each thread passes it the value of its own call of `begin`.
+/// Calls `work` for each point in `places`, on [`BOARDS`] threads. Each thread calls `begin` once, and passes the
+/// result to all its calls of `work`.
 fn each<B>(places: &[u32], begin: impl Fn() -> B + Sync, work: impl Fn(&mut B, u32) + Sync) {
     let next = AtomicUsize::new(0);
     thread::scope(|scope| {
@@ -70,8 +72,8 @@ fn client(board: &Board) -> Client {
     Client::new(Box::new(Rc::clone(board)), "the board under test")
 }
 
-/// Cuts the power this many bytes into the flash operations of a new description. Checks that the board then has the
-/// old or the new description, and returns true if it is the new one.
+/// Cuts the power after this many bytes of the flash operations that store a new description. Checks that the board
+/// then has the old or the new description, and returns true if it is the new one.
 fn cut_description(board: &Board, old: &Robot, new: &Robot, bytes: u32) -> bool {
     board.borrow_mut().restore_flash().unwrap();
     let mut before = client(board);
@@ -126,9 +128,10 @@ fn power_loss_while_storing_a_description_keeps_the_old_or_the_new_one() {
     println!("{losses} losses of power over a description, {pages} bytes of pages: {became_new} times the new one");
 }
 
-/// Length of a growth, in layers of 0.7 mm, and number of layers after which power is lost. The record of the next
-/// layer is the last of its page, because the records of the sector, the job and its start come first.
+/// Length of the growth, in layers of 0.7 mm.
 const LENGTH: u32 = 6;
+/// Number of layers after which power is lost. The record of the next layer is the last of its page, because the
+/// records of the sector, the job and its start come first.
 const LAID: usize = 4;
 
 /// Grows until power is lost, `bytes` bytes of flash after the last layer was reported.

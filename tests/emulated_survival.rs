@@ -70,8 +70,8 @@ fn board(robot: &Robot, flash: &[u8]) -> Result<Board, String> {
     Ok(Rc::new(RefCell::new(emulator)))
 }
 
-/// Does the work for each number below `count`, on [`BOARDS`] boards at a time, and prints the results. `work` is
-/// called once for each board and returns the function that does its work.
+/// Calls a function for each number below `count`, on [`BOARDS`] boards at a time, and prints the results. `work` is
+/// called once for each board and returns this function.
 fn each<W: FnMut(u64) -> Result<String, String>>(count: u64, work: impl Fn() -> W + Sync) {
     // The tests of this file run one after the other, because four boards are too many.
     static BUSY: Mutex<()> = Mutex::new(());
@@ -160,9 +160,10 @@ fn each_layer_is_laid_once_after_any_interruption() {
 #[derive(Debug)]
 struct Point {
     crash: Interruption,
-    /// Number of reports before the interruption: three of states, then those of layers.
+    /// Number of events that the host receives before the interruption: first three changes of the state, then the
+    /// laid layers.
     events_seen: u64,
-    /// Delay from the last of these reports to the interruption.
+    /// Delay from the last of these events to the interruption.
     later: Duration,
 }
 

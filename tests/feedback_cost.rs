@@ -18,7 +18,7 @@ use growbot_tests::{build_image, firmware};
 const INSTRUCTIONS: u64 = 12_000_000;
 /// Max stack, bytes. The measuring program sees 32 KiB.
 const STACK: u64 = 30 * 1024;
-/// Timeout of the next growth. Each takes seconds.
+/// Max time until the program prints the result of the next growth. A growth takes seconds.
 const NEXT: Duration = Duration::from_secs(300);
 
 #[test]

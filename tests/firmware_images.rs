@@ -44,7 +44,8 @@ fn the_robots_image_is_small() {
     assert!(flash < FLASH && ram < STATIC_RAM, "{flash} B of flash, {ram} B of static RAM");
 }
 
-/// Min free stack with which the crash handler keeps the stack pointer, bytes (`LITTLE` in `boards/runtime/stack.rs`).
+/// Min free stack with which the handler of a crash keeps the stack pointer, bytes (`STACK_RESERVE_BYTES` in
+/// `boards/runtime/stack.rs`). With less, the handler starts again at the top of the stack.
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]
@@ -96,8 +97,8 @@ fn a_sector_is_erased_from_ram_after_a_barrier() {
     assert!(!halves.windows(2).any(calls), "it calls something: {halves:04x?}");
 }
 
-/// Max depth of the robot's stack over all paths of its code. Each interrupt in turn interrupts the others and the main
-/// program at their greatest depths.
+/// The stack region is more than twice as large as the max depth of the robot's stack over all paths of its code. In
+/// this depth each interrupt interrupts the others and the main program at their greatest depths.
 #[test]
 fn the_robots_stack_is_twice_the_measured_depth() {
     let image = std::fs::read(firmware("stm32f405")).unwrap();

@@ -9,7 +9,7 @@ use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SectionFlags, e
 /// Memory of a board.
 struct Map {
     flash: Range<u64>,
-    /// RAM of any kind.
+    /// Address ranges of all RAM.
     ram: &'static [Range<u64>],
     /// Upper end of the stack.
     stack_top: u64,
@@ -20,7 +20,8 @@ const RAM_OF_AN386: [Range<u64>; 1] = [0x2000_0000..0x2040_0000];
 
 const AN386: Map = Map { flash: 0..0x40_0000, ram: &RAM_OF_AN386, stack_top: 0x2001_0000 };
 
-/// The last 512 KiB of flash hold the robot's description and the journal.
+/// Memory of the robot's board. An image must not use the last 512 KiB of flash, which hold the robot's description
+/// and the journal.
 const STM32F405: Map = Map {
     flash: 0x0800_0000..0x0808_0000,
     ram: &[0x2000_0000..0x2002_0000, 0x1000_0000..0x1001_0000],
@@ -30,8 +31,8 @@ const STM32F405: Map = Map {
 #[expect(clippy::single_range_in_vec_init, reason = "a board with one piece of RAM")]
 const RAM_OF_PICO: [Range<u64>; 1] = [0x2000_0000..0x2004_0000];
 
-/// The flash begins after the 256 bytes of the second-stage loader. The last 512 KiB hold the description and the
-/// journal.
+/// Memory of the Pico. The image begins after the 256 bytes of the second-stage loader, and must not use the last 512
+/// KiB of flash, which hold the description and the journal.
 const PICO: Map = Map { flash: 0x1000_0100..0x1008_0000, ram: &RAM_OF_PICO, stack_top: 0x2001_0000 };
 /// Section of the loader, which lies before the image.
 const LOADER: &str = ".boot2";

@@ -3,20 +3,22 @@
 use growbot_tests::pico_firmware;
 use object::{Object, ObjectSection, ObjectSymbol};
 
-/// Max sizes of the image in the flash chip and in memory, the stack included, bytes.
+/// Max size of the image in the flash chip, bytes.
 const FLASH: u64 = 512 * 1024;
+/// Max size of the image in memory with the stack, bytes.
 const RAM: u64 = 200 * 1024;
+/// Size of the stack, bytes.
 const STACK: u64 = 64 * 1024;
 /// Address range of the image in flash.
 const MAPPED: std::ops::Range<u32> = 0x1000_0000..0x1008_0000;
-/// Start of memory.
+/// Start address of the RAM.
 const MEMORY: u64 = 0x2000_0000;
 
 const FLASH_SECTIONS: [&str; 6] = [".boot2", ".vector_table", ".text", ".rodata", ".data", ".interrupts"];
 const RAM_SECTIONS: [&str; 4] = [".data", ".interrupts", ".bss", ".uninit"];
 
-/// Functions of the firmware that the linker places in memory, because an interrupt executes them. A missing one would
-/// be read from flash while the flash is written.
+/// Functions of the firmware that the linker places in memory, because an interrupt executes them. The processor
+/// would read any other function from flash, which is impossible while the flash is written.
 const FUNCTIONS_IN_RAM: [&str; 19] = [
     "growbot_firmware::stepping::axis_move::AxisMoveRun::tick",
     "growbot_firmware::stepping::engine::Engine::finish",

@@ -12,7 +12,7 @@ use growbot_tests::{build_image, firmware};
 
 /// Max median of the instructions of the planar planner for random goals.
 const PLANAR_INSTRUCTIONS: u64 = 35_000;
-/// Max median of the instructions of the shortest path for goals from 4 R out, for which no helicoidal arcs are
+/// Max median of the instructions of the shortest path for goals at 4 radii or more, for which no helicoidal arcs are
 /// searched.
 const SHORTEST_INSTRUCTIONS: u64 = 1_600_000;
 /// Max stack of a planar or two-plane plan, bytes: a sixteenth of the robot's memory.
@@ -22,7 +22,7 @@ const SHORTEST_STACK: u64 = 10 * 1024;
 /// Max stack of the shortest path with helicoidal arcs, bytes.
 const HELICOIDS_STACK: u64 = 14 * 1024;
 
-/// Timeout of the next plan. Each takes milliseconds.
+/// Max time until the program prints the result of the next plan. A plan takes milliseconds.
 const NEXT: Duration = Duration::from_secs(300);
 
 /// All plans of one planner for one kind of goals.

@@ -21,17 +21,17 @@ use nalgebra::Vector3;
 
 /// Max difference of lengths that count as equal, radii.
 const SAME: f64 = 1e-6;
-/// Distance of goals, radii. For nearer goals, a few paths may be longer than the best, because shortest curves are
-/// hard to find there.
+/// Distance up to which goals are near, radii. For near goals, a few paths may be longer than the best, because
+/// shortest curves are hard to find there.
 const NEAR: f64 = 3.0;
-/// Min fraction of these near goals whose paths are not longer than the best.
+/// Min fraction of near goals whose paths are not longer than the best.
 const MIN_SHARE: f64 = 0.99;
 /// Ratio to the best length above which a path is much longer.
 const MAX_RATIO: f64 = 1.005;
 /// Max fraction of evenly drawn goals within [`NEAR`] whose paths are much longer. It should be 0, but some such goals
 /// are known.
 const MAX_MUCH_LONGER: f64 = 0.003;
-/// Min fraction of the goals selected as hard that a path as short as the best must reach.
+/// Min fraction of the goals selected as hard whose paths are not longer than the best.
 const MIN_SHARE_OF_PICKED: f64 = 0.85;
 /// Turning radius, mm.
 const RADIUS: f64 = 100.0;

@@ -29,7 +29,7 @@ const AROUND: f64 = 24.0 + 30.0 * CYCLES;
 const SHARE: f64 = 0.5;
 /// Min tick rate, Hz: 10,000 steps per second on each axis, because a step takes two ticks.
 const TICK_HZ: f64 = 20_000.0;
-/// Max instructions of an idle tick. It was 80 until the head could be turned between jobs, which takes one more.
+/// Max instructions of an idle tick. They include a check for a turn of the head between jobs.
 const IDLE: u32 = 84;
 
 /// Max instructions from the last byte of an emergency stop until heater and drivers are off, including a step tick

@@ -24,8 +24,9 @@ const WATCHDOG_START: u32 = 0xCCCC;
 const DBGMCU_APB1_FZ: u32 = 0xE004_2008;
 const DBGMCU_APB2_FZ: u32 = 0xE004_200C;
 const DEMCR: u32 = 0xE000_EDFC;
-/// Register that resets the processor, and the value that does so.
+/// Register that resets the processor.
 const AIRCR: u32 = 0xE000_ED0C;
+/// Value of [`AIRCR`] that resets the processor.
 const RESET_REQUEST: u32 = 0x05FA_0004;
 
 struct Traced {

@@ -45,7 +45,7 @@ struct Pin {
     /// PUPDR: none, up, down.
     pull: u32,
     function: u32,
-    /// Level that the pin was given before it became an output.
+    /// Level that the pin was given before it became an output. `None` without such a level.
     level: Option<bool>,
 }
 
@@ -141,7 +141,8 @@ fn the_image_configures_the_pins_of_the_table() {
     assert!(pins.is_empty(), "the image configures pins that are in no row: {pins:?}");
 }
 
-/// The compiler compares the types of the firmware's signals with their pins.
+/// The firmware documents each signal at the pin of the table. The compiler checks that the signal's type belongs to
+/// this pin.
 #[test]
 fn each_firmware_signal_is_at_the_pin_of_the_table() {
     let lines: Vec<&str> = PINS.lines().collect();

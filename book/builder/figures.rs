@@ -1,4 +1,4 @@
-//! Figures that growbot draws while the book is built, and paths drawn here from the layers that growbot exports.
+//! Figures that are drawn while the book is built: by growbot, or here from the layers that growbot exports.
 
 use std::ffi::OsStr;
 use std::fmt::Write;
@@ -9,23 +9,23 @@ use anyhow::{Context, Result, ensure};
 
 use crate::growbot::Growbot;
 
-/// Commands that are run for their drawings.
+/// Arguments of the growbot commands that are run for their drawings.
 const COMMANDS: [&[&str]; 2] = [
     &["workspace", "--length", "1000", "-o", "reach.svg"],
     // Five growths for each group are enough for the figures. The whole command takes half a minute.
     &["reproduce", "--repeat", "5", "-o", "."],
 ];
-/// Drawings of the paths of both planners: file, goal.
+/// Drawings of the paths of both planners to one goal: file name, and goal.
 const PATHS: [(&str, &str); 2] = [("both-planners.svg", "0,0,-300,0,90"), ("helicoid.svg", "60,40,80,200,-20")];
-/// Planners and the colours of their paths. The first is in front.
+/// Planners and the colours of their paths in the drawings. Later ones are drawn in front.
 const PLANNERS: [(&str, &str); 2] = [("two-plane", "#d9822b"), ("shortest", "#3b82c4")];
-/// Directions of the axes in a drawing: right and down for a mm of x, y and z.
+/// Projection of the axes x, y and z to a drawing: distances to the right and down for 1 mm along the axis.
 const AXES: [[f64; 2]; 3] = [[0.87, 0.25], [0.5, -0.4], [0.0, -1.0]];
-/// Width and height of a drawing, pixels, and its margin.
+/// Width and height of a drawing, pixels. `MARGIN` is its margin, pixels.
 const SIZE: [f64; 2] = [640.0, 460.0];
 const MARGIN: f64 = 40.0;
 
-/// Draws all figures into a directory.
+/// Draws all figures and writes them to a directory.
 ///
 /// # Errors
 /// Fails if a command fails.
@@ -53,7 +53,7 @@ pub fn draw(growbot: &Growbot, directory: &Path) -> Result<()> {
     Ok(())
 }
 
-/// Returns the points of the centreline in an export, mm.
+/// Parses the points of the centreline, mm, from a CSV export of growbot.
 fn centreline(csv: &str) -> Result<Vec<[f64; 3]>> {
     let mut rows = csv.lines();
     let header: Vec<_> = rows.next().unwrap_or_default().split(',').collect();
@@ -65,8 +65,8 @@ fn centreline(csv: &str) -> Result<Vec<[f64; 3]>> {
     rows.map(point).collect()
 }
 
-/// Returns a drawing of lines seen from the side and above, with their shadows at the height of the start and a bar of
-/// 100 mm.
+/// Returns an SVG drawing of centrelines, each with its colour, in an oblique view from above. It also shows their
+/// shadows at the height of the start, and a scale bar of 100 mm.
 fn drawing(lines: &[(Vec<[f64; 3]>, &str)]) -> String {
     let flat = |p: &[f64; 3]| [0, 1].map(|side| (0..3).map(|axis| AXES[axis][side] * p[axis]).sum::<f64>());
     let shadow = |p: &[f64; 3]| flat(&[p[0], p[1], 0.0]);

@@ -1,4 +1,5 @@
-//! Formulas: TeX between `$` or `$$` becomes MathML. Browsers render MathML without a script or a network.
+//! Preprocessor for formulas: TeX between `$` or `$$` becomes MathML, which browsers render without a script or a
+//! network.
 
 use anyhow::{Result, bail};
 use mdbook_preprocessor::book::Book;
@@ -9,7 +10,7 @@ use pulldown_latex::{Storage, push_mathml};
 
 use crate::growbot::in_each_chapter;
 
-/// Replaces TeX by MathML.
+/// Preprocessor of mdBook that replaces TeX formulas by MathML.
 pub struct Formulas;
 
 impl Preprocessor for Formulas {
@@ -23,7 +24,8 @@ impl Preprocessor for Formulas {
     }
 }
 
-/// Returns the chapter with its formulas as MathML. Code is not changed, because the chapter is parsed as Markdown.
+/// Returns the text of a chapter with its formulas as MathML. The text is parsed as Markdown, so `$` in code is not
+/// changed.
 fn with_mathml(chapter: &str) -> Result<String> {
     let mut text = String::with_capacity(chapter.len());
     let mut copied = 0;
@@ -53,7 +55,8 @@ fn mathml(tex: &str, display_mode: DisplayMode) -> Result<String> {
     Ok(safe_in_markdown(&text))
 }
 
-/// Returns HTML on one line. Between its tags, characters with a meaning in Markdown are replaced.
+/// Returns HTML on one line, in which characters between tags that have a meaning in Markdown are replaced by character
+/// references.
 fn safe_in_markdown(html: &str) -> String {
     let mut text = String::with_capacity(html.len());
     let mut in_tag = false;

@@ -1,8 +1,9 @@
-//! Parts of the book that growbot prints: the reference of its commands, and the fields of a robot file.
+//! Preprocessor for the parts of the book that growbot prints: the reference of its commands, and the fields of a robot
+//! file.
 //!
-//! A line `{{#commands}}` of a chapter is replaced by all commands with their help. A line
-//! `{{#robot-fields growbot-a growbot-b}}` is replaced by the fields of a robot file with their meaning and their
-//! values in these robots.
+//! A line `{{#commands}}` of a chapter is replaced by all commands with their help. A line `{{#robot-fields growbot-a
+//! growbot-b}}` is replaced by tables of the fields of a robot file, with their meaning and their values for these
+//! robots.
 
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -13,12 +14,12 @@ use mdbook_preprocessor::book::{Book, BookItem};
 use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 use serde_json::Value;
 
-/// The growbot program.
+/// Path of the program `growbot`.
 #[derive(Clone)]
 pub struct Growbot(PathBuf);
 
 impl Growbot {
-    /// Returns the program at this path.
+    /// Creates the value for the program at this path.
     ///
     /// # Errors
     /// Fails if the file does not exist.
@@ -27,7 +28,7 @@ impl Growbot {
         Ok(Self(path.context("there is no growbot: give the program, or nothing to have it built")?))
     }
 
-    /// Runs growbot in a directory, and returns its output.
+    /// Runs growbot with these arguments in a directory, and returns its standard output.
     ///
     /// # Errors
     /// Fails if growbot fails.
@@ -43,7 +44,7 @@ impl Growbot {
         self.says(arguments, Path::new("."))
     }
 
-    /// Returns all commands, each with a heading and its help.
+    /// Returns the text of the reference: for each command, a heading and the output of `--help`.
     fn commands(&self) -> Result<String> {
         let help = self.help(&["--help"])?;
         let (_, rest) = help.split_once("\nCommands:\n").context("growbot --help lists no commands")?;
@@ -60,7 +61,8 @@ impl Growbot {
         Ok(text)
     }
 
-    /// Returns the fields of a robot file, in a table for each section, with their values in these robots.
+    /// Returns tables of the fields of a robot file, one for each section, with the values of the fields for these
+    /// robots.
     fn robot_fields(&self, robots: &[&str]) -> Result<String> {
         let Some((first, _)) = robots.split_first() else { bail!("robot-fields wants the names of robots") };
         let explained = |robot: &&str| Ok(serde_json::from_str(&self.help(&["robots", robot, "--json"])?)?);
@@ -70,7 +72,7 @@ impl Growbot {
         let mut seen: Vec<String> = Vec::new();
         for path in paths {
             if !seen.contains(&path) {
-                // A field comes after the others of its section.
+                // A field is inserted after the other fields of its section.
                 let after = seen.iter().rposition(|other| section(other) == section(&path));
                 seen.insert(after.map_or(seen.len(), |place| place + 1), path);
             }
@@ -83,7 +85,7 @@ impl Growbot {
                 last = Some(section(path));
                 let name = section(path);
                 let title = if name.is_empty() { "At the top".to_owned() } else { format!("`[{name}]`") };
-                // A hyphen that does not break keeps the names of robots on one line.
+                // A non-breaking hyphen keeps the names of robots on one line.
                 let names = robots.join(" | ").replace('-', "\u{2011}");
                 write!(text, "\n### {title}\n\n| key | {names} |\n|---|{}\n", "---|".repeat(robots.len()))?;
             }
@@ -112,7 +114,7 @@ impl Growbot {
         Ok(text)
     }
 
-    /// Returns the chapter with its directives replaced.
+    /// Returns the text of a chapter in which the lines `{{#commands}}` and `{{#robot-fields ...}}` are replaced.
     fn fill(&self, chapter: &str) -> Result<String> {
         let mut text = String::with_capacity(chapter.len());
         for line in chapter.lines() {
@@ -133,12 +135,12 @@ impl Growbot {
     }
 }
 
-/// Returns the section of a field.
+/// Returns the section of a field, such as `layer` for `layer.height_mm`. Empty for a field at the top.
 fn section(path: &str) -> &str {
     path.split_once('.').map_or("", |(section, _)| section)
 }
 
-/// Replaces the directives by growbot's output.
+/// Preprocessor of mdBook that replaces lines such as `{{#commands}}` by growbot's output.
 pub struct Reference(pub Growbot);
 
 impl Preprocessor for Reference {
@@ -152,7 +154,7 @@ impl Preprocessor for Reference {
     }
 }
 
-/// Replaces the text of each chapter.
+/// Replaces the text of each chapter of a book by the result of `change`.
 ///
 /// # Errors
 /// Fails with the first error, which names the chapter.

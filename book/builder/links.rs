@@ -1,4 +1,4 @@
-//! A check of the built pages: every link has a target, and no page loads anything from a network.
+//! Check of the built pages: each link must have a target, and no page may load anything from a network.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 
-/// Number of pages and links that were checked.
+/// Numbers of pages and links that were checked.
 pub struct LinkCheckSummary {
     pages: usize,
     links: usize,
@@ -19,23 +19,23 @@ impl fmt::Display for LinkCheckSummary {
     }
 }
 
-/// A start tag, with its name and its attributes.
+/// An HTML start tag: its name and its attributes.
 struct Tag {
     name: String,
     attributes: Vec<(String, String)>,
 }
 
-/// A page: its links, the addresses that it loads, and the anchors in it.
+/// An HTML page: the targets of its links, the addresses that it loads, and its anchors.
 struct Page {
     links: Vec<String>,
     fetches: Vec<String>,
     places: BTreeSet<String>,
 }
 
-/// Checks all pages below a directory.
+/// Checks all HTML pages and style sheets below a directory.
 ///
 /// # Errors
-/// Fails with a list of all links without a target, and of all addresses that pages would load from elsewhere.
+/// Fails with a list of all links without a target, and of all addresses that pages would load from a network.
 pub fn check(directory: &Path) -> Result<LinkCheckSummary> {
     let mut files = Vec::new();
     list(directory, &mut files)?;
@@ -133,7 +133,7 @@ fn page(html: &str) -> Page {
                 ("a", "href") => page.links.push(value),
                 (_, "href" | "src" | "poster" | "data") if !value.starts_with("data:") => page.fetches.push(value),
                 (_, "id") => drop(page.places.insert(value)),
-                // For a block of this class, mdBook's script queries that server for what it can run.
+                // For a block of this class, mdBook's script sends a request to this server.
                 (_, "class") if value.split(' ').any(|class| class == "playground") => {
                     page.fetches.push("https://play.rust-lang.org".to_owned());
                 }
@@ -144,7 +144,7 @@ fn page(html: &str) -> Page {
     page
 }
 
-/// Returns all start tags outside of scripts, style sheets and comments.
+/// Returns all start tags of an HTML text outside of scripts, style sheets and comments.
 fn tags(html: &str) -> Vec<Tag> {
     let mut found = Vec::new();
     let mut rest = html;

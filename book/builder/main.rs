@@ -1,8 +1,8 @@
 //! Builds the growbot book: `cargo book [GROWBOT [DIRECTORY]]`.
 //!
-//! GROWBOT is the program that writes the reference and draws the figures (default: a release build). DIRECTORY
-//! receives the pages (default: `target/book`). The build fails if a link has no target, a page loads anything from a
-//! network, or a command fails.
+//! GROWBOT is the path of the program `growbot`, which writes the reference and draws the figures (default: a release
+//! build is made). DIRECTORY is the directory for the pages (default: `target/book`). The build fails if a link has no
+//! target, a page loads anything from a network, or a command fails.
 
 mod figures;
 mod formulas;
@@ -50,7 +50,7 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// Builds growbot in release mode if it is missing or old, and returns its path.
+/// Builds growbot in release mode, unless it is up to date, and returns the path of the program.
 fn built(repository: &Path, target: &Path) -> Result<PathBuf> {
     let cargo = env::var_os("CARGO").unwrap_or_else(|| "cargo".into());
     let status = Command::new(cargo)

@@ -1,8 +1,9 @@
-//! Links between documents: SAFETY.md and similar documents lead to the chapters that include them.
+//! Preprocessor of links between documents: a link to a document such as SAFETY.md leads to the chapter that includes
+//! the document.
 //!
-//! Chapters and included documents link to files of the repository, so that the links work there. In the book, a link
-//! to a file that a chapter includes leads to that chapter. A link to any other file is replaced by its text. The name
-//! of a document in the text of an included document becomes a link.
+//! Chapters and included documents contain links to files of the repository, so that the links work there. In the book,
+//! a link to a document that a chapter includes leads to that chapter, and a link to a file outside the book is
+//! replaced by its text. The name of a document in the text of an included document becomes a link.
 
 use std::path::{Path, PathBuf};
 
@@ -13,7 +14,7 @@ use pulldown_cmark::{Event, Options, Parser, Tag, TagEnd};
 
 use crate::links::normal;
 
-/// Documents, and the chapters that include them.
+/// Documents of the repository, and the chapters that include them.
 const CHAPTERS: [(&str, &str); 6] = [
     ("ARCHITECTURE.md", "architecture.md"),
     ("PROTOCOL.md", "link.md"),
@@ -22,12 +23,13 @@ const CHAPTERS: [(&str, &str); 6] = [
     ("docs/decisions/README.md", DECISIONS),
     ("docs/measurements.md", "measurements.md"),
 ];
-/// Chapter that includes all decisions, each below its title.
+/// Chapter that includes all documents about decisions, each below its title.
 const DECISIONS: &str = "decisions.md";
-/// Directory of the chapters.
+/// Directory of the chapters' files, relative to the repository.
 const SOURCES: &str = "book/src";
 
-/// Adds links to names of documents, and redirects links to chapters.
+/// Preprocessor of mdBook that redirects links to documents to the chapters that include them, and adds links to names
+/// of documents.
 pub struct Mentions;
 
 impl Preprocessor for Mentions {
@@ -46,11 +48,11 @@ impl Preprocessor for Mentions {
     }
 }
 
-/// Location of a chapter.
+/// Location of a chapter, and the document that it includes.
 struct Place {
-    /// Path below [`SOURCES`].
+    /// Path of the chapter's file below [`SOURCES`].
     chapter: PathBuf,
-    /// Document that the chapter includes. `None` without one.
+    /// Document of the repository that the chapter includes. `None` if it includes none.
     document: Option<&'static str>,
 }
 
@@ -61,7 +63,8 @@ impl Place {
         Self { chapter, document }
     }
 
-    /// Returns the target of a link in the book. `None` if the link is dropped.
+    /// Converts the target of a link in this chapter to its target in the book. `None` if the file is outside the book,
+    /// so that the link is replaced by its text.
     fn link(&self, target: &str) -> Option<String> {
         let (path, anchor) = target.split_once('#').map_or((target, ""), |(path, anchor)| (path, anchor));
         if path.is_empty() || path.contains(':') {
@@ -82,14 +85,15 @@ impl Place {
     }
 }
 
-/// Returns the anchor of a decision in its chapter, from a file name of number and title.
+/// Returns the anchor of a decision in [`DECISIONS`]: the title in the name of its file, `NUMBER-TITLE.md`. `None` for
+/// other files.
 fn decision(file: &str) -> Option<&str> {
     let name = file.strip_prefix("docs/decisions/")?.strip_suffix(".md")?;
     name.split_once('-').filter(|(number, _)| number.parse::<u16>().is_ok()).map(|(_, title)| title)
 }
 
-/// Returns the chapter with the links of the book. In an included document, names of others become links unless they
-/// are in code, in a link or in a heading.
+/// Returns the text of a chapter with its links converted. In an included document, names of other documents become
+/// links unless they are in code, in a link or in a heading.
 fn with_links(chapter: &str, place: &Place) -> String {
     let mut text = String::with_capacity(chapter.len());
     let (mut copied, mut within) = (0, 0);
@@ -120,7 +124,7 @@ fn with_links(chapter: &str, place: &Place) -> String {
     text + &chapter[copied..]
 }
 
-/// Returns the text with links for the names of other documents.
+/// Returns the text with links in place of the names of other documents.
 fn with_mentions(text: &str, place: &Place) -> String {
     let others = CHAPTERS.iter().filter(|(document, _)| place.document != Some(document));
     others

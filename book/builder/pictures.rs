@@ -1,6 +1,6 @@
-//! Pictures: a line `![caption](PATH.svg)` becomes a figure with its caption below. A drawing from `pictures/` becomes
-//! a part of the page, so it takes the page's colours, light or dark. A drawing of growbot in `figures/` stays an
-//! image.
+//! Preprocessor for pictures: a line `![caption](PATH.svg)` becomes a figure with its caption below. The SVG text of a
+//! drawing from `pictures/` is inserted into the page, so that it has the page's colours, light or dark. A drawing of
+//! growbot in `figures/` stays an image.
 
 use std::fs;
 use std::path::Path;
@@ -11,7 +11,7 @@ use mdbook_preprocessor::{Preprocessor, PreprocessorContext};
 
 use crate::growbot::in_each_chapter;
 
-/// Replaces lines of pictures by figures.
+/// Preprocessor of mdBook that replaces lines with a picture by figures with a caption.
 pub struct Pictures;
 
 impl Preprocessor for Pictures {
@@ -42,13 +42,13 @@ impl Preprocessor for Pictures {
     }
 }
 
-/// Returns the drawing in a file, without empty lines, because an empty line ends a block of HTML in Markdown.
+/// Returns the text of an SVG file without empty lines, because an empty line ends a block of HTML in Markdown.
 fn drawing(file: &Path) -> Result<String> {
     let svg = fs::read_to_string(file).with_context(|| format!("{} is not there", file.display()))?;
     Ok(svg.lines().filter(|line| !line.trim().is_empty()).collect::<Vec<_>>().join("\n"))
 }
 
-/// Returns the caption and the path of a line that is a picture.
+/// Returns the caption and the path of the picture in a line. `None` if the line is not an SVG picture.
 fn picture(line: &str) -> Option<(&str, &str)> {
     let (caption, path) = line.strip_prefix("![")?.strip_suffix(')')?.split_once("](")?;
     path.ends_with(".svg").then_some((caption, path))

@@ -1,7 +1,8 @@
-//! Sends Robot A's description with some bytes changed to a board. The board stores it and starts with it, or rejects
-//! it and keeps its own. Nothing heats.
+//! Sends robot A's description with some changed bytes to a simulated board. The board must store it and restart with
+//! it, or reject it and keep its current description. The heater must stay off.
 //!
-//! Three bytes are a change: the position in two bytes, and the new value.
+//! Each three bytes of the input are a change: the position in two bytes (little-endian), and the new value of the
+//! byte.
 
 #![no_main]
 
@@ -20,10 +21,10 @@ use libfuzzer_sys::fuzz_target;
 
 static ROBOT: LazyLock<Robot> = LazyLock::new(|| robot_file::load("growbot-a".as_ref()).expect("robot A is built in"));
 
-/// Longer than the restart of a board.
+/// Time that is longer than the restart of a board.
 const RESTART: Duration = Duration::from_secs(3);
 
-/// Returns robot A's description with these changes.
+/// Returns the encoded description of robot A with these changes.
 fn changed(changes: &[u8]) -> Vec<u8> {
     let mut buffer = [0; MAX_VERSIONED_LEN];
     let mut description = ROBOT.encode_for_board(&mut buffer).expect("robot A has a board").to_vec();
@@ -34,7 +35,8 @@ fn changed(changes: &[u8]) -> Vec<u8> {
     description
 }
 
-/// Sends a description with the hash `robot`. Returns an error unless the board stores it.
+/// Sends the parts of an encoded description to the board. `robot` is the hash of the description. Returns an error if
+/// the board rejects a part.
 fn hand_over(client: &mut Client, robot: u64, description: &[u8]) -> Result<(), ClientError> {
     for (index, part) in description.chunks(MAX_DESCRIPTION_PART).enumerate() {
         let part = Configure {

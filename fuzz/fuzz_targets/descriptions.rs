@@ -1,4 +1,5 @@
-//! Decodes any bytes as a robot's description for a board. Every method works for a robot that is accepted.
+//! Decodes any bytes as an encoded robot description. If the description is accepted, the methods of the robot must not
+//! fail.
 
 #![no_main]
 

@@ -1,7 +1,7 @@
-//! Changes a frame in transit. The receiver returns it as it was sent, or not at all.
+//! Changes bytes of an encoded frame. The decoder must return the frame as it was sent, or not at all.
 //!
-//! The first two bytes are the length of the body and the number of changed bytes. Each change is a position and a
-//! value that is XORed with the byte there.
+//! The first two bytes of the input are the length of the frame's body and the number of changes. The body follows, and
+//! then the changes: each is a position and a value that is XORed with the byte there.
 
 #![no_main]
 

@@ -1,7 +1,8 @@
-//! Sends any bytes to the board, with pauses between them. The board keeps working, and nothing heats or moves without
-//! a host's `Start` or `Tune`.
+//! Sends any bytes and frames to a simulated board, with pauses between them. The board must not crash, and its heater
+//! must be off in each state in which the board does not grow, tune or do maintenance.
 //!
-//! The first byte of each piece is its type: raw bytes, the body of a whole frame, or time that passes.
+//! The input consists of actions: a byte with the type, a byte with the length, and the data. An action sends a frame
+//! with the data as its body, sends the data as raw bytes, or lets time pass.
 
 #![no_main]
 

@@ -1,10 +1,9 @@
-//! Plans to the goals of a file with lines `x,y,z,heading,pitch`, as a program in Rust would. For each batch of goals,
-//! it prints a line with the min time of several rounds, in s.
+//! Benchmark of planning from Rust. Plans to the goals in a file with lines `x,y,z,heading,pitch`. For each batch of
+//! goals, prints a line with the shortest time of several rounds, s.
 //!
 //!     plan_bench GOALS.csv BATCH ROUNDS
 //!
-//! A batch takes about a millisecond. On a machine with other work, so short a batch runs uninterrupted in some of the
-//! rounds.
+//! A batch takes about a millisecond, so that on a busy machine it runs without interruption in some of the rounds.
 
 use std::hint::black_box;
 use std::time::Instant;

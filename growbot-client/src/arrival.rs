@@ -1,4 +1,4 @@
-//! Distance between a tip and its goal (Eqs 26 to 28, with angles wrapped).
+//! Errors of a tip at its goal (Eqs 26 to 28, with angles wrapped).
 
 use growbot_core::angle::{degrees, wrap_signed};
 use growbot_core::plan::goal_error;
@@ -11,19 +11,20 @@ pub struct Arrival {
     pub final_pose: Pose,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
-    /// Distance from the goal over the length of the planned path (Eq 26). 0 if the path has no length.
+    /// Distance from the goal divided by the length of the planned path (Eq 26). 0 if the path has no length.
     pub normalized_position_error: f64,
-    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It means little at a steep pitch. `None` if one of the
-    /// two directions is vertical.
+    /// Difference of the headings, degrees, 0 to 180 (Eq 27). It is large at a steep pitch even if the directions are
+    /// similar. `None` if the tip or the goal is vertical.
     pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees (Eq 28).
     pub pitch_error_deg: f64,
-    /// Angle between the two directions, degrees. Unlike heading and pitch errors, it is meaningful at any pitch.
+    /// Angle between the directions of tip and goal, degrees. Unlike the errors of heading and pitch, it is meaningful
+    /// at any pitch.
     pub direction_error_deg: f64,
 }
 
 impl Arrival {
-    /// Compares a tip with its goal. `path_length` in mm.
+    /// Computes the errors of a tip at its goal. `path_length` is the length of the planned path, mm.
     #[must_use]
     pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
         let final_pose = Pose::from_frame(base_from_tip);
@@ -40,7 +41,7 @@ impl Arrival {
         }
     }
 
-    /// Returns the distance of this pose from another one, for example of an estimate from the true pose.
+    /// Returns the difference between the final poses of two arrivals, for example an estimate and the true pose.
     #[must_use]
     pub fn difference_from(&self, other: &Self) -> PoseDifference {
         let (this, other) = (&self.final_pose, &other.final_pose);
@@ -54,7 +55,7 @@ impl Arrival {
 /// Difference between two poses.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseDifference {
-    /// Distance, mm.
+    /// Distance between the positions, mm.
     pub position_mm: f64,
     /// Angle between the directions, degrees.
     pub direction_deg: f64,

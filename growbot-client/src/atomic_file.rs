@@ -1,7 +1,7 @@
 //! Writing of files so that a file is either complete or absent.
 //!
-//! Only this module refuses to write a file that the program reads ([`refuse_inputs`], [`note_input`]), or whose
-//! extension is not one of the expected formats ([`format_from_extension`]).
+//! This module also refuses to overwrite a file that the program reads ([`refuse_inputs`], [`note_input`]), and to
+//! write a file whose extension is not one of the expected formats ([`format_from_extension`]).
 
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
@@ -13,18 +13,18 @@ use std::sync::{Mutex, PoisonError};
 /// Error of writing a file.
 #[derive(Debug, thiserror::Error)]
 pub enum FileError {
-    /// The directory for a file does not exist.
+    /// The directory of the file that was to be written does not exist.
     #[error("cannot write {file}: directory {directory} does not exist; create it, or choose another directory")]
     NoDirectory {
-        /// The file.
+        /// Path of the file that was to be written.
         file: String,
-        /// The missing directory.
+        /// Path of the missing directory.
         directory: String,
     },
-    /// The file is an input of the command.
+    /// The file that was to be written is an input of the command.
     #[error("cannot write {file}: it is an input of this command and would be lost; choose another file")]
     Input {
-        /// The file.
+        /// Path of the file that was to be written.
         file: String,
     },
     /// Standard output is redirected to an input of the command.
@@ -33,23 +33,23 @@ pub enum FileError {
          another file"
     )]
     OntoInput {
-        /// The file.
+        /// Path of the input.
         file: String,
     },
-    /// The file's extension is not one of the formats.
+    /// The file's extension is not one of the supported formats.
     #[error("cannot write {file}: its extension .{ending} is not supported here; use {formats}")]
     UnknownExtension {
-        /// The file.
+        /// Path of the file that was to be written.
         file: String,
-        /// Extension of the file.
+        /// Extension of the file, without the dot.
         ending: String,
-        /// Extensions of the formats.
+        /// List of the supported extensions, such as ".json, .csv or .stl".
         formats: String,
     },
     /// The file cannot be written.
     #[error("cannot write {file}: {error}")]
     File {
-        /// The file.
+        /// Path of the file that was to be written.
         file: String,
         /// Error of the operating system.
         #[source]
@@ -57,23 +57,24 @@ pub enum FileError {
     },
 }
 
-/// Files that this program read last: device and inode of each, and the open file itself. The open file prevents the
-/// system from reusing these numbers when it is deleted.
+/// The latest inputs of this program: device and inode of each file, and the open file itself. As long as the file is
+/// open, the system does not reuse its inode, even if the file is deleted.
 static READ: Mutex<VecDeque<((u64, u64), File)>> = Mutex::new(VecDeque::new());
-/// Maximum number of recorded inputs, above the number that any command reads.
+/// Maximum number of recorded inputs. No command reads more files.
 const MAX_READ: usize = 64;
 
-/// Records a file as an input. From then on nothing is written to it, under any name. `name` is its name in error
-/// messages.
+/// Records a file as an input of this program. From then on, this module refuses to write to the file under any of its
+/// names. `name` is the file's name in error messages.
 ///
 /// # Errors
-/// [`FileError::OntoInput`] if standard output is redirected to it. The redirection is refused before any work is done,
-/// because the results could not be printed.
+/// [`FileError::OntoInput`] if standard output is redirected to the file. The error is returned before any work is
+/// done, because the results could not be printed.
 pub fn note_input(file: File, name: &str) -> Result<(), FileError> {
     note_input_beside(file, name, place_of_stdout())
 }
 
-/// Like [`note_input`], but takes the identity of the file that standard output is redirected to.
+/// Like [`note_input`], but takes the identity (device, inode) of the file that standard output is redirected to as
+/// `stdout`.
 fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Result<(), FileError> {
     let Some(place) = file.metadata().ok().as_ref().and_then(place_of) else { return Ok(()) };
     if stdout == Some(place) {
@@ -87,7 +88,8 @@ fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Resu
     Ok(())
 }
 
-/// Returns the identity of the file that standard output is redirected to.
+/// Returns the identity (device, inode) of the file that standard output is redirected to. `None` unless it is a
+/// regular file.
 #[cfg(unix)]
 fn place_of_stdout() -> Option<(u64, u64)> {
     use std::os::fd::AsFd;
@@ -100,10 +102,11 @@ fn place_of_stdout() -> Option<(u64, u64)> {
     None
 }
 
-/// Refuses a file that this program has read, under this name or another: through links, relative paths or descriptors.
+/// Returns an error if the file at this path is an input of this program. Links, relative paths and descriptors of an
+/// input are recognized.
 ///
 /// # Errors
-/// [`FileError::Input`].
+/// [`FileError::Input`] if the file is an input.
 pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
     let place = fs::metadata(path).ok().as_ref().and_then(place_of);
     let read = READ.lock().unwrap_or_else(PoisonError::into_inner);
@@ -113,7 +116,8 @@ pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
     Ok(())
 }
 
-/// Returns the identity of a file under any name: its device and inode. `None` unless it is a regular file.
+/// Returns the device and inode of a file, which are the same under each of its names. `None` unless it is a regular
+/// file.
 #[cfg(unix)]
 fn place_of(file: &Metadata) -> Option<(u64, u64)> {
     use std::os::unix::fs::MetadataExt;
@@ -125,8 +129,8 @@ fn place_of(_: &Metadata) -> Option<(u64, u64)> {
     None
 }
 
-/// Returns the one of `formats` that matches a file's extension. `None` for a name without an extension, and for
-/// standard output (`-`).
+/// Returns the element of `formats` that equals a file's extension, in lower or upper case. `None` for a name without
+/// an extension, and for standard output (`-`).
 ///
 /// # Errors
 /// [`FileError::UnknownExtension`] for any other extension.
@@ -143,7 +147,7 @@ fn ending(path: &Path) -> Option<String> {
     path.extension().and_then(OsStr::to_str).map(str::to_ascii_lowercase)
 }
 
-/// Returns the error for a file whose extension is not one of `formats`.
+/// Returns [`FileError::UnknownExtension`] for a file whose extension is not one of `formats`.
 fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     let formats: Vec<String> = formats.iter().map(|format| format!(".{format}")).collect();
     let formats = match formats.split_last() {
@@ -154,9 +158,9 @@ fn unknown_ending(path: &Path, formats: &[&str]) -> FileError {
     FileError::UnknownExtension { file: path.display().to_string(), ending: ending(path).unwrap_or_default(), formats }
 }
 
-/// Writes a temporary file in the same directory and renames it, so that readers never see half of it and a failure
-/// leaves the old file. Symbolic links are followed. A device or a named pipe is written to, not replaced. Files that
-/// this program has read are not written to.
+/// Writes a file through a temporary file in the same directory, which is then renamed. Readers therefore never see an
+/// incomplete file, and after a failure the old file is still there. Symbolic links are followed. A device or a named
+/// pipe is written to directly.
 ///
 /// # Errors
 /// [`FileError::NoDirectory`] or [`FileError::File`]; [`FileError::Input`] for a file that this program has read.
@@ -166,21 +170,21 @@ pub fn write_atomic(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     replacement.finish()
 }
 
-/// A file that is written piece by piece, in the way of [`write_atomic`]. The file appears under its name when it is
-/// finished. If it is never finished, no file is left.
+/// A file that is written in several calls, through a temporary file like that of [`write_atomic`]. [`Self::finish`]
+/// gives the file its name. If the value is dropped before, the temporary file is deleted.
 #[derive(Debug)]
 pub struct AtomicFile {
-    /// Name used in error messages.
+    /// Path of the file as it was given, for error messages.
     name: String,
     target: PathBuf,
-    /// Temporary file until then. `None` for a device, which is written to directly.
+    /// Path of the temporary file, until it is renamed. `None` for a device, which is written to directly.
     partial: Option<PathBuf>,
     file: File,
     existing: Option<Metadata>,
 }
 
 impl AtomicFile {
-    /// Begins a file.
+    /// Creates the temporary file for a file at this path.
     ///
     /// # Errors
     /// Like [`write_atomic`].
@@ -211,7 +215,7 @@ impl AtomicFile {
         Ok(Self { name, target, partial: Some(partial), file, existing })
     }
 
-    /// Adds the next piece.
+    /// Appends bytes to the file.
     ///
     /// # Errors
     /// [`FileError::File`].
@@ -219,7 +223,7 @@ impl AtomicFile {
         self.file.write_all(contents).map_err(|error| self.failed(error))
     }
 
-    /// Gives the finished file its name.
+    /// Renames the temporary file to the path of the file, and replaces an earlier file there.
     ///
     /// # Errors
     /// [`FileError::File`].
@@ -238,7 +242,7 @@ impl AtomicFile {
         Ok(())
     }
 
-    /// Returns the error for a failure to write to the file.
+    /// Converts an error of the operating system to [`FileError::File`] with the name of this file.
     #[must_use]
     pub fn failed(&self, error: io::Error) -> FileError {
         FileError::File { file: self.name.clone(), error }
@@ -263,8 +267,9 @@ impl Drop for AtomicFile {
     }
 }
 
-/// A file that another one of its name is about to replace. It is renamed within its directory until the other is good,
-/// and is then deleted. If the program is killed before, it stays there.
+/// An old file that was renamed within its directory, because a new file is about to take its name. Dropping the value
+/// deletes the old file; [`Self::restore`] gives it its name again. If the program is killed before, the old file stays
+/// under its temporary name.
 #[derive(Debug)]
 pub struct DisplacedFile {
     place: PathBuf,
@@ -272,10 +277,11 @@ pub struct DisplacedFile {
 }
 
 impl DisplacedFile {
-    /// Renames the file of this name, or the target of a symbolic link. `None` if it does not exist or is a device.
+    /// Renames the file at this path, or the target of a symbolic link, to a temporary name. Returns `None` if the file
+    /// does not exist or is not a regular file.
     ///
     /// # Errors
-    /// [`FileError::File`] if it cannot be renamed.
+    /// [`FileError::File`] if the file cannot be renamed.
     pub fn move_aside(path: &Path) -> Result<Option<Self>, FileError> {
         let Ok(place) = fs::canonicalize(path) else { return Ok(None) };
         if !fs::metadata(&place).is_ok_and(|file| file.is_file()) {
@@ -288,16 +294,16 @@ impl DisplacedFile {
         Ok(Some(Self { place, aside }))
     }
 
-    /// Returns its original path, with symbolic links resolved.
+    /// Returns the original path of the old file, with symbolic links resolved.
     #[must_use]
     pub fn place(&self) -> &Path {
         &self.place
     }
 
-    /// Gives the file its former name again, and replaces the file that has that name now.
+    /// Gives the old file its original name again, and replaces the new file that has this name now.
     pub fn restore(self) {
         if fs::rename(&self.aside, &self.place).is_err() {
-            // It stays under its temporary name.
+            // The old file stays under its temporary name.
             std::mem::forget(self);
         }
     }
@@ -309,7 +315,8 @@ impl Drop for DisplacedFile {
     }
 }
 
-/// Creates a file with a unique name in the same directory, because a rename works only within a file system.
+/// Creates an empty file with a unique name in the directory of `target`, because a rename works only within a file
+/// system. Returns its path and the open file.
 fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
     let mut attempt = 0;
     loop {

@@ -1,19 +1,19 @@
-//! A growth in closed loop that stays clear of the obstacles of a scene.
+//! Checks that a growth with feedback stays clear of the obstacles of a scene.
 //!
-//! Layers come out differently from the plan, and each correction is another body. The host that corrects a growth must
-//! have each correction checked before it is sent to a board. [`ClearanceGuard::check`] proves that the remaining body
-//! stays clear of all obstacles. The distance is half the tube plus 3 standard deviations of the expected position of
-//! the tip along it. If measured directions differ more than expected from the computed ones, the deviations are scaled
-//! up accordingly. The margin of the scene is available for the growth to use up.
+//! With feedback, the remaining layers are planned again after each layer, so each correction must be checked before it
+//! is sent to a board. [`ClearanceGuard::check`] proves that the centreline of the remaining body keeps a distance from
+//! all obstacles: half the tube's diameter plus 3 standard deviations of the expected position of the tip there. If
+//! measured directions differ more than expected from the computed ones, the deviations are scaled up accordingly. The
+//! margin of the scene is not required here, because the deviations of the growth may use it up.
 //!
-//! If a correction is too near, another path is planned through the scene ([`ClearanceGuard::ensure_clear`]). It starts
-//! from the forecast of the tip after the layers in progress. If there is none, the growth has to pause, and
-//! [`ClearanceViolation`] contains place and reason.
+//! If a correction is too near to an obstacle, another path (detour) is planned through the scene
+//! ([`ClearanceGuard::ensure_clear`]). It starts at the forecast pose of the tip after the layers in progress. If no
+//! detour is found, the growth has to pause, and [`ClearanceViolation`] contains the position and the reason.
 //!
-//! The deviation is the estimator's own, propagated over the remaining layers and their measurements
-//! (`Tracker::forecast`). It is the root of the sum over the axes, which no direction exceeds. It is scaled by the root
-//! of the mean ratio of the squared innovations of directions to their expectation, because the estimator assumes how
-//! much a robot leans.
+//! The standard deviation is that of the tracker's estimator, propagated over the remaining layers and their
+//! measurements (`Tracker::forecast`). It is the root of the sum of the variances along the axes, which is an upper
+//! bound for each direction. It is scaled by the root of the mean ratio of the squared innovations of directions to
+//! their expectation, because the estimator only assumes how much the layers of a robot tilt at random.
 
 use std::cell::OnceCell;
 
@@ -33,39 +33,39 @@ use serde::{Deserialize, Serialize};
 use crate::plan::{Goal, Plan, PlanOptions};
 use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, describe_clearance};
 
-/// Clearance of a body from obstacles, in standard deviations of its position.
+/// Number of standard deviations of its position that a body must stay clear of obstacles.
 pub const CLEARANCE_SIGMAS: f64 = 3.0;
-/// Maximum number of detours of one growth, because each detour bends the body more.
+/// Maximum number of detours of one growth. The number is limited because each detour bends the body more.
 pub const MAX_DETOURS: usize = 12;
 /// Number of layers after which the deviations along the remaining body are computed again.
 const FORECAST_LAYERS: usize = 16;
-/// Number of layers after which a detour that was not found is searched for again.
+/// Number of laid layers after an unsuccessful search for a detour before the next search.
 const SEARCH_AGAIN: usize = 64;
-/// Effort of one search, in units of `--effort`: about 0.2 s.
+/// Effort of one search for a detour, in units of `--effort`: about 0.2 s.
 const EFFORT: u64 = 2;
-/// Clearances with which a detour is planned, as multiples of the clearance that the detour needs at its worst place. A
-/// detour may need less elsewhere, so smaller multiples are tried too.
+/// Margins with which detours are planned, one after the other, as multiples of the largest 3 standard deviations along
+/// the remaining body. Most of a detour needs less than the largest deviation, so smaller multiples are tried too.
 const CLEARANCES: [f64; 4] = [1.5, 1.1, 0.8, 0.5];
-/// Clearance below which a layer is rejected, mm.
+/// Tolerance of the required clearance, mm. A layer whose clearance exceeds it by less may be rejected.
 const SLACK: f64 = 1e-3;
-/// Distance of obstacles, mm, above which the exact distance does not matter.
+/// Distance from obstacles, mm, in excess of the required clearance, above which the exact distance is not computed.
 const FAR: f64 = 100.0;
 
-/// The place at which the remaining body would be too near to an obstacle.
+/// Position at which the remaining body would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct ClearanceViolation {
-    /// Index of the layer.
+    /// Index of the layer that would be too near.
     pub layer: u32,
-    /// Point of the centreline, mm.
+    /// Point of the layer's centreline, mm.
     pub point_mm: [f64; 3],
     /// Name of the nearest obstacle.
     pub obstacle: String,
-    /// Distance of the tube's outside from the obstacle, mm.
+    /// Distance of the tube's outside from the obstacle, mm. Negative inside.
     pub clearance_mm: f64,
     /// 3 standard deviations of the position at `point_mm`, mm.
     pub deviation_mm: f64,
-    /// Reason why no detour was found, if one was searched for.
+    /// Reason why no detour was found. Null if none was searched for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub no_detour: Option<String>,
 }
@@ -88,17 +88,17 @@ impl std::fmt::Display for ClearanceViolation {
 
 impl std::error::Error for ClearanceViolation {}
 
-/// Another path that the growth took.
+/// A new path of the remaining layers, because the previous path would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Detour {
-    /// Index of the first layer.
+    /// Index of the first layer on the new path.
     pub from: u32,
-    /// Length of the path, mm.
+    /// Length of the new path, mm.
     pub length_mm: f64,
     /// Proven minimum clearance between the outside of the tube and the obstacles, mm.
     pub clearance_mm: f64,
-    /// The place at which the correction would have been too near.
+    /// Position at which the previous path would have been too near to an obstacle.
     pub instead_of: ClearanceViolation,
 }
 
@@ -107,12 +107,12 @@ pub struct Detour {
 pub struct SceneContext<'a> {
     robot: &'a Robot,
     loaded: &'a LoadedScene,
-    /// Radius of the bends of detours, mm.
+    /// Radius of the arcs of detours, mm.
     radius: f64,
     detours: [OnceCell<DetourPlan>; MAX_DETOURS],
 }
 
-/// A planned detour.
+/// A planned detour: its start, its path and its legs.
 #[derive(Debug, Clone)]
 struct DetourPlan {
     start: Pose,
@@ -121,32 +121,34 @@ struct DetourPlan {
 }
 
 impl<'a> SceneContext<'a> {
-    /// Creates the scene of one growth, whose detours have this radius (mm).
+    /// Creates the context of one growth. `radius` is the radius of the arcs of detours, mm.
     #[must_use]
     pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
         Self { robot, loaded, radius, detours: Default::default() }
     }
 }
 
-/// Keeps one growth clear of the obstacles.
+/// Check of one growth with feedback that its remaining body stays clear of all obstacles.
 #[derive(Debug, Clone)]
 pub struct ClearanceGuard<'a> {
     scene: &'a SceneContext<'a>,
-    /// The body so far, according to the estimate.
+    /// Segments of the laid body, a segment for each layer, with the estimated systematic errors.
     body: Vec<Segment>,
-    /// The quantities that are measured after each layer.
+    /// Quantities that the robot's sensors measure after each layer.
     seen: MeasuredQuantities,
-    /// 3 standard deviations along the remaining body, mm. The first one belongs to the layer of index `forecast_at`.
+    /// 3 standard deviations of the position in each remaining layer, mm. The first element belongs to the layer of
+    /// index `forecast_at`.
     deviations: Vec<f64>,
     forecast_at: usize,
-    /// Factor by which the deviations are larger because the robot is not as assumed.
+    /// Factor by which `deviations` are multiplied, because measured directions differ more than expected.
     larger: f64,
-    /// Number of laid layers at the latest search that found no detour, and the reason.
+    /// Number of laid layers at the latest search that found no detour, and the reason. `None` without such a search.
     no_detour: Option<(usize, String)>,
 }
 
 impl<'a> ClearanceGuard<'a> {
-    /// Creates the guard before the first layer. `seen` are the quantities that will be measured after each layer.
+    /// Creates the guard before the first layer. `seen` are the quantities that the robot's sensors measure after each
+    /// layer.
     #[must_use]
     pub fn new(around: &'a SceneContext<'a>, seen: MeasuredQuantities) -> Self {
         Self {
@@ -160,28 +162,31 @@ impl<'a> ClearanceGuard<'a> {
         }
     }
 
-    /// Records a layer as it was commanded, on a robot with these errors.
+    /// Records a laid layer. `layer` is the layer as commanded, and `systematic` are the estimated systematic errors
+    /// with which the robot laid it.
     pub fn record_layer(&mut self, layer: &Layer, systematic: &SystematicErrors) {
         self.body.push(segment(layer, systematic));
     }
 
-    /// Returns the number of laid layers.
+    /// Returns the number of laid layers that were recorded.
     #[must_use]
     pub fn layers(&self) -> usize {
         self.body.len()
     }
 
-    /// Returns the length of the body so far, mm.
+    /// Returns the length of the laid body, mm.
     #[must_use]
     pub fn length(&self) -> f64 {
         path::length(&self.body)
     }
 
-    /// Keeps the rest clear of all obstacles. Call it after [`Tracker::replan`] with the same layers in progress. If
-    /// the rest is too near, it is replaced by a detour, if one is found.
+    /// Checks that the remaining body is clear of all obstacles. If it is too near, replaces the path of the tracker by
+    /// a detour, and returns the detour. `None` if the remaining body is clear. Must be called after
+    /// [`Tracker::replan`] with the same layers in progress.
     ///
     /// # Errors
-    /// The place at which it is too near, and the reason that no detour was found. The growth must then pause.
+    /// The position at which the remaining body is too near, and the reason why no detour was found. The growth must
+    /// then pause.
     pub fn ensure_clear(
         &mut self,
         tracker: &mut Tracker<'a>,
@@ -211,10 +216,11 @@ impl<'a> ClearanceGuard<'a> {
         }
     }
 
-    /// Proves that the layers in progress and the rest stay clear of all obstacles by 3 standard deviations.
+    /// Proves that the layers in progress and all later layers stay clear of all obstacles by 3 standard deviations of
+    /// their position.
     ///
     /// # Errors
-    /// The first layer that does not.
+    /// The first layer that does not stay clear.
     pub fn check(&mut self, tracker: &Tracker, under_way: &[Layer]) -> Result<(), ClearanceViolation> {
         let layers: Vec<Layer> = under_way.iter().copied().chain(tracker.remaining_layers()).collect();
         if self.deviations.is_empty() || self.body.len() >= self.forecast_at + FORECAST_LAYERS {
@@ -226,7 +232,8 @@ impl<'a> ClearanceGuard<'a> {
         let scene = &self.scene.loaded.scene;
         let most = half_tube + self.max_deviation();
         let mut base_from_tip: Frame = estimate.base_from_tip;
-        // Lengths along the remaining body: of the layers so far, and of the part that is proven to be clear.
+        // Lengths along the remaining body, mm: up to the current layer, and up to the end of the part that is proven
+        // to be clear.
         let (mut along, mut proven) = (0.0, 0.0);
         let mut work = DistanceQueries::default();
         for (index, layer) in layers.iter().enumerate() {
@@ -261,24 +268,26 @@ impl<'a> ClearanceGuard<'a> {
         Ok(())
     }
 
-    /// Recomputes the expected position uncertainty along the remaining body.
+    /// Computes the standard deviations along the remaining body again. `layers` are the layers in progress and all
+    /// later layers.
     fn refresh_deviations(&mut self, tracker: &Tracker, layers: &[Layer]) {
         let now = tracker.estimate().position_sd;
         let then = tracker.forecast(layers.iter().copied(), self.seen);
-        // The deviation within a layer is the larger one of those at its ends.
+        // The deviation within a layer is the larger of the deviations at its two ends.
         let mut before = now;
         self.deviations.clear();
         self.deviations.extend(then.map(|after| CLEARANCE_SIGMAS * std::mem::replace(&mut before, after).max(after)));
         self.forecast_at = self.body.len();
     }
 
-    /// Returns 3 standard deviations of the position in the layer of this index in the remaining body, mm.
+    /// Returns 3 standard deviations of the position in a layer, mm. `index` counts from the first layer that is not
+    /// laid.
     fn deviation(&self, index: usize) -> f64 {
         let deviation = self.deviations.get(self.body.len() - self.forecast_at + index).or(self.deviations.last());
         self.larger * deviation.copied().unwrap_or_default()
     }
 
-    /// Returns the maximum of 3 standard deviations along the remaining body, mm.
+    /// Returns 3 standard deviations of the position, mm, in the layer of the remaining body where they are largest.
     fn max_deviation(&self) -> f64 {
         self.larger * self.deviations.iter().copied().fold(0.0, f64::max)
     }
@@ -295,8 +304,8 @@ impl<'a> ClearanceGuard<'a> {
         }
     }
 
-    /// Returns a tracker that follows another, clear path, with its length and its proven clearance. The error contains
-    /// the reason if none is found.
+    /// Plans a detour. Returns a tracker that follows it, its length (mm) and its proven clearance (mm). The error
+    /// contains the reason if no detour is found.
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
         let around = self.scene;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
@@ -339,7 +348,7 @@ impl<'a> ClearanceGuard<'a> {
         Err(why)
     }
 
-    /// Returns the tracker on this plan, if the plan is clear.
+    /// Checks the plan of a detour, and stores it in `slot` if it is clear. Returns a tracker that follows it.
     fn take(
         &mut self,
         tracker: &Tracker<'a>,
@@ -347,7 +356,7 @@ impl<'a> ClearanceGuard<'a> {
         plan: &Plan,
         slot: &'a OnceCell<DetourPlan>,
     ) -> Result<Tracker<'a>, ClearanceViolation> {
-        // Check a copy first, so that the slot is used only by a path that is followed.
+        // Check a copy of the tracker first, because a slot can be written only once.
         let mut trial = tracker.clone();
         trial.switch_path(&plan.start, &plan.path, &plan.legs);
         self.deviations.clear();
@@ -360,7 +369,7 @@ impl<'a> ClearanceGuard<'a> {
     }
 }
 
-/// Returns the layer that a robot with these systematic errors lays for a commanded layer.
+/// Returns the segment that a robot with these systematic errors lays for a commanded layer.
 fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
     let length = layer.height * (1.0 + systematic.growth);
     let bend = layer.tilt * (1.0 + systematic.tilt);
@@ -401,7 +410,7 @@ mod tests {
         Plan::new(robot, &start, &goal, 100.0, Planner::Shortest).unwrap()
     }
 
-    /// Returns a scene of balls of 50 mm at these places.
+    /// Returns a scene of balls with a radius of 50 mm at these centres, mm.
     fn balls(centres: &[[f64; 3]]) -> LoadedScene {
         let ball = |centre: &[f64; 3]| Shape::Ball { centre: (*centre).into(), radius: 50.0 };
         let scene = Scene::new(centres.iter().map(ball).collect(), vec![], vec![], vec![]);
@@ -427,7 +436,7 @@ mod tests {
                 let found = ClearanceGuard::new(&around, SEEN).check(&tracker, &[]);
                 assert_eq!(found.is_ok(), is_clear, "{height} {off} {found:?}");
                 if let Err(too_near) = found {
-                    // The first layer that is too near lies shortly before the narrowest place.
+                    // The first layer that is too near lies shortly before the point nearest to the ball.
                     let z = too_near.point_mm[2];
                     assert!(z <= height + 1.0 && z > height - 30.0, "{too_near}");
                     assert!(too_near.obstacle.starts_with("the ball at"), "{too_near}");
@@ -451,8 +460,8 @@ mod tests {
         assert!(too_near.layer < 40, "{too_near}");
     }
 
-    /// Grows in a scene. Returns the end of the growth, its detours, the place of a pause, and the smallest clearance
-    /// of the true body.
+    /// Simulates a growth in a scene. Returns the frame of the tip at the end, the detours, the violation that paused
+    /// the growth, and the smallest clearance of the true body, mm.
     fn grow(
         loaded: &LoadedScene,
         disturbance: &Disturbance,
@@ -507,7 +516,7 @@ mod tests {
 
     #[test]
     fn a_deviating_robot_is_stopped_before_contact() {
-        // A shaft with 3 mm round the tube. A robot whose layers lean at random soon leaves its line.
+        // A shaft with 3 mm of space around the tube. A robot with random tilts soon leaves the straight line.
         let wall = |x: f64, y: f64| Shape::Box {
             centre: Vector3::new(x, y, 300.0),
             half_extents: Vector3::new(50.0, 50.0, 300.0),

@@ -1,5 +1,5 @@
-//! A crash of the firmware in the form that scripts and run logs read: registers, reasons and the top of the stack. The
-//! functions are known only from the firmware's image.
+//! A crash of the firmware as JSON for scripts and run logs: registers, reasons and the top of the stack. The names of
+//! functions are known only if the firmware's image is given.
 
 use growbot_core::link::crash::CrashRecord;
 use serde::{Deserialize, Serialize};
@@ -12,13 +12,13 @@ pub struct CrashJson {
     pub cause: String,
     /// Boot number of the board's start in which it crashed.
     pub boot_id: u32,
-    /// CRC of the image. Null if unknown.
+    /// CRC of the firmware's image. Null if unknown.
     pub image_crc: Option<String>,
     /// Number of the processor's exception.
     pub exception: u32,
     /// The bits of the fault status that are set.
     pub reasons: Vec<String>,
-    /// Address that was accessed. Null if unknown.
+    /// Memory address whose access caused the crash. Null if unknown.
     pub address: Option<String>,
     /// Program counter at the crash. Null if the registers were not saved.
     pub pc: Option<String>,
@@ -36,10 +36,11 @@ pub struct CrashJson {
     pub hfsr: String,
     /// Words at the top of the stack.
     pub stack: Vec<String>,
-    /// Functions that contain `pc`, the innermost first. Empty without an image.
+    /// Functions that contain the address `pc`, the innermost first. Empty if the firmware's image is not given.
     #[serde(default)]
     pub at: Vec<CodeLocation>,
-    /// Functions that may have called them. Empty without an image.
+    /// Return addresses on the stack, with the functions that may have called those in `at`. Empty if the firmware's
+    /// image is not given.
     #[serde(default)]
     pub called_from: Vec<Caller>,
 }
@@ -52,15 +53,15 @@ pub struct CodeLocation {
     pub function: String,
     /// File of the function. Null if unknown.
     pub file: Option<String>,
-    /// Line. Null if unknown.
+    /// Line number in the file. Null if unknown.
     pub line: Option<u32>,
 }
 
-/// A return address.
+/// A return address on the stack.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Caller {
-    /// Address in the code.
+    /// The return address.
     pub address: String,
     /// Functions that contain the call, the innermost first.
     pub at: Vec<CodeLocation>,
@@ -90,7 +91,7 @@ impl From<&CrashRecord> for CrashJson {
     }
 }
 
-/// Formats a word of the processor.
+/// Formats a 32-bit word of the processor as 8 hexadecimal digits.
 #[must_use]
 pub fn hex(word: u32) -> String {
     format!("{word:08x}")

@@ -1,11 +1,13 @@
-//! Angles in text form: degrees that parse to the same radians wherever such degrees exist.
+//! Conversion of radians to degrees for texts: the shortest decimal number that converts back to exactly the same
+//! radians, if there is one.
 //!
-//! If a user types `30`, the conversion to radians and back gives 29.999999999999996. Of all the numbers that give the
-//! same radians, [`shortest_degrees`] returns the one with the fewest digits.
+//! If a user types `30`, the conversion to radians and back gives 29.999999999999996. Of all decimal numbers of degrees
+//! that convert to the same radians, [`shortest_degrees`] returns the one with the fewest digits.
 
 use growbot_core::angle::{degrees, radians, wrap_signed};
 
-/// Returns the shortest decimal number of degrees that gives exactly these radians, or else the nearest.
+/// Returns the shortest decimal number of degrees that converts to exactly these radians. If there is none, returns the
+/// result of the plain conversion.
 ///
 /// ```
 /// use growbot_core::angle::{degrees, radians};
@@ -18,14 +20,15 @@ pub fn shortest_degrees(angle: f64) -> f64 {
     shortest(angle, radians)
 }
 
-/// Like [`shortest_degrees`], but for headings: the result gives exactly this heading after wrapping, as in
-/// [`growbot_core::pose::Pose`]. Wrapping costs a negative heading its last digits.
+/// Like [`shortest_degrees`], but for headings: the result converts to exactly this heading after the wrapping that
+/// [`growbot_core::pose::Pose`] applies. Wrapping changes the last digits of a negative heading.
 #[must_use]
 pub fn shortest_heading(heading: f64) -> f64 {
     shortest(heading, |degrees| wrap_signed(radians(degrees)))
 }
 
-/// Returns the shortest decimal number that `read` converts into exactly this angle.
+/// Returns the shortest decimal number of degrees that `read` converts to exactly this angle (radians). If there is
+/// none, returns the result of the plain conversion.
 fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
     let plain = degrees(angle);
     let gives_the_angle = |candidate: &f64| read(*candidate).to_bits() == angle.to_bits();
@@ -36,8 +39,7 @@ fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
         .unwrap_or(plain)
 }
 
-/// Converts an angle in `[0, 2 pi)` to degrees in `[0, 360)`. A result that the conversion rounds up to a full turn is
-/// 0.
+/// Converts an angle in `[0, 2 pi)` to degrees in `[0, 360)`. Returns 0 if the conversion rounds up to 360.
 #[must_use]
 pub fn degrees_below_turn(angle: f64) -> f64 {
     let written = degrees(angle);

@@ -1,25 +1,28 @@
-//! Feedback: passes the measurements of each layer to the tracker, and the tracker's plan for the rest to the job.
+//! Feedback of a growth: estimates the tip from the measurements of each layer, and plans the remaining layers again
+//! from this estimate.
 //!
-//! [`Tracker`] is the loop itself; this module contains its two ends. [`Feedback::record_layer`] converts pulses of the
-//! filament's encoder into growth and gravity into a direction. [`Feedback::replan_rest`] converts the rest of the path
-//! into layers in bytes, with a plan id. [`crate::growth`] decides which of them are sent to the board, and when.
+//! [`Tracker`] contains the estimate and the new plan; this module converts its input and output.
+//! [`Feedback::record_layer`] converts pulses of the filament's encoder to mm of growth, and gravity to a direction.
+//! [`Feedback::replan_rest`] converts the rest of the path to layers in the bytes of the link. [`crate::growth`]
+//! decides which of these layers are sent to the board, and when.
 //!
 //! From a layer to an amendment:
 //!
 //! | from | to | where | how |
 //! |---|---|---|---|
-//! | layer laid | `LayerReadings` | the board's controller | encoder and gravity, read when the layer is committed |
-//! | `LayerReadings` | `Laid` | the board's controller | of the 16 layers laid last; not in the journal |
-//! | `Laid` | growth and direction | here | pulses to mm of body; gravity to a direction |
+//! | a laid layer | `LayerReadings` | the board's controller | encoder and gravity, read when the layer is committed |
+//! | `LayerReadings` | `LayerLaid` | the board's controller | for the latest 16 layers; not in the journal |
+//! | `LayerLaid` | growth and direction | here | pulses to mm of body; gravity to a direction |
 //! | growth, direction | estimate, rest of the path | [`growbot_core::tracking`] | filter and reference trajectory |
 //! | rest of the path | layers in bytes, a plan id | here | as for a new job |
-//! | layers, plan id | `Amend`, `Layers` | [`crate::growth`] | from the first layer that can still be changed |
+//! | layers, plan id | `Amend`, `AppendLayers` | [`crate::growth`] | from the first layer that can still be changed |
 //! | an amendment | line of the run log | [`crate::run_log`] | before it is sent |
 //!
-//! A board that restarted counts pulses from 0. So the host records the boot in which it counts and the start of the
-//! count (`counting`, requested while nothing is fed). Layers that no count covers get their expected growth. The
-//! tracker gets the layer as built, from the steps that were really made, as the commanded layer. The rounding of the
-//! units (0.7 % of robot A's layer by its encoder, a thousandth of gravity) is added to the noise of the sensors.
+//! A board that restarted counts pulses from 0. The host therefore reads the encoder while no filament is fed and
+//! stores the reading with the boot number of the board ([`EncoderReference`]). Layers that were laid without such a
+//! reference get their expected growth. The tracker receives the layer as built, from the steps that were really made,
+//! as the commanded layer. The rounding of the units (0.7 % of robot A's layer by its encoder, a thousandth of gravity)
+//! is added to the noise of the sensors.
 
 use growbot_core::job::plan_id;
 use growbot_core::layer::Layer;
@@ -36,20 +39,22 @@ use crate::arrival::Arrival;
 use crate::clearance_guard::{ClearanceGuard, ClearanceViolation, Detour, SceneContext};
 use crate::plan::Plan;
 
-/// Reports whether a robot has a sensor that measures layers.
+/// Reports whether a robot has a sensor for feedback: an encoder of the filament, or an orientation sensor.
 #[must_use]
 pub fn can_measure(robot: &Robot) -> bool {
     let sensors = &robot.description().sensors;
     sensors.filament_motion.is_some() || sensors.orientation
 }
 
-/// Default noise of a robot's sensors: odometry to 1 % of a layer, a direction to half a degree.
+/// Default noise of a robot's sensors, as standard deviations: 1 % of a layer's growth for odometry, half a degree for
+/// a direction.
 pub const DEFAULT_SENSOR_NOISE: SensorNoise =
     SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
 
-/// Standard deviation of a value that is rounded to whole units, units.
+/// Standard deviation of the rounding error of a value that is rounded to whole units, in these units: the root of
+/// 1/12.
 const ROUNDING_STD_DEV: f64 = 0.288_675_134_594_812_9;
-/// The board's unit of gravity, g.
+/// Unit of the gravity that the board reports, g.
 const MILLI_G: f64 = 1e-3;
 
 /// Feedback of one growth.
@@ -57,24 +62,25 @@ const MILLI_G: f64 = 1e-3;
 pub struct Feedback<'a> {
     robot: &'a Robot,
     tracker: Tracker<'a>,
-    /// Keeps the rest of the path clear of the obstacles. `None` without a scene.
+    /// Check that the rest of the path is clear of all obstacles. `None` without a scene.
     guard: Option<ClearanceGuard<'a>>,
     /// Growth per pulse of the filament's encoder, mm. `None` without an encoder.
     mm_per_pulse: Option<f64>,
-    /// Count of the encoder from which growth is measured.
+    /// Reading of the encoder at the last measured layer, pulses. `None` without a reading.
     counted: Option<u32>,
-    /// Expected growth of the layers since `counted`, mm.
+    /// Expected growth of the layers since the reading `counted`, mm.
     expected: f64,
-    /// Index of the first layer that a count covers.
+    /// Index of the first layer after the latest [`EncoderReference`].
     counts_from: u32,
-    /// Expected growth of the layers below `counts_from`, mm. It is added to the next layer that is counted.
+    /// Expected growth of layers that the encoder has not measured, mm. It is added to the growth of the next measured
+    /// layer.
     uncounted: f64,
-    /// Number of laid layers that are known here.
+    /// Number of laid layers that were recorded by `record_layer`.
     laid: u32,
-    /// Boot number of the board's start in which pulses are counted.
+    /// Boot number of the board at the latest [`EncoderReference`].
     boot_id: Option<u32>,
     amendments: u32,
-    /// Position of the start and the estimated ones after each layer, mm.
+    /// Position of the start, followed by the estimated position of the tip after each layer, mm.
     path: Vec<Vector3<f64>>,
 }
 
@@ -83,31 +89,32 @@ pub struct Feedback<'a> {
 pub struct Correction {
     /// The remaining layers.
     pub layers: Vec<LayerBytes>,
-    /// Path that they take instead, if the previous one was too near to an obstacle.
+    /// New path of the remaining layers, if the previous path was too near to an obstacle.
     pub detour: Option<Detour>,
 }
 
-/// Start of a count of the filament's encoder.
+/// A reading of the filament's encoder from which the feedback measures growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct EncoderReference {
-    /// Boot number of the board's start.
+    /// Boot number of the board when the encoder was read.
     pub boot_id: u32,
-    /// Number of layers laid before.
+    /// Number of layers that were laid before the reading.
     pub laid: u32,
-    /// Count of the encoder. `None` without one.
+    /// The reading, pulses. Null without an encoder.
     #[serde(default, deserialize_with = "crate::run_log::lenient")]
     pub filament_pulses: Option<u32>,
 }
 
-/// Result of the feedback.
+/// Result of the feedback of a growth.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeedbackReport {
     /// Number of amendments of the job.
     pub amendments: u32,
     /// Estimate of the tip from all measurements.
     pub estimate: Estimate,
-    /// Position of the start and, as estimated then, of the tip after each layer, mm.
+    /// Position of the start, followed by the position of the tip after each layer as it was estimated after that
+    /// layer, mm.
     pub path: Vec<Vector3<f64>>,
 }
 
@@ -120,14 +127,14 @@ impl FeedbackReport {
 }
 
 impl<'a> Feedback<'a> {
-    /// Creates the feedback before the first layer of a path. `noise` is that of the sensors themselves. The rounding
-    /// of the units in which the sensors report is added to it.
+    /// Creates the feedback before the first layer of a path. `noise` is the noise of the sensors without rounding. The
+    /// rounding to the units in which the board reports is added.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let description = robot.description();
         let filament_per_length = robot.feed_steps_per_length() / description.feed.steps_per_mm;
         let mm_per_pulse = description.sensors.filament_motion.map(|motion| motion.mm_per_pulse / filament_per_length);
-        // A layer lies between two counts.
+        // The growth of a layer is the difference of two counts, each of which is rounded.
         let counts =
             mm_per_pulse.unwrap_or(0.0) * ROUNDING_STD_DEV * std::f64::consts::SQRT_2 / description.layer.height_mm;
         let noise = SensorNoise {
@@ -150,7 +157,8 @@ impl<'a> Feedback<'a> {
         }
     }
 
-    /// Adds a scene. Each correction is then checked to stay clear of its obstacles before it is sent to a board.
+    /// Adds a scene. Each correction is then checked to stay clear of the scene's obstacles before it is sent to a
+    /// board.
     #[must_use]
     pub fn with_scene(mut self, around: &'a SceneContext<'a>) -> Self {
         let growth = self.mm_per_pulse.is_some();
@@ -163,28 +171,28 @@ impl<'a> Feedback<'a> {
     /// of all obstacles by the expected uncertainty of the tip.
     ///
     /// # Errors
-    /// If it does not.
+    /// If the plan or detour does not stay clear.
     pub fn check_start(&self) -> Result<(), ClearanceViolation> {
         let mut trial = self.clone();
         let Self { guard: Some(guard), tracker, .. } = &mut trial else { return Ok(()) };
         guard.ensure_clear(tracker, &[]).map(drop)
     }
 
-    /// Reports whether the encoder's count belongs to this start of the board.
+    /// Reports whether the latest [`EncoderReference`] was read since the board's start with this boot number.
     #[must_use]
     pub fn counts_since_boot(&self, boot_id: u32) -> bool {
         self.boot_id == Some(boot_id)
     }
 
-    /// Restarts the count of the encoder in this start of the board. Nothing is being fed, and `laid` layers are laid.
-    /// The growth of laid layers that were not measured stays unknown.
+    /// Sets the reading of the encoder from which growth is measured from now on. It must be taken while no filament is
+    /// fed. Laid layers that were not measured count with their expected growth.
     pub fn set_encoder_reference(&mut self, count: &EncoderReference) {
         self.uncounted += std::mem::take(&mut self.expected);
         (self.boot_id, self.counts_from, self.counted) = (Some(count.boot_id), count.laid, count.filament_pulses);
     }
 
-    /// Records that the next layer has been laid. `layer` is the layer as commanded, or better as the steps were made.
-    /// `measured` are the readings of the board's sensors.
+    /// Records that the next layer has been laid. `layer` is the layer as built if known, and as commanded otherwise.
+    /// `measured` are the readings of the board's sensors after the layer.
     pub fn record_layer(&mut self, layer: &LayerBytes, measured: Option<&LayerReadings>) {
         let layer = decode(layer);
         let measured = measured.copied().unwrap_or_default();
@@ -198,7 +206,8 @@ impl<'a> Feedback<'a> {
         }
     }
 
-    /// Returns the growth of the tip since the last measured layer, mm.
+    /// Returns the growth of the tip since the last measured layer, mm. `None` if the encoder did not measure this
+    /// layer.
     fn growth(&mut self, layer: &Layer, pulses: Option<u32>) -> Option<f64> {
         let expected = layer.height * (1.0 + self.tracker.estimate().systematic_errors.growth);
         if self.laid < self.counts_from {
@@ -210,16 +219,16 @@ impl<'a> Feedback<'a> {
         let from = self.counted.replace(pulses);
         let expected = std::mem::take(&mut self.expected);
         let uncounted = std::mem::take(&mut self.uncounted);
-        // Counts wrap, and filament that is retracted at first takes them below 0.
+        // Counts wrap around. A difference is negative after filament was retracted.
         let counted = from.map(|from| f64::from(pulses.wrapping_sub(from).cast_signed()) * mm_per_pulse);
         Some(uncounted + counted.unwrap_or(expected))
     }
 
-    /// Plans the remaining layers again. They start from the forecast of the tip after the layers in progress, which
+    /// Plans the remaining layers again. They start at the forecast pose of the tip after the layers `under_way`, which
     /// can no longer be changed.
     ///
     /// # Errors
-    /// In a scene, if they would be too near to an obstacle and no detour was found.
+    /// In a scene, if the remaining layers would be too near to an obstacle and no detour was found.
     pub fn replan_rest(&mut self, under_way: &[LayerBytes]) -> Result<Correction, ClearanceViolation> {
         let under_way: Vec<Layer> = under_way.iter().map(decode).collect();
         self.tracker.replan(&under_way);
@@ -236,7 +245,8 @@ impl<'a> Feedback<'a> {
         Ok(Correction { layers, detour })
     }
 
-    /// Returns the plan id of a job of these layers. The laid ones are given as commanded.
+    /// Returns the plan id of a job that consists of these layers. Laid layers must be given as commanded, not as
+    /// built.
     #[must_use]
     pub fn plan_id(&self, layers: &[LayerBytes]) -> u64 {
         plan_id(self.robot, layers)
@@ -267,7 +277,7 @@ mod tests {
     use growbot_core::path::end;
 
     const EXACT: SensorNoise = SensorNoise { odometry: 0.0, direction: 0.0 };
-    /// Growth of a layer, mm. `PULSES` is the same in pulses of robot A's encoder.
+    /// Growth of a layer, mm. `PULSES` is this growth in pulses of robot A's encoder.
     const HEIGHT: f64 = 0.774;
     const PULSES: f64 = 56.935;
 
@@ -320,7 +330,7 @@ mod tests {
         let grown = 1.1 * HEIGHT * 100.0;
         assert!((height(&feedback) / grown - 1.0).abs() < 0.002, "{} {grown}", height(&feedback));
         assert!((feedback.result().estimate.systematic_errors.growth - 0.1).abs() < 0.01);
-        // The rest is commanded less high and ends at the planned height.
+        // The remaining layers are commanded lower, and end at the planned height.
         let rest = feedback.replan_rest(&[]).unwrap().layers;
         let end = grow(&feedback.result().estimate.base_from_tip, rest.iter().map(decode));
         let commanded = end.translation.z - height(&feedback);
@@ -336,7 +346,7 @@ mod tests {
         for index in 1..=50 {
             feedback.record_layer(&layer, Some(&counted(7 + (PULSES * f64::from(index)) as u32)));
         }
-        // Ten more were laid before the board restarted, and nothing is known of them.
+        // Ten more layers were laid before the board restarted, without any reading.
         feedback.set_encoder_reference(&count(2, 60, 2));
         for _ in 0..10 {
             feedback.record_layer(&layer, None);

@@ -1,28 +1,28 @@
-//! Forecast of the end of a growth, from the remaining layers and the robot's period. Nothing here reads a clock.
+//! Forecast of the finish time of a growth, from the number of remaining layers and the time per layer.
 
 use growbot_core::link::message::{State, Status};
 use time::{Duration, OffsetDateTime};
 
-/// Parameters from which the finish time is computed.
+/// Forecast of the finish time of a growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forecast {
-    /// Time for a layer on the robot's clock, s.
+    /// Time to lay one layer on the robot's clock, s.
     pub period_s: f64,
     /// Speed of the robot's clock, in multiples of real time. It is 1 except for a simulated robot.
     pub pace: f64,
 }
 
 impl Forecast {
-    /// Returns the time of day at which the remaining layers are laid. `None` if it is beyond the range of the
-    /// calendar.
+    /// Returns the date and time at which the remaining layers will be laid. `now` is the current date and time. `None`
+    /// if the result is beyond the range of the calendar.
     #[must_use]
     pub fn finish(&self, now: OffsetDateTime, layers_left: u64) -> Option<OffsetDateTime> {
         let seconds = layers_left as f64 * self.period_s / self.pace;
         now.checked_add(Duration::checked_seconds_f64(seconds)?)
     }
 
-    /// Returns the time of day at which a board finishes. `None` if it is not growing, because the length of a pause is
-    /// unknown.
+    /// Returns the date and time at which a board with this status will finish its job. `None` if the board is not
+    /// growing, because the length of a pause is unknown.
     #[must_use]
     pub fn finish_of(&self, now: OffsetDateTime, status: &Status) -> Option<OffsetDateTime> {
         let left = status.layer_count.saturating_sub(status.layers_laid);

@@ -9,10 +9,10 @@ use crate::atomic_file::{FileError, note_input};
 
 /// Maximum length of a plan or a robot description, bytes (1 MiB).
 pub const MAX_TEXT_BYTES: u64 = 1 << 20;
-/// Maximum length of a run log, bytes (256 MiB): a growth of weeks with frequent status requests.
+/// Maximum length of a run log, bytes (256 MiB). A growth of weeks with frequent status requests has a shorter log.
 pub const MAX_LOG_BYTES: u64 = 256 << 20;
 
-/// True if an argument has taken standard input, which can be read only once.
+/// True once an argument `-` of the command line has opened standard input, which can be read only once.
 static TAKEN: AtomicBool = AtomicBool::new(false);
 
 /// Error of reading a text.
@@ -35,7 +35,7 @@ pub enum InputError {
         /// Maximum length, bytes.
         max: u64,
     },
-    /// A named pipe, a device or a socket. Reading it might wait for ever.
+    /// The input is a named pipe, a device or a socket, and reading it might wait for ever.
     #[error(
         "cannot read {name}: it is {what} and may never end; give a file, or send it to standard input (-), as in \
          `growbot COMMAND - < FILE`"
@@ -43,13 +43,13 @@ pub enum InputError {
     NotAFile {
         /// Name of the input.
         name: String,
-        /// Kind of the input instead of a file.
+        /// Kind of the input, such as "a device".
         what: &'static str,
     },
     /// Standard input is already read by another argument.
     #[error("standard input (-) holds only one file: give the other as a file")]
     ReadAlready,
-    /// Standard output would destroy the input.
+    /// Standard output is redirected to the input and would overwrite it.
     #[error(transparent)]
     WouldOverwrite(#[from] FileError),
     /// The bytes are not UTF-8.
@@ -57,17 +57,17 @@ pub enum InputError {
     NotText {
         /// Name of the input.
         name: String,
-        /// Position of the first byte that is not text.
+        /// Position of the first byte that is not UTF-8, from 0.
         position: usize,
     },
 }
 
-/// Returns the kind of input that has this limit.
+/// Returns the name, for error messages, of the kind of input whose maximum length is `max` bytes.
 fn kind(max: &u64) -> &'static str {
     if *max == MAX_LOG_BYTES { "run log" } else { "plan or robot description" }
 }
 
-/// Returns the name of a path in messages.
+/// Returns the name of an input for messages: its path, or "standard input" for `-`.
 #[must_use]
 pub fn display_name(path: &Path) -> String {
     if is_standard_input(path) { "standard input".to_owned() } else { path.display().to_string() }
@@ -80,8 +80,8 @@ pub fn is_standard_input(path: &Path) -> bool {
 }
 
 /// Opens a file, or standard input for `-`. A pipe that the shell has opened (`<(command)`, named /dev/fd/N) is
-/// accepted. A named pipe, a device or a socket is not, because opening or reading it might wait for ever. The file
-/// becomes an input of this program, to which [`crate::atomic_file`] does not write.
+/// accepted. A named pipe, a device or a socket is not, because opening or reading it might wait for ever. The file is
+/// recorded as an input of this program, so [`crate::atomic_file`] refuses to overwrite it.
 ///
 /// # Errors
 /// [`InputError::Unreadable`], [`InputError::NotAFile`] or [`InputError::WouldOverwrite`].
@@ -109,7 +109,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
     Ok(Box::new(file))
 }
 
-/// Returns the kind of a path if reading it might wait for ever.
+/// Returns the kind of file at a path, such as "a socket", if reading the file might wait for ever. `None` otherwise.
 #[cfg(unix)]
 fn never_ending(path: &Path, metadata: &Metadata) -> Option<&'static str> {
     use std::os::unix::fs::FileTypeExt;
@@ -130,7 +130,7 @@ fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
     None
 }
 
-/// Records standard input, which may be a file, as an input of this program.
+/// Records the file that is redirected to standard input as an input of this program, so that it is not overwritten.
 ///
 /// # Errors
 /// Like [`note_input`].
@@ -143,7 +143,7 @@ pub fn note_standard_input() -> Result<(), FileError> {
     }
 }
 
-/// Records standard input, which may be a file, as an input of this program.
+/// Does nothing, because standard input cannot be identified on this system.
 ///
 /// # Errors
 /// None.
@@ -152,16 +152,16 @@ pub fn note_standard_input() -> Result<(), FileError> {
     Ok(())
 }
 
-/// A stream of lines, none of which may be longer than [`MAX_TEXT_BYTES`]. The stream may have any length, and a line
-/// that does not end cannot exhaust the memory.
+/// Reader that fails at a line longer than [`MAX_TEXT_BYTES`]. The whole stream may have any length. The limit prevents
+/// a line without an end from filling the memory.
 pub struct BoundedLines<R> {
     lines: R,
-    /// Number of bytes since the last end of a line.
+    /// Number of bytes read since the last newline.
     length: u64,
 }
 
 impl<R: Read> BoundedLines<R> {
-    /// Wraps a stream.
+    /// Wraps a stream of lines.
     pub fn of(lines: R) -> Self {
         Self { lines, length: 0 }
     }
@@ -181,10 +181,10 @@ impl<R: Read> Read for BoundedLines<R> {
     }
 }
 
-/// Reads all bytes of a file, or of standard input for `-`, up to `max`.
+/// Reads all bytes of a file, or of standard input for `-`. `max` is the maximum length, bytes.
 ///
 /// # Errors
-/// If it cannot be opened or read, or is longer.
+/// If the file cannot be opened or read, or is longer than `max`.
 pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
     let mut bytes = Vec::new();
     open(path)?
@@ -197,15 +197,15 @@ pub fn read_bytes(path: &Path, max: u64) -> Result<Vec<u8>, InputError> {
 /// Reads the whole text of a file, or of standard input for `-`, without a byte order mark.
 ///
 /// # Errors
-/// If it cannot be opened or read, is longer than [`MAX_TEXT_BYTES`], or is not UTF-8.
+/// If the file cannot be opened or read, is longer than [`MAX_TEXT_BYTES`], or is not UTF-8.
 pub fn read_text(path: &Path) -> Result<String, InputError> {
     text_of(read_bytes(path, MAX_TEXT_BYTES)?, path)
 }
 
-/// Converts the bytes of a file to text without a byte order mark.
+/// Converts the bytes of a file to text without a byte order mark. `path` names the file in error messages.
 ///
 /// # Errors
-/// Like [`read_text`].
+/// [`InputError::TooLong`] or [`InputError::NotText`].
 pub fn text_of(bytes: Vec<u8>, path: &Path) -> Result<String, InputError> {
     if bytes.len() as u64 > MAX_TEXT_BYTES {
         return Err(InputError::TooLong { name: display_name(path), max: MAX_TEXT_BYTES });

@@ -1,19 +1,20 @@
-//! Drives a growing robot's board.
+//! Client of the board of a growing robot: plans a body, sends its layers to the board, follows the growth and records
+//! it.
 //!
-//! The geometry is in growbot-core. This crate contains what a program needs to plan, grow and record a body:
+//! The geometry is in growbot-core. The modules of this crate:
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
-//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing it; [`self_collision`]: whether a body
-//!   would collide with itself;
-//! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans past obstacles;
-//! - [`port`]: the line to a board; [`client`]: requests to it and their responses;
-//! - [`stop_signal`]: stops, and the permits that they void;
-//! - [`growth`]: a whole job; [`feedback`]: its layers planned again as they are measured; [`arrival`]: the errors at
-//!   the goal;
+//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing a plan; [`self_collision`]: parts of a
+//!   body that would collide with earlier parts;
+//! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans around obstacles;
+//! - [`port`]: the serial or TCP connection to a board; [`client`]: requests to the board and their responses;
+//! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
+//! - [`growth`]: one growth from the first layer to the last; [`feedback`]: new plans of the remaining layers from
+//!   measurements; [`arrival`]: the errors of the tip at the goal;
 //! - [`maintenance`]: presets of materials, and maintenance commands;
-//! - [`run_log`]: the log of a growth, its events and its result; [`run_clock`]: its time; [`forecast`]: its finish
-//!   time;
+//! - [`run_log`]: the log of a growth, with its events and its result; [`run_clock`]: the time since a growth began;
+//!   [`forecast`]: the expected finish time of a growth;
 //! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`]: bounded reading, atomic writing, text without control
 //!   characters, and suggestions for mistyped names.
 //!

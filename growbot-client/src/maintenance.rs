@@ -1,4 +1,4 @@
-//! Maintenance commands of users: presets of materials, and their conversion to tasks of the board.
+//! Maintenance commands of users, presets of materials, and the conversion of commands to tasks of the board.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -19,21 +19,21 @@ use crate::suggest::did_you_mean;
 pub struct MaterialPreset {
     /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
     pub nozzle_c: Option<f64>,
-    /// Filament that is pushed in to load it, mm.
+    /// Length of filament that is pushed in to load the material, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub load_mm: f64,
-    /// Filament that is pulled out to unload it, mm.
+    /// Length of filament that is pulled out to unload the material, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub unload_mm: f64,
-    /// Filament that is pushed through to purge the nozzle, mm.
+    /// Length of filament that is pushed through the nozzle to purge it, mm.
     #[serde(deserialize_with = "length")]
     #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
     pub purge_mm: f64,
 }
 
-/// Deserializes a length of filament, 0 or more. The task determines the direction.
+/// Deserializes a length of filament, mm, which must be 0 or more. The direction of the move depends on the command.
 fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     let mm = f64::deserialize(from)?;
     if mm.is_finite() && mm >= 0.0 {
@@ -49,13 +49,13 @@ impl Default for MaterialPreset {
     }
 }
 
-/// Presets of a robot.
+/// Material presets of a robot file, by name of the material.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MaterialPresets {
     by_name: BTreeMap<String, MaterialPreset>,
 }
 
-/// Commands with their arguments and descriptions.
+/// Maintenance commands: name, arguments and description of each.
 pub const COMMANDS: [(&str, &str, &str); 8] = [
     ("preheat", "[C|MATERIAL]", "heat the nozzle for maintenance: to a temperature, a material's, or that of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
@@ -68,10 +68,10 @@ pub const COMMANDS: [(&str, &str, &str); 8] = [
 ];
 
 impl MaterialPresets {
-    /// Reads the presets of this robot file. A built-in robot has none.
+    /// Reads the material presets of a robot file. A built-in robot has no presets.
     ///
     /// # Errors
-    /// If the file cannot be read, or a preset is not valid.
+    /// If the file cannot be read, or is not valid.
     pub fn load(name_or_file: &Path) -> Result<Self, RobotFileError> {
         let (text, file) = robot_file::text_of(name_or_file)?;
         Ok(Self { by_name: robot_file::materials(&text, &file)? })
@@ -87,10 +87,11 @@ impl MaterialPresets {
         })
     }
 
-    /// Parses a command of [`COMMANDS`]. `None` if the word is not one of them.
+    /// Converts a command of [`COMMANDS`] to a task of the board. `word` is the name of the command, `rest` are its
+    /// arguments. `None` if `word` is not a command.
     ///
     /// # Errors
-    /// A message with the fault of the command.
+    /// A message for the user if the arguments are wrong.
     pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, String>> {
         let rest = rest.trim();
         let alone = |task| {
@@ -130,7 +131,7 @@ impl MaterialPresets {
     }
 }
 
-/// Returns the name of the request for a task.
+/// Returns the name of the request for a maintenance task, for error messages.
 #[must_use]
 pub fn request_name(task: MaintenanceTask) -> &'static str {
     match task {
@@ -142,7 +143,7 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
     }
 }
 
-/// Returns a message with the action of the board.
+/// Returns the message for a user whose maintenance task the board has accepted.
 #[must_use]
 pub fn task_message(task: MaintenanceTask) -> String {
     match task {

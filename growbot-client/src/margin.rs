@@ -1,9 +1,9 @@
-//! Default margin between a body and obstacles, and the warning for a plan that passes nearer than that.
+//! Default margin between a body and obstacles, and the warning for a plan with a smaller clearance.
 //!
-//! Without a margin of its own, a plan through a scene keeps clear by the distance by which its robot is expected to
-//! deviate from it. A plan that is nearer may be grown, but growbot first lays it many times with noise, and reports
-//! how many of these bodies touch an obstacle. Seeds and number of growths are fixed, so the result is the same on
-//! every machine.
+//! If a scene has no margin, plans through it keep the distance by which the robot is expected to deviate from a plan.
+//! A plan with a smaller clearance may be grown, but gets a warning. For the warning, growbot simulates many growths
+//! with noise, and reports how many of these bodies touch an obstacle. The seeds and the number of growths are fixed,
+//! so the result is the same on every machine.
 
 use growbot_core::kinematics::advance;
 use growbot_core::robot::Robot;
@@ -16,19 +16,21 @@ use crate::clearance_guard::CLEARANCE_SIGMAS;
 use crate::plan::Plan;
 use crate::warning::{NEAR_OBSTACLE, Warning};
 
-/// Expected noise of a layer's height: half-width of its uniform distribution, as a fraction. It is the largest that
-/// Del Dottore et al. 2019 expect of a real robot.
+/// Expected noise of a layer's height: half-width of its uniform distribution, as a fraction of the height. It is the
+/// largest noise that Del Dottore et al. 2019 expect of a real robot.
 const EXPECTED_NOISE: f64 = 0.1;
-/// Length of body for which the deviation is expected, mm. It grows with the root of the length.
+/// Length of body for which the expected deviation is computed, mm. The deviation grows with the root of the length.
 const EXPECTED_LENGTH_MM: f64 = 1000.0;
-/// Greatest number of growths with noise, and of their layers together, which take some 0.2 s.
+/// Maximum number of simulated growths with noise. `MAX_LAYERS` is the maximum number of their layers together, which
+/// take some 0.2 s.
 const MAX_GROWTHS: usize = 100;
 const MAX_LAYERS: usize = 100_000;
 
-/// Returns 3 standard deviations of the position of a robot's tip after 1 m of body in open loop, mm, to 0.01 mm.
+/// Returns the expected deviation of a robot's tip from its plan: 3 standard deviations of its position after 1 m of
+/// body in open loop, mm, rounded to 0.01 mm.
 ///
 /// Layers of height `h` with independent noise, uniform within a fraction `a` of `h`, add up to a standard deviation of
-/// `a / sqrt(3) * sqrt(h * length)`. It is 4.8 mm for growbot-a, whose layers are 0.774 mm high.
+/// `a / sqrt(3) * sqrt(h * length)`. The result is 4.8 mm for growbot-a, whose layers are 0.774 mm high.
 #[must_use]
 pub fn expected_deviation_mm(robot: &Robot) -> f64 {
     let height = robot.description().layer.height_mm;
@@ -36,14 +38,14 @@ pub fn expected_deviation_mm(robot: &Robot) -> f64 {
     (100.0 * deviation).round() / 100.0
 }
 
-/// Returns the margin of plans through a scene, mm: its own, or else the deviation that is expected of the robot.
+/// Returns the margin of plans through a scene, mm: the scene's margin, or else the expected deviation of the robot.
 #[must_use]
 pub fn planning_margin_mm(robot: &Robot, loaded: &LoadedScene) -> f64 {
     loaded.margin.unwrap_or_else(|| expected_deviation_mm(robot))
 }
 
-/// Returns the warning for a plan with this clearance from a scene (mm). `None` if it is as large as the deviation that
-/// is expected of the robot.
+/// Returns the warning for a plan with this clearance from a scene (mm). `None` if the clearance is at least the
+/// expected deviation of the robot.
 #[must_use]
 pub fn near_obstacle(plan: &Plan, robot: &Robot, loaded: &LoadedScene, clearance: f64) -> Option<Warning> {
     let limit = expected_deviation_mm(robot);
@@ -66,7 +68,8 @@ fn touches(plan: &Plan, robot: &Robot, scene: &Scene, seed: u64) -> bool {
     let noise = Disturbance { growth_noise: EXPECTED_NOISE, ..Disturbance::default() };
     let half_tube = 0.5 * robot.outer_diameter();
     let mut tip = plan.start.frame();
-    // Length of body that is known to touch nothing, because the last queried point was that far from everything.
+    // Length of further body that cannot touch anything, because the last queried point was this far from all
+    // obstacles.
     let (mut free, mut touched) = (0.0, false);
     let sliced = layers(&plan.path, robot, Slicing::Exact).map(|sliced| sliced.layer);
     grow_open_loop(&plan.start, sliced, &noise, seed, |laid| {
@@ -91,7 +94,7 @@ mod tests {
     use crate::pose_text::parse_pose;
     use crate::robot_file;
 
-    /// Returns a plan that bends towards a wall, and the scene of the wall at this distance from the tube.
+    /// Returns a plan that bends towards a wall, and a scene with the wall at the distance `spare` (mm) from the tube.
     fn towards_wall(spare: f64) -> (Robot, Plan, LoadedScene) {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let [start, goal] = ["0,0,0,0,90", "400,0,300,0,0"].map(|pose| parse_pose(pose).unwrap());

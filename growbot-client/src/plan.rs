@@ -1,9 +1,10 @@
-//! A plan: a path that has been checked to end at its goal, with its properties.
+//! Plans: a plan is a path that has been checked to end at its goal, with its properties.
 //!
-//! A path through several poses is planned leg by leg. Each leg starts at the pose where the previous one should have
-//! ended, if the tip is there to 1e-11, and otherwise at the tip. So a goal exactly ahead stays exactly ahead, and
-//! errors do not add up over many legs. A pose's own frame has no roll, but the propagated frame of the tip has, so
-//! segments are turned by the difference. If no candidate is clear of the body, the shortest is taken, with a warning.
+//! A path through several poses is planned leg by leg. Each leg starts at the goal of the previous leg if the tip is
+//! there within 1e-11 (radii and radians), and otherwise at the computed pose of the tip. A goal exactly ahead
+//! therefore stays exactly ahead, and rounding errors do not add up over many legs. The frame of a pose has no roll,
+//! but the frame of the tip after the earlier legs has, so the segments of a leg are rotated by the difference. If
+//! every candidate would collide with the body, the shortest one is taken, with a warning.
 
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, MAX_RADIUS_MM, PlanError, PlannedPath, Planner, Requirements};
@@ -16,7 +17,7 @@ use crate::self_collision::closest_self_approach;
 use crate::warning::{Warning, warnings};
 use crate::waypoints;
 
-/// A plan for one robot. Lengths in mm, angles in radians.
+/// A plan for one robot: a path that ends at its goal, with its properties. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
     /// Name of the robot.
@@ -29,51 +30,50 @@ pub struct Plan {
     pub radius: f64,
     /// Start pose of the tip.
     pub start: Pose,
-    /// Goal of the last leg.
+    /// Goal pose of the tip, at the end of the last leg.
     pub goal: Pose,
-    /// The legs from pose to pose, at least one.
+    /// Legs of the path, from the start through all waypoints to the goal. At least one.
     pub legs: Vec<Leg>,
-    /// Search statistics of each leg. `None` in plans written by older versions.
+    /// Search statistics of each leg. `None` for a leg from a search around obstacles, and in plans of older versions.
     pub choices: Vec<Option<SearchSummary>>,
-    /// True for each leg of which only the position of the goal was given, so that the planner chose the direction.
+    /// For each leg: true if only the position of its goal was given, so that the planner chose the direction.
     pub free_directions: Vec<bool>,
-    /// The path from start to goal.
+    /// Segments of the path from start to goal.
     pub path: Vec<Segment>,
     /// Length, layers, time and filament.
     pub requirements: Requirements,
-    /// Reasons against growing it.
+    /// Reasons against growing the plan.
     pub warnings: Vec<Warning>,
-    /// The scene through which the path was planned. `None` in empty space.
+    /// Scene of obstacles from which the path is clear. `None` for a plan in empty space.
     pub scene: Option<SceneClearance>,
 }
 
 /// The scene that a plan leads through, and the clearance of the body from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SceneClearance {
-    /// File of the scene.
+    /// Name of the scene's file.
     pub file: String,
     /// Hash of the scene's files.
     pub hash: u64,
     /// Proven minimum clearance between the outside of the tube and everything in the scene, mm.
     pub clearance: f64,
-    /// Clearance that was required, mm.
+    /// Clearance that was required from the plan, mm.
     pub margin: f64,
 }
 
 /// Search statistics of the path of a leg or of a plan.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SearchSummary {
-    /// Number of paths found that reach the goal. For several legs, the sum.
+    /// Number of paths that the planner found to the goal. For several legs, the sum.
     pub candidates: usize,
     /// Number of shorter paths that were rejected because the body would have collided with itself.
     pub rejected: usize,
-    /// Length of the two-plane path, mm.
+    /// Length of the path that the two-plane planner finds for the same start and goal, mm.
     pub two_plane_length: f64,
 }
 
 impl SearchSummary {
-    /// Returns by how much the two-plane path is longer than one of this length (mm), percent. 0 for a path of no
-    /// length.
+    /// Returns by how many percent the two-plane path is longer than `length` (mm). 0 if `length` is 0.
     #[must_use]
     pub fn two_plane_longer_percent(&self, length: f64) -> f64 {
         if length > 0.0 { 100.0 * (self.two_plane_length / length - 1.0) } else { 0.0 }
@@ -104,7 +104,7 @@ impl From<Pose> for Goal {
 }
 
 impl Goal {
-    /// Returns the position, mm.
+    /// Returns the position of the goal, mm.
     #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         match self {
@@ -113,21 +113,21 @@ impl Goal {
         }
     }
 
-    /// Reports whether any direction is accepted.
+    /// Reports whether the goal is only a position, so that any direction is accepted.
     #[must_use]
     pub fn is_free(&self) -> bool {
         matches!(self, Self::Position(_))
     }
 }
 
-/// The legs of a plan and the search statistics of each. All lists have the same length.
+/// Legs of a plan, with the search statistics of each leg. All lists have the same length.
 #[derive(Debug)]
 pub(crate) struct PlanLegs {
-    /// The legs, at least one.
+    /// Legs of the path, at least one.
     pub(crate) legs: Vec<Leg>,
     /// Search statistics of each leg. `None` if a plan file does not contain them.
     pub(crate) choices: Vec<Option<SearchSummary>>,
-    /// True for each leg at whose end the planner chose the direction.
+    /// For each leg: true if the planner chose the direction at its end.
     pub(crate) free_directions: Vec<bool>,
 }
 
@@ -136,18 +136,20 @@ pub(crate) struct PlanLegs {
 pub struct PlanOptions {
     /// Radius of the arcs, mm.
     pub radius: f64,
-    /// Planner that generates the candidates.
+    /// Planner that generates the candidate paths.
     pub planner: Planner,
-    /// True to take the shortest candidate that does not collide with the body, instead of the shortest of all.
+    /// True to take the shortest candidate that collides neither with itself nor with the earlier legs. False to take
+    /// the shortest candidate.
     pub avoid_self_collision: bool,
 }
 
-/// Tolerance, in radii and radians, within which a leg is planned from the nominal start pose. A goal that lies exactly
-/// ahead then stays exactly ahead. Beyond it, the leg is planned from the actual tip, so that errors do not add up.
+/// Maximum error of the tip at the end of a leg, in radii and radians, at which the next leg is planned from the goal
+/// of this leg. A goal that lies exactly ahead then stays exactly ahead. If the error is larger, the next leg is
+/// planned from the computed pose of the tip, so that errors do not add up.
 const AT_THE_POSE: f64 = 1e-11;
 
 impl Plan {
-    /// Plans the shortest path of this radius (mm) that the planner finds.
+    /// Plans the shortest path that the planner finds from a start to a goal. `radius` is the radius of the arcs, mm.
     ///
     /// ```
     /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
@@ -166,12 +168,14 @@ impl Plan {
     }
 
     /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
-    /// one ended, with the propagated frame of the tip.
+    /// leg ended.
     ///
-    /// Directions at positions are chosen for the shortest path, jointly if there are several ([`crate::waypoints`]).
+    /// The directions at positions are chosen so that the whole path becomes as short as possible
+    /// ([`crate::waypoints`]).
     ///
     /// With [`PlanOptions::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself
-    /// nor with the earlier legs. If there is none, it is the shortest of all, and the plan's warnings include this.
+    /// nor with the earlier legs. If all candidates collide, the leg is the shortest candidate, and the plan gets a
+    /// warning.
     ///
     /// # Errors
     /// Like [`Plan::new`].
@@ -185,8 +189,8 @@ impl Plan {
         Self::through_waypoints_while(robot, start, via, goal, search, &|| Ok(()))
     }
 
-    /// Like [`Plan::through_waypoints`], but calls `check` before each leg and each step of the search. An error of
-    /// `check` ends the planning.
+    /// Like [`Plan::through_waypoints`], but calls `check` before each leg and each step of the search for directions.
+    /// An error that `check` returns ends the planning.
     ///
     /// # Errors
     /// Like [`Plan::new`], and the error of `check`.
@@ -204,7 +208,7 @@ impl Plan {
         Ok(shorter.unwrap_or(plan))
     }
 
-    /// Plans each leg on its own. The direction at a position is the one that makes this leg the shortest.
+    /// Plans the legs one after the other. The direction at a position is the one that makes the leg to it shortest.
     pub(crate) fn leg_by_leg<E: From<PlanError>>(
         robot: &Robot,
         start: &Pose,
@@ -218,8 +222,8 @@ impl Plan {
         })
     }
 
-    /// Plans leg by leg. `plan_leg` gets the pose at which a leg starts, its goal, the body before it, and the roll of
-    /// the tip there.
+    /// Plans the legs one after the other with the function `plan_leg`. Its arguments are the start pose of the leg,
+    /// the goal of the leg, the segments of all earlier legs, and the roll of the tip at the start of the leg, radians.
     pub(crate) fn by_legs<E>(
         robot: &Robot,
         start: &Pose,
@@ -249,7 +253,7 @@ impl Plan {
         Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
     }
 
-    /// Creates the plan of a path that leads from the start along its legs, at least one.
+    /// Creates the plan of a given path. There must be at least one leg.
     pub(crate) fn of_path(
         robot: &Robot,
         start: &Pose,
@@ -277,13 +281,13 @@ impl Plan {
     }
 
     /// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
-    /// Empty for a path of no length.
+    /// Empty for a path without segments.
     #[must_use]
     pub fn path_type(&self) -> String {
         path_type(&self.path)
     }
 
-    /// Returns the segments of each leg and its search statistics.
+    /// Returns the search statistics and the segments of each leg, in order.
     pub fn by_leg(&self) -> impl Iterator<Item = (Option<SearchSummary>, &[Segment])> {
         let mut rest = self.path.as_slice();
         self.legs.iter().zip(&self.choices).map(move |(leg, choice)| {
@@ -300,13 +304,13 @@ impl Plan {
         self.legs.iter().take(on_the_way).map(|leg| leg.goal).collect()
     }
 
-    /// Reports whether only the position of the goal was given.
+    /// Reports whether only the position of the plan's goal was given, so that the planner chose its direction.
     #[must_use]
     pub fn has_free_direction(&self) -> bool {
         self.free_directions.last().is_some_and(|free| *free)
     }
 
-    /// Returns the search statistics of the whole path. `None` if a leg has none.
+    /// Returns the search statistics of the whole path: the sum over its legs. `None` if they are unknown for a leg.
     #[must_use]
     pub fn search_summary(&self) -> Option<SearchSummary> {
         self.choices.iter().try_fold(SearchSummary::default(), |sum, choice| Some(sum.and((*choice)?)))
@@ -322,7 +326,7 @@ pub const fn planner_name(planner: Planner) -> &'static str {
     }
 }
 
-/// Returns the type of a path: the kinds of its segments in order, a letter each.
+/// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
 #[must_use]
 pub fn path_type(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {
@@ -331,12 +335,13 @@ pub fn path_type(path: &[Segment]) -> String {
         Segment::Helicoid { .. } => 'H',
     };
     let mut letters: Vec<char> = path.iter().map(letter).collect();
-    // A helicoidal arc with a narrow neck comes in two segments.
+    // A helicoidal arc with a narrow neck consists of two segments.
     letters.dedup_by(|after, before| *after == 'H' && *before == 'H');
     letters.into_iter().collect()
 }
 
-/// Returns the roll of a tip at this pose about its direction of growth, relative to the pose's own frame, radians.
+/// Returns the roll of a tip about its direction of growth, relative to the frame of `pose`, radians. The tip must be
+/// at this pose.
 pub(crate) fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
     let pose_from_tip = pose.frame().rotation.inverse() * base_from_tip.rotation;
     let matrix = pose_from_tip.matrix();
@@ -347,14 +352,14 @@ pub(crate) fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
 pub(crate) struct PlannedLeg {
     /// Pose at the end of the leg.
     pub(crate) goal: Pose,
-    /// The path, in the pose's own frame.
+    /// Segments of the leg, relative to the frame of its start pose (without roll).
     pub(crate) path: Vec<Segment>,
-    /// Search statistics, if the path is one of several that were found.
+    /// Search statistics. `None` if the path is the result of a search around obstacles.
     pub(crate) choice: Option<SearchSummary>,
 }
 
 impl PlannedLeg {
-    /// Creates a leg from a chosen path, with the number of shorter candidates that were rejected.
+    /// Creates a leg from the chosen candidate. `passed_over` is the number of shorter candidates that were rejected.
     pub(crate) fn chosen(goal: Pose, chosen: &PlannedPath, passed_over: usize) -> Self {
         let &PlannedPath { ref path, candidate_count: candidates, two_plane_length } = chosen;
         Self {
@@ -365,7 +370,7 @@ impl PlannedLeg {
     }
 }
 
-/// Plans one leg, which begins at the end of this body.
+/// Plans one leg. `body` are the segments of all earlier legs, and `roll` is the roll of the tip at their end, radians.
 fn plan_leg(
     robot: &Robot,
     from: &Pose,
@@ -393,7 +398,8 @@ fn plan_leg(
     Ok(PlannedLeg::chosen(goal, &chosen, 0))
 }
 
-/// Returns the shortest candidate that is accepted, and the pose at its end.
+/// Returns the shortest candidate for which `accept` returns true, and the pose at its end. `None` if no candidate is
+/// accepted.
 pub(crate) fn plan_where(
     robot: &Robot,
     from: &Pose,

@@ -1,4 +1,5 @@
-//! A grown body compared with its plan and its scene: the greatest distance from the planned path, and the clearance.
+//! Comparison of a grown body with its plan and its scene: the greatest distance from the planned path, and the
+//! smallest distance from an obstacle.
 
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
@@ -12,10 +13,10 @@ use serde::{Deserialize, Serialize};
 use crate::plan::Plan;
 use crate::warning::{FAR_FROM_PLAN, TOUCHES_OBSTACLE, Warning};
 
-/// Limit of the distance from the plan, as a fraction of the planned length.
+/// Limit of the distance from the planned path above which growbot warns, as a fraction of the planned length.
 const LIMIT: f64 = 0.005;
-/// Number of planned layers, from the nearest one on, among which the next nearest one is searched for. A body that
-/// runs past itself is so compared with the part that was just laid.
+/// Number of planned layers, after the nearest one of the previous point, among which the nearest layer of the next
+/// point is searched. A body that passes near an earlier part of itself is therefore not compared with that part.
 const AHEAD: usize = 16;
 
 /// Greatest distance of a body from the path of its plan.
@@ -24,29 +25,29 @@ const AHEAD: usize = 16;
 pub struct PlanDeviation {
     /// Greatest distance of the body's centreline from the planned one, mm.
     pub max_mm: f64,
-    /// Length of the body there, mm.
+    /// Length of the body up to the point of the greatest distance, mm.
     pub at_mm: f64,
     /// Limit above which growbot warns, mm.
     pub limit_mm: f64,
 }
 
-/// Clearance of a grown body.
+/// Smallest clearance of a grown body from the obstacles of its scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct BodyClearance {
     /// Smallest distance between the outside of the tube and an obstacle, mm, negative inside.
     pub clearance_mm: f64,
-    /// Length of the body there, mm.
+    /// Length of the body up to the point of the smallest distance, mm.
     pub at_mm: f64,
-    /// Point of the centreline there, mm.
+    /// Point of the centreline at which the distance is smallest, mm.
     pub point_mm: [f64; 3],
-    /// Name of the nearest obstacle there.
+    /// Name of the obstacle that is nearest to the body.
     pub obstacle: String,
-    /// True if the body touches it.
+    /// True if the body touches the obstacle.
     pub contact: bool,
 }
 
-/// Returns the points of the centreline of a body of these layers, from the start on, mm.
+/// Returns the points of the centreline of a body, mm: the start, and the tip after each layer.
 #[must_use]
 pub fn centreline(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Vec<Vector3<f64>> {
     let mut tip = *base_from_start;
@@ -59,11 +60,12 @@ pub fn centreline(base_from_start: &Frame, layers: impl IntoIterator<Item = Laye
 }
 
 impl PlanDeviation {
-    /// Compares the points of a body with its plan.
+    /// Computes the greatest distance between the centreline of a body and the planned path. `body` are points of the
+    /// centreline, mm.
     ///
     /// The limit is 0.5 % of the planned length, and at least the width of the wall. Noise of 10 % moves the end of a
-    /// body of 600 mm in open loop by 0.2 % (one standard deviation), so a body beyond the limit has another cause,
-    /// such as a systematic error, a detour, or a correction that strays.
+    /// body of 600 mm in open loop by 0.2 % (one standard deviation), so a larger distance has another cause, such as a
+    /// systematic error, a detour, or a wrong correction.
     #[must_use]
     pub fn of(plan: &Plan, robot: &Robot, body: &[Vector3<f64>]) -> Self {
         let sliced = layers(&plan.path, robot, Slicing::Exact).map(|sliced| sliced.layer);
@@ -83,7 +85,7 @@ impl PlanDeviation {
         deviation
     }
 
-    /// Returns the warning for a body that is too far from its plan.
+    /// Returns the warning for a body that is farther from its plan than the limit. `None` within the limit.
     #[must_use]
     pub fn warning(&self) -> Option<Warning> {
         let Self { max_mm, at_mm, limit_mm } = *self;
@@ -100,7 +102,8 @@ impl PlanDeviation {
     }
 }
 
-/// Returns the index of the planned point whose line to the next one is nearest, from this index on, and the distance.
+/// Returns the index of the line of `planned` that is nearest to `point`, and its distance, mm. Line `i` leads from
+/// point `i` to point `i + 1`. Only lines near index `from` are searched.
 fn nearest_from(planned: &[Vector3<f64>], from: usize, point: &Vector3<f64>) -> (usize, f64) {
     let last = planned.len().saturating_sub(1);
     let candidates = from.saturating_sub(2)..=(from + AHEAD).min(last);
@@ -118,7 +121,8 @@ fn nearest_from(planned: &[Vector3<f64>], from: usize, point: &Vector3<f64>) -> 
 }
 
 impl BodyClearance {
-    /// Returns the clearance of a body's points and of the middles between them. `None` without points or obstacles.
+    /// Computes the smallest clearance over the points of a body's centreline and the middles between them. `body` are
+    /// these points, mm. `None` without points or obstacles.
     #[must_use]
     pub fn of(scene: &Scene, robot: &Robot, body: &[Vector3<f64>]) -> Option<Self> {
         let half_tube = 0.5 * robot.outer_diameter();
@@ -131,7 +135,8 @@ impl BodyClearance {
         let ends = middles.zip(body.iter().skip(1)).zip(lengths);
         let halves = ends.flat_map(|((middle, end), (to_middle, to_end))| [(middle, to_middle), (*end, to_end)]);
         let points = body.first().map(|start| (*start, 0.0)).into_iter().chain(halves);
-        // Nothing nearer is possible until the tip has moved by the difference to the nearest so far.
+        // The distance from obstacles changes at most by the length along the body, so points within the difference to
+        // the smallest distance so far are skipped.
         let (mut nearest, mut skip_to) = (None::<(f64, Vector3<f64>, f64)>, 0.0);
         for (point, along) in points {
             if along < skip_to {
@@ -149,7 +154,7 @@ impl BodyClearance {
         Some(Self { clearance_mm, at_mm, point_mm: point.into(), obstacle, contact: clearance_mm < 0.0 })
     }
 
-    /// Returns the warning for a body that touches an obstacle.
+    /// Returns the warning for a body that touches an obstacle. `None` without contact.
     #[must_use]
     pub fn warning(&self) -> Option<Warning> {
         let Self { clearance_mm, at_mm, point_mm: [x, y, z], obstacle, contact } = self;
@@ -182,7 +187,7 @@ mod tests {
         (robot, plan)
     }
 
-    /// Returns points every mm of a bow between the ends of the plan, whose middle is this far from it.
+    /// Returns points every mm of a bow between the ends of the plan. Its middle is `height` mm from the plan.
     fn bow(height: f64) -> Vec<Vector3<f64>> {
         let point =
             |z: u32| Vector3::new(height * libm::sin(f64::from(z) * std::f64::consts::PI / 600.0), 0.0, z.into());

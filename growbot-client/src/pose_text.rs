@@ -16,7 +16,7 @@ pub enum PoseTextError {
          quotes"
     )]
     Count {
-        /// Number of values found.
+        /// Number of values that the text contains.
         found: usize,
     },
     /// The number of values is neither three nor five.
@@ -25,17 +25,17 @@ pub enum PoseTextError {
          with spaces in quotes"
     )]
     GoalCount {
-        /// Number of values found.
+        /// Number of values that the text contains, such as "2 numbers".
         found: String,
     },
-    /// A value is not a length or angle.
+    /// A value is not a valid length or angle.
     #[error("{field} is {text:?}, {error}")]
     NotANumber {
         /// Name of the field.
         field: &'static str,
-        /// Value in the text.
+        /// Value that the text contains.
         text: String,
-        /// Error of the value.
+        /// Reason why the value is not valid.
         #[source]
         error: QuantityError,
     },
@@ -57,12 +57,12 @@ pub enum QuantityError {
 
 const FIELDS: [&str; 5] = ["x", "y", "z", "heading", "pitch"];
 
-/// A parsed number, in mm or degrees.
+/// A parsed length in mm, or a parsed angle in degrees.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Quantity {
-    /// The number.
+    /// Value in mm or degrees, also if the text has another unit.
     pub value: f64,
-    /// True if the text contains the unit.
+    /// True if the text contains a unit.
     pub has_unit: bool,
 }
 
@@ -115,25 +115,26 @@ fn without_unit(value: f64) -> Quantity {
     Quantity { value, has_unit: false }
 }
 
-/// Parses metres and returns mm. Works on the decimals, so that 0.55 m is 550 mm to the last digit.
+/// Parses a number of metres and returns mm. The decimal point is shifted in the text, so that 0.55 m gives exactly 550
+/// mm.
 fn parse_metres(number: &str) -> Option<f64> {
     let metres = parse_number(number)?;
     let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e3")) };
     by_decimals.or(Some(metres * 1000.0))
 }
 
-/// A parsed goal.
+/// A parsed goal, and the values that were given without a unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TypedGoal {
-    /// The goal.
+    /// The goal: a pose or a position.
     pub goal: Goal,
-    /// True if all coordinates were given without a unit.
+    /// True if x, y and z were all given without a unit.
     pub bare_lengths: bool,
     /// Angles that were given without a unit, degrees.
     pub bare_angles: Vec<f64>,
 }
 
-/// Parses a goal: a pose, or a position alone.
+/// Parses a goal: a pose `X,Y,Z,HEADING,PITCH`, or a position `X,Y,Z`.
 ///
 /// ```
 /// use growbot_client::{plan::Goal, pose_text::parse_goal};
@@ -142,8 +143,8 @@ pub struct TypedGoal {
 /// ```
 ///
 /// # Errors
-/// If there are neither three numbers nor five, a number has another unit or is not finite, or the pitch is beyond +-90
-/// degrees.
+/// If the text does not have three or five values, a value has a wrong unit or is not finite, or the pitch is beyond
+/// +-90 degrees.
 pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
     let parts: Vec<&str> = text.split(',').map(str::trim).collect();
     let count = |found: usize| match found {
@@ -172,14 +173,14 @@ pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
     })
 }
 
-/// Parses a field of a pose. The first three are lengths, the others are angles.
+/// Parses the value of a field of a pose: a length for x, y and z, an angle for heading and pitch.
 fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> {
     let parsed =
         if FIELDS.iter().take(3).any(|length| *length == field) { parse_length(text) } else { parse_angle(text) };
     parsed.map_err(|error| PoseTextError::NotANumber { field, text: text.to_owned(), error })
 }
 
-/// Parses a pose.
+/// Parses a pose `X,Y,Z,HEADING,PITCH`.
 ///
 /// ```
 /// use growbot_client::pose_text::parse_pose;
@@ -190,12 +191,12 @@ fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> 
 /// ```
 ///
 /// # Errors
-/// Like [`parse_goal`], and if the text is a position alone.
+/// Like [`parse_goal`], and if the text does not have five values.
 pub fn parse_pose(text: &str) -> Result<Pose, PoseTextError> {
     parse_typed_pose(text).map(|(pose, _)| pose)
 }
 
-/// Like [`parse_pose`], but also returns the goal with the units that were given.
+/// Like [`parse_pose`], but also returns which values were given without a unit.
 ///
 /// # Errors
 /// Like [`parse_pose`].
@@ -211,8 +212,8 @@ pub fn parse_typed_pose(text: &str) -> Result<(Pose, TypedGoal), PoseTextError> 
     }
 }
 
-/// Creates a pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped in degrees, in which a turn
-/// is a whole number, so that 190 is -170 to the last digit.
+/// Creates a pose from x, y, z in mm, heading and pitch in degrees. The heading is wrapped to (-180, 180] before the
+/// conversion to radians, so that 190 gives exactly the same pose as -170.
 ///
 /// # Errors
 /// Like [`Pose::from_degrees`].
@@ -228,8 +229,8 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
     Pose::from_degrees([x, y, z, if heading.is_finite() { wrapped } else { heading }, pitch])
 }
 
-/// Parses a number with optional spaces round it. `nan` and `inf` are accepted, so that the check of the range can
-/// report them.
+/// Parses a number with optional spaces around it. `None` if the text is not a number. `nan` and `inf` are accepted, so
+/// that later checks of the range can report them.
 #[must_use]
 pub fn parse_number(text: &str) -> Option<f64> {
     // Adding zero turns -0 into 0, so that it is printed as users expect.

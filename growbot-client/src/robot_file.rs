@@ -1,7 +1,7 @@
-//! Descriptions of robots: built in by name, or from TOML files.
+//! Loading of robot descriptions: built-in ones by name, or others from TOML files.
 //!
-//! The files in `robots/` are in the binary, so that no other files have to be installed. A user's own file may have
-//! any name. Its description is checked in full ([`Robot::new`]) before it is used.
+//! The files in `robots/` are compiled into the program, so that no other files have to be installed. A user's own file
+//! may have any name. Each description is checked in full ([`Robot::new`]) before it is used.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -15,10 +15,10 @@ use crate::input::{self, InputError};
 use crate::maintenance::MaterialPreset;
 use crate::suggest::{did_you_mean, suggest};
 
-/// The default robot: the paper's robot A.
+/// Name of the default robot: robot A of the paper.
 pub const DEFAULT: &str = "growbot-a";
 
-/// Built-in descriptions: name, and text of the file.
+/// Built-in robot descriptions: name of the robot, and text of its TOML file.
 const BUILT_IN: [(&str, &str); 11] = [
     ("growbot-a", include_str!("../../robots/growbot-a.toml")),
     ("growbot-a1", include_str!("../../robots/growbot-a1.toml")),
@@ -33,7 +33,7 @@ const BUILT_IN: [(&str, &str); 11] = [
     ("growbot-c", include_str!("../../robots/growbot-c.toml")),
 ];
 
-/// Error of loading a robot.
+/// Error of loading a robot description.
 #[derive(Debug, thiserror::Error)]
 pub enum RobotFileError {
     /// The name is neither a built-in name nor a file.
@@ -42,7 +42,7 @@ pub enum RobotFileError {
         did_you_mean(.name, names()), names().collect::<Vec<_>>().join(", ")
     )]
     Unknown {
-        /// Name given by the user.
+        /// Name that the user gave.
         name: String,
     },
     /// The file cannot be read.
@@ -51,7 +51,7 @@ pub enum RobotFileError {
     /// The file is not TOML, or has unknown or invalid keys.
     #[error("{file}, line {line}, column {column}: {reason}")]
     Toml {
-        /// The file.
+        /// Name of the file.
         file: String,
         /// Line, from 1.
         line: usize,
@@ -60,29 +60,29 @@ pub enum RobotFileError {
         /// Message of the TOML parser, with the likely key if one is misspelt.
         reason: String,
     },
-    /// The description is complete, but the robot would not work.
+    /// The description has all fields, but a value is beyond its limit.
     #[error("{file}: {error}")]
     Robot {
-        /// The file.
+        /// Name of the file.
         file: String,
-        /// Field and its limit.
+        /// The field, its value and its limit.
         #[source]
         error: RobotError,
     },
 }
 
-/// Returns the names of the built-in descriptions, in order.
+/// Returns the names of the built-in robots, in alphabetical order.
 pub fn names() -> impl Iterator<Item = &'static str> {
     BUILT_IN.iter().map(|(name, _)| *name)
 }
 
-/// Reports whether a name is that of a built-in description.
+/// Reports whether this is the name of a built-in robot.
 #[must_use]
 pub fn is_built_in(name: &str) -> bool {
     names().any(|built_in| built_in == name)
 }
 
-/// Loads the robot of this built-in name or else of this file.
+/// Loads a built-in robot by its name, or else a robot from a TOML file (`-` for standard input).
 ///
 /// ```
 /// use growbot_client::robot_file;
@@ -91,16 +91,17 @@ pub fn is_built_in(name: &str) -> bool {
 /// ```
 ///
 /// # Errors
-/// If it is neither, cannot be read, or is not a valid description.
+/// If the name is neither that of a built-in robot nor that of a file, the file cannot be read, or the description is
+/// not valid.
 pub fn load(name_or_file: &Path) -> Result<Robot, RobotFileError> {
     let (text, file) = text_of(name_or_file)?;
     parse(&text, &file)
 }
 
-/// Returns the text of the built-in description of this name or else of this file, and its name in error messages.
+/// Returns the TOML text of a built-in robot or else of a file, and the name of this text for error messages.
 ///
 /// # Errors
-/// If it is neither or cannot be read.
+/// If the name is neither that of a built-in robot nor that of a file, or the file cannot be read.
 pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), RobotFileError> {
     if let Some((name, text)) = BUILT_IN.iter().find(|(name, _)| name_or_file.as_os_str() == *name) {
         return Ok(((*text).into(), (*name).to_owned()));
@@ -116,10 +117,10 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
     }
 }
 
-/// Parses the description of a robot from TOML. `file` is its name in error messages.
+/// Parses a robot description from TOML. `file` is the name of the text in error messages.
 ///
 /// # Errors
-/// [`RobotFileError::Toml`] with the place, or [`RobotFileError::Robot`].
+/// [`RobotFileError::Toml`] with line and column, or [`RobotFileError::Robot`].
 pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
     materials(text, file)?;
     let text = only(text, |header| !is_of_materials(header));
@@ -127,10 +128,10 @@ pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
     Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
 }
 
-/// Parses a TOML text. `file` is its name in error messages.
+/// Parses a TOML text. `file` is the name of the text in error messages.
 ///
 /// # Errors
-/// [`RobotFileError::Toml`] with the position, and the key that was probably meant.
+/// [`RobotFileError::Toml`] with line and column, and the key that was probably meant.
 pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, RobotFileError> {
     toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start);
@@ -139,11 +140,11 @@ pub fn from_toml<T: DeserializeOwned>(text: &str, file: &str) -> Result<T, Robot
     })
 }
 
-/// Returns the presets of materials of a robot file, by name. They belong to the host and not to the robot's
-/// description.
+/// Returns the material presets in the text of a robot file, by name of the material. They are not part of the robot's
+/// description, and boards do not get them.
 ///
 /// # Errors
-/// [`RobotFileError::Toml`] with the position.
+/// [`RobotFileError::Toml`] with line and column.
 pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, MaterialPreset>, RobotFileError> {
     #[derive(Deserialize, Default)]
     #[serde(default)]
@@ -154,13 +155,13 @@ pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, MaterialPres
     Ok(from_toml::<Materials>(&text, file)?.materials)
 }
 
-/// Reports whether the header of a table is that of a material.
+/// Reports whether this is the header of a TOML table with a material preset.
 fn is_of_materials(header: &str) -> bool {
     header.starts_with("[materials.")
 }
 
-/// Returns the text with only the tables whose header fulfils `is_so`. Other lines become empty, so that positions stay
-/// the same.
+/// Returns the TOML text with only the tables for whose header `is_so` returns true. Other lines become empty, so that
+/// line numbers in errors stay the same.
 fn only(text: &str, is_so: impl Fn(&str) -> bool) -> String {
     let mut keeps = is_so("");
     let mut kept = String::with_capacity(text.len());
@@ -174,12 +175,12 @@ fn only(text: &str, is_so: impl Fn(&str) -> bool) -> String {
     kept
 }
 
-/// Reports whether a path has no directory and no extension, so that it is more likely a name than a file.
+/// Reports whether a path has no directory and no extension, so that it is probably the name of a robot and not a file.
 fn looks_like_a_name(path: &Path) -> bool {
     path.components().count() == 1 && path.extension().is_none()
 }
 
-/// Returns the message of a TOML error in one line, with the key that was probably meant.
+/// Returns the message of a TOML error in one line, with the key that the user probably meant.
 fn reason(error: &toml::de::Error) -> String {
     let message = error.message().replace('\n', "; ");
     // serde's form: unknown field `a`, expected one of `b`, `c`
@@ -195,7 +196,7 @@ fn reason(error: &toml::de::Error) -> String {
     }
 }
 
-/// Returns line and column, both from 1, of a byte of a text.
+/// Returns line and column, both from 1, of the byte at index `at` of a text.
 fn line_and_column(text: &str, at: usize) -> (usize, usize) {
     let before = text.get(..at).unwrap_or(text);
     let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
@@ -206,7 +207,7 @@ fn line_and_column(text: &str, at: usize) -> (usize, usize) {
 mod tests {
     use super::*;
 
-    /// Planning radius of each robot in the paper (Tables 1 and 3), and its time for a layer.
+    /// Robots of the paper (Tables 1 and 3): name, planning radius (mm) and time per layer (s).
     const PAPER: [(&str, f64, f64); 11] = [
         ("growbot-a", 100.0, 18.0),
         ("growbot-a1", 100.0, 1.8),

@@ -1,36 +1,36 @@
-//! Sanitizing of text for a terminal. Names, outcomes and messages come from files, boards and other programs. None of
-//! their characters may move the cursor, change colours or reverse the direction of writing.
+//! Sanitizing of text for a terminal. Names, outcomes and messages come from files, boards and other programs, so their
+//! control characters might move the cursor, change colours or reverse the direction of writing.
 
 use std::borrow::Cow;
 
 use serde::Serialize;
 
-/// Reports whether a terminal obeys this character instead of showing it: C0, DEL, C1, and characters that change lines
-/// or the direction of writing.
+/// Reports whether this is a control character for a terminal: C0, DEL, C1, or a character that separates lines or
+/// changes the direction of writing.
 #[must_use]
 pub fn is_control(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// Returns the text with a space in place of each such character except newlines.
+/// Returns the text with a space in place of each control character ([`is_control`]) except newlines.
 #[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     without(text, |letter| letter != '\n' && is_control(letter))
 }
 
-/// Returns the text in one line, with a space in place of each such character.
+/// Returns the text in one line, with a space in place of each control character ([`is_control`]).
 #[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     without(text, is_control)
 }
 
-/// Returns a value as one line of JSON, with its newline. Such characters are escaped, so that a reader gets the exact
-/// text.
+/// Returns a value as one line of JSON that ends with a newline. Control characters ([`is_control`]) are escaped as
+/// `\uXXXX`, so that a reader gets the exact text.
 #[must_use]
 pub fn json_line(value: &impl Serialize) -> String {
-    // Serialization fails only for maps whose keys are not strings, which do not occur. Such characters occur only in
-    // strings.
+    // Serialization fails only for maps whose keys are not strings, which do not occur. Control characters occur only
+    // in strings.
     let plain = serde_json::to_string(value).unwrap_or_default();
     let mut line = String::with_capacity(plain.len() + 1);
     for letter in plain.chars() {

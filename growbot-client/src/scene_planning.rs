@@ -1,4 +1,5 @@
-//! Plans through a scene. Each leg is proven to be clear of all obstacles, of itself and of the earlier legs.
+//! Planning of paths through a scene with obstacles. Each leg is proven to be clear of all obstacles, of itself and of
+//! the earlier legs.
 
 use std::cell::Cell;
 use std::path::Path;
@@ -25,46 +26,47 @@ use crate::plan_file::{SceneRefJson, format_hash};
 use crate::self_collision::closest_self_approach;
 use crate::warning::NEAR_OBSTACLE;
 
-/// Tolerance of the required clearance, as a fraction. A part of a path whose clearance is within this tolerance may be
-/// rejected.
+/// Tolerance of the required clearance, as a fraction of it. A path whose clearance exceeds the required one by less
+/// than this may be rejected.
 const SLACK: f64 = 1e-3;
-/// Number of distance queries of a search for each unit of `--effort`: about 0.1 s.
+/// Maximum number of distance queries of a search for each unit of `--effort`. They take about 0.1 s.
 const WORK_PER_EFFORT: u64 = 100_000;
 /// Default effort of a search, in units of about 0.1 s.
 pub const EFFORT: u64 = 5;
-/// Time after the deadline of the search in which the clearance of a plan may be computed. The search uses all of its
-/// time.
+/// Additional time after the deadline of the search for computing the clearance of the plan, because the search may use
+/// all of its time.
 const GRACE: Duration = Duration::from_millis(200);
 /// Default limit of the length of a body, mm.
 pub const MAX_LENGTH_MM: f64 = 1e7;
 
-/// Maximum distance of the layers that a board gets, in fixed point, from [`laid`], mm. It is subtracted from each
-/// proven clearance. `tests/laid_centrelines.rs` measures it.
+/// Maximum distance between the path that [`laid`] returns and the layers in fixed point that a board receives, mm. It
+/// is subtracted from each proven clearance. `tests/laid_centrelines.rs` measures it.
 pub const MAX_LAYER_OFFSET_MM: f64 = 1e-4;
 
-/// Maximum reported clearance, mm.
+/// Maximum clearance that is reported, mm. It is also the clearance in an empty scene.
 pub const MAX_CLEARANCE: f64 = 1e7;
 
-/// A scene to plan through, and the limits of the search.
+/// A scene with obstacles, and the limits of the search for a path through it.
 #[derive(Debug)]
 pub struct SceneOptions<'a> {
-    /// File of the scene, which plans contain.
+    /// Name of the scene's file, which is written to the plan.
     pub file: &'a str,
-    /// The scene.
+    /// Obstacles of the scene, loaded from `file`.
     pub loaded: &'a LoadedScene,
-    /// Minimum distance between the outside of the tube and everything in the scene, mm:
-    /// [`planning_margin_mm`](crate::margin::planning_margin_mm), or more if more is known.
+    /// Minimum distance that a path must keep between the outside of the tube and all obstacles, mm. The default is
+    /// [`planning_margin_mm`](crate::margin::planning_margin_mm).
     pub margin: f64,
-    /// The existing body and the frame of its tip. It is an obstacle too.
+    /// Segments of the existing body and the frame of its tip, with which the new path must not collide. `None` without
+    /// an existing body.
     pub grown: Option<(&'a [Segment], &'a Frame)>,
-    /// Effort of the search, in units of 100,000 distance queries. The result depends on nothing else, unless time runs
-    /// out.
+    /// Maximum effort of the search, in units of 100,000 distance queries. Unlike a limit in time, it gives the same
+    /// result on every machine.
     pub effort: u64,
-    /// Time at which to take the best path found so far.
+    /// Time at which the search ends with the best path found so far. `None` without a limit in time.
     pub deadline: Option<Instant>,
-    /// True to stop at the first path, whatever its length.
+    /// True to end the search at the first path that is found, instead of searching for a shorter one.
     pub first_only: bool,
-    /// Maximum length of the body, mm. [`MAX_LENGTH_MM`] if it does not matter.
+    /// Maximum length of the body, mm: [`MAX_LENGTH_MM`] by default.
     pub max_length: f64,
 }
 
@@ -77,9 +79,9 @@ pub enum NoPathError {
          lower the margin (--margin)", place(.distance), CompactNumber(.need)
     )]
     Start {
-        /// Distance of the start, mm.
+        /// Distance of the start from the nearest obstacle, mm. Negative inside.
         distance: f64,
-        /// Required distance, mm.
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
         need: f64,
     },
     /// The goal is too near to an obstacle.
@@ -88,12 +90,12 @@ pub enum NoPathError {
          the margin (--margin)", place(.distance), CompactNumber(.need)
     )]
     Goal {
-        /// Distance of the goal, mm.
+        /// Distance of the goal from the nearest obstacle, mm. Negative inside.
         distance: f64,
-        /// Required distance, mm.
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
         need: f64,
     },
-    /// The goal is farther away than the maximum length of the body.
+    /// The straight line to the goal is longer than the remaining length of the body.
     #[error(
         "the goal is {} mm from the start of its leg, but only {} mm of --max-length remain: raise --max-length, or \
          choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
@@ -101,43 +103,43 @@ pub enum NoPathError {
     TooFar {
         /// Distance of the goal from the start of its leg, mm.
         distance: f64,
-        /// Remaining length of the body there, mm.
+        /// Remaining length of the body at the start of the leg, mm: the maximum length less the earlier legs.
         left: f64,
     },
-    /// No gap between start and goal is wide enough.
+    /// Every passage between start and goal is too narrow for the tube and the margin.
     #[error(
         "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
          centreline needs on each side; open the scene, or lower the margin (--margin)", CompactNumber(.need)
     )]
     Separated {
-        /// Required distance, mm.
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
         need: f64,
     },
-    /// No path was found at this resolution.
+    /// The search has tried all paths at its finest resolution, and none of them reaches the goal.
     #[error(
         "no path exists at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
          smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
-        /// Length of an arc or line, mm.
+        /// Length of an arc or a line that the search appends to a path, mm.
         step: f64,
-        /// Number of directions of bending.
+        /// Number of directions in which the search bends an arc.
         rolls: u32,
-        /// Side of a cell, mm.
+        /// Side of the cells into which the search divides positions, mm.
         cell: f64,
     },
-    /// The two-plane planner has no clear path.
+    /// The only path of the two-plane planner is too near to an obstacle.
     #[error(
         "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
          shortest, which does"
     )]
     TwoPlaneBlocked,
-    /// No path was found with the effort, or within the time.
+    /// The search ended without a path because its effort or its time was used up.
     #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
     NotFound,
 }
 
-/// Returns a message with the distance of a point from the nearest obstacle, mm.
+/// Formats the distance of a point from the nearest obstacle (mm, negative inside) for an error message.
 fn place(distance: &f64) -> String {
     if *distance < 0.0 {
         return format!("inside an obstacle, {} mm deep", CompactNumber(&-distance));
@@ -146,7 +148,7 @@ fn place(distance: &f64) -> String {
 }
 
 impl NoPathError {
-    /// Returns the code in the output of `--json`.
+    /// Returns the code of the error in the output of `--json`.
     #[must_use]
     pub fn code(&self) -> &'static str {
         if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
@@ -177,7 +179,7 @@ pub enum ScenePlanError {
     NoPath(#[from] NoPathError),
 }
 
-/// Error of verifying a plan's clearance.
+/// Error of proving that a plan is clear of a scene.
 #[derive(Debug, thiserror::Error)]
 pub enum SceneCheckError {
     /// The scene cannot be read.
@@ -186,55 +188,55 @@ pub enum SceneCheckError {
          --scene"
     )]
     Scene(#[from] SceneError),
-    /// The scene has changed.
+    /// The scene's file is not the one for which the plan was made.
     #[error(
         "the plan was made for {file} with hash {plan}, but the file has hash {here}: the scene has changed; plan \
          again"
     )]
     OtherScene {
-        /// The scene's file.
+        /// Name of the scene's file.
         file: String,
         /// Hash of the scene, as stored in the plan.
         plan: String,
         /// Hash of the scene's file as it is now.
         here: String,
     },
-    /// The body comes nearer than the scene allows.
+    /// The body would come nearer to an obstacle than the scene's margin.
     #[error(
         "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan through \
          the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {
-        /// The scene's file.
+        /// Name of the scene's file.
         file: String,
-        /// Proven clearance, mm. Negative inside an obstacle.
+        /// Proven clearance between the outside of the tube and the obstacles, mm. Negative inside an obstacle.
         found: f64,
-        /// Margin of the scene, mm.
+        /// Margin that the scene requires, mm.
         margin: f64,
-        /// Position along the body, mm.
+        /// Length of the body from its start to the nearest place, mm.
         at: f64,
-        /// Name of the nearest obstacle there.
+        /// Name of the obstacle that is too near.
         obstacle: String,
     },
-    /// The body comes nearer than the plan claims.
+    /// The body would come nearer to an obstacle than the plan states.
     #[error("the plan claims {claimed} mm of clearance in {file}, but only {found} mm could be verified: plan again")]
     ClearanceOverstated {
-        /// The scene's file.
+        /// Name of the scene's file.
         file: String,
-        /// Clearance in the plan, mm.
+        /// Clearance that the plan states, mm.
         claimed: f64,
-        /// Proven clearance, mm.
+        /// Clearance that could be proven, mm.
         found: f64,
     },
 }
 
-/// Plans from the start through these goals, in order. Each leg is the shortest clear path of those in empty space, if
-/// there is one, and otherwise the result of a search. The directions at waypoints without a direction are chosen by
-/// each leg on its own.
+/// Plans a path from the start through these goals, in order, that is clear of a scene. Each leg is the shortest
+/// candidate of the planner for empty space that is clear, or otherwise the result of a search around the obstacles.
+/// The direction at a position is the one in which the leg to it arrives.
 ///
 /// # Errors
-/// Like [`Plan::new`], and if no path leads through the scene.
+/// Like [`Plan::new`], and if no path through the scene is found.
 pub fn plan(
     robot: &Robot,
     start: &Pose,
@@ -265,7 +267,7 @@ pub fn plan_while<E: From<ScenePlanError>>(
         Ok::<_, E>(leg.plan(from, goal, body, roll)?)
     })?;
     let (file, hash) = (through.file.to_owned(), through.loaded.hash);
-    // If time runs out, use the clearance that every leg of the plan was proven to have.
+    // If the time runs out, report the clearance that was required of every leg.
     let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
     let clearance = proven.map_or(through.margin + CLEARANCE_TOLERANCE_MM, |nearest| nearest.distance);
     plan.warnings.extend(near_obstacle(&plan, robot, through.loaded, clearance));
@@ -273,8 +275,9 @@ pub fn plan_while<E: From<ScenePlanError>>(
     Ok(plan)
 }
 
-/// Returns the path as it is laid. Layers of arcs and lines are parts of these. Layers of helicoidal arcs are arcs that
-/// deviate from them, and are returned themselves.
+/// Returns the centreline of the body that is laid for a path, as segments. Layers of arcs and lines lie exactly on the
+/// path. If the path contains a helicoidal arc, its layers are short arcs that deviate from it, so an arc for each
+/// layer is returned.
 #[must_use]
 pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
     if !path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })) {
@@ -290,7 +293,8 @@ fn tube_clearance_mm(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
     nearest(plan, robot, loaded).distance
 }
 
-/// Returns the proven clearance between the outside of a plan's tube and a scene, and its position.
+/// Returns the proven clearance between the outside of a plan's tube and a scene (mm), and the length along the body at
+/// which it is smallest (mm).
 fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
     of_outside(clearance(&loaded.scene, &laid(&plan.path, robot), &plan.start.frame()), robot)
 }
@@ -301,7 +305,7 @@ fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Opt
     clearance_until(&loaded.scene, &body, &plan.start.frame(), deadline).map(|found| of_outside(found, robot))
 }
 
-/// Converts the clearance of the path to that of the outside of the tube that is laid.
+/// Converts the clearance of a path's centreline to the clearance of the outside of the tube.
 fn of_outside(Clearance { distance, arc_length: at }: Clearance, robot: &Robot) -> Clearance {
     Clearance {
         distance: (distance - 0.5 * robot.outer_diameter() - MAX_LAYER_OFFSET_MM).min(MAX_CLEARANCE),
@@ -309,13 +313,14 @@ fn of_outside(Clearance { distance, arc_length: at }: Clearance, robot: &Robot) 
     }
 }
 
-/// Returns a phrase for a body of this clearance (mm), which the name of an obstacle follows.
+/// Returns a verb phrase for messages, such as "come within 1.20 mm of", for a body with this clearance (mm, negative
+/// inside). The name of the obstacle follows the phrase.
 pub(crate) fn describe_clearance(clearance: f64) -> String {
     if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
 }
 
-/// Proves that a plan, made anywhere, keeps the margin that a scene states from everything in it, or touches nothing if
-/// the scene states none.
+/// Proves that a plan keeps the margin of a scene from all its obstacles, or touches none of them if the scene has no
+/// margin. The plan need not have been made for the scene.
 ///
 /// # Errors
 /// If the plan does not keep the margin.
@@ -327,7 +332,7 @@ pub fn check_clearance(
 ) -> Result<SceneClearance, SceneCheckError> {
     let Clearance { distance: found, arc_length: at } = nearest(plan, robot, loaded);
     let margin = loaded.margin.unwrap_or(0.0);
-    // The proven clearance is a little below the true one.
+    // The proven clearance is below the true one by up to the tolerance.
     if found + CLEARANCE_TOLERANCE_MM >= margin {
         return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found, margin });
     }
@@ -338,11 +343,11 @@ pub fn check_clearance(
     Err(SceneCheckError::MarginViolated { file: file.to_owned(), found, margin, at, obstacle })
 }
 
-/// Records in a plan that it is clear of a scene through which it was not planned, after [`check_clearance`]. The plan
-/// gets a warning if it is nearer than its robot is expected to deviate.
+/// Adds a scene to a plan that was made without it, if [`check_clearance`] proves that the plan is clear of it. The
+/// plan gets a warning if the clearance is smaller than the expected deviation of the robot.
 ///
 /// # Errors
-/// If the plan is not clear. It is unchanged then.
+/// If the plan is not clear of the scene. The plan is not changed then.
 pub fn attach_scene(plan: &mut Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<(), SceneCheckError> {
     let scene = check_clearance(plan, robot, file, loaded)?;
     plan.warnings.retain(|warning| warning.code != NEAR_OBSTACLE);
@@ -351,11 +356,11 @@ pub fn attach_scene(plan: &mut Plan, robot: &Robot, file: &str, loaded: &LoadedS
     Ok(())
 }
 
-/// Loads the scene that a plan names, or the one that is given for it, and proves the clearance again. The scene's path
-/// is relative to the directory of the plan or to the current directory.
+/// Loads the scene of a plan and proves again that the plan is clear of it. The file is `given`, or else the one that
+/// the plan names, relative to the directory `beside` of the plan or to the current directory.
 ///
 /// # Errors
-/// If the scene is missing or has changed, or the body is nearer to it than the plan claims.
+/// If the scene is missing or has changed, or the body is nearer to it than the plan states.
 pub fn load_verified_scene(
     written: &SceneRefJson,
     plan: &Plan,
@@ -373,7 +378,7 @@ pub fn load_verified_scene(
     }
     let found = tube_clearance_mm(plan, robot, &loaded);
     let (claimed, margin) = (written.clearance_mm, written.margin_mm.or(loaded.margin).unwrap_or(0.0).max(0.0));
-    // The claimed clearance was found by the same proof, to its tolerance. This rejects NaN too.
+    // The clearance in the plan was computed by the same proof, to its tolerance. The comparison rejects NaN too.
     if claimed <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found + CLEARANCE_TOLERANCE_MM >= margin {
         Ok((SceneClearance { file, hash: loaded.hash, clearance: claimed.min(found), margin }, loaded))
     } else {
@@ -381,28 +386,29 @@ pub fn load_verified_scene(
     }
 }
 
-/// A search for one leg.
+/// Planner of the legs of one plan through a scene.
 struct LegSearch<'a> {
     robot: &'a Robot,
     search: &'a PlanOptions,
     through: &'a SceneOptions<'a>,
     /// Segments of the existing body.
     grown: &'a [Segment],
-    /// Roll of its tip relative to the frame of the start, radians.
+    /// Roll of the tip of the existing body relative to the frame of the start pose, radians.
     from_grown: f64,
-    /// Number of legs that are not planned yet. They share the remaining time.
+    /// Number of legs that are not planned yet, among which the remaining time is divided.
     legs_left: Cell<u32>,
 }
 
 impl LegSearch<'_> {
-    /// Returns the distance that the centreline needs. The proof in the plan gives a little less than the true
-    /// clearance.
+    /// Returns the clearance that the centreline must have. Twice the tolerance of the proof is added, because the
+    /// clearance that is proven for the plan may be smaller than the true one.
     fn need(&self) -> RequiredClearance {
         let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * CLEARANCE_TOLERANCE_MM;
         RequiredClearance { distance, tolerance: SLACK * distance }
     }
 
-    /// Returns the deadline of this leg. Each leg has an equal part of the remaining time.
+    /// Returns the deadline of the next leg, which gets an equal part of the remaining time, and counts this leg as
+    /// planned.
     fn deadline(&self) -> Option<Instant> {
         let now = Instant::now();
         let legs = self.legs_left.replace(self.legs_left.get().saturating_sub(1)).max(1);
@@ -465,7 +471,7 @@ impl LegSearch<'_> {
     }
 }
 
-/// Returns the goal, with the direction in which a path arrives at it.
+/// Returns the pose at the end of a path to this goal. For a position, its direction is that in which the path arrives.
 fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
     match goal {
         Goal::Pose(pose) => *pose,
@@ -624,7 +630,7 @@ mod tests {
     #[test]
     fn the_proof_of_a_long_body_ends_at_its_deadline() {
         let fixture = PlanFixture::new();
-        // For 100 m beside a wall, fifty million distances matter, all of the same size.
+        // Along 100 m beside a wall, the proof needs fifty million distances, all of the same size.
         let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
         fs::write(fixture.scene(), SCENE.to_owned() + wall).unwrap();
         let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());

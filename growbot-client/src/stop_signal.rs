@@ -1,8 +1,9 @@
-//! Stops of a robot, and the permits that they void.
+//! Stops of a robot, and the permits to heat or move it that a stop makes invalid (voids).
 //!
-//! Each order takes a [`Permit`] when it arrives, before anything is planned, read or sent. Each stop voids all earlier
-//! permits. [`Client::energize`](crate::client::Client::energize) sends nothing with a void permit, so nothing heats
-//! after a stop without a later order. A pause voids only permits to continue a growth ([`Permit::until_pause`]).
+//! Each command of a user gets a [`Permit`] when it arrives, before anything is planned, read or sent. Each stop voids
+//! all earlier permits. [`Client::energize`](crate::client::Client::energize) sends nothing with a void permit, so the
+//! robot heats or moves after a stop only if a later command requests it. A pause voids only permits to continue a
+//! growth ([`Permit::until_pause`]).
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,46 +11,47 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use growbot_core::link::message::Status;
 use serde::{Deserialize, Serialize};
 
-/// Number of bits of the level in the state of a signal.
+/// Number of low bits of `StopSignal::stops` that hold the level of the stop.
 const LEVEL_BITS: u32 = 2;
 
-/// A stop that a board has not confirmed yet.
+/// Kind of a stop of a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StopLevel {
-    /// Heater and steppers off. The body can be resumed.
+    /// The board switches heater and steppers off. The body can be resumed.
     Stop,
-    /// Heater and steppers off before anything else, until the stop is cleared.
+    /// The board switches heater and steppers off before anything else, and stays off until the stop is cleared.
     EmergencyStop,
 }
 
-/// Number of a stop of a signal.
+/// Number of a stop, which counts up with each stop of a [`StopSignal`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Generation(u64);
 
-/// Stops and pauses of one robot.
+/// Stops and pauses that were commanded to one robot. All its permits refer to it.
 #[derive(Debug, Default)]
 pub struct StopSignal {
-    /// Number of stops, and the level of the latest while it is not confirmed. One atomic number holds both, so no permit
-    /// is valid between the two.
+    /// Number of stops so far, and in the low bits the level of the latest stop until it is confirmed. One atomic
+    /// number holds both, so that they change at the same time.
     stops: AtomicU64,
-    /// Number of pauses that were ordered.
+    /// Number of pauses that were commanded.
     pauses: AtomicU64,
 }
 
 impl StopSignal {
-    /// Raises a stop. It voids all permits, and stays until [`Self::confirm`]. It does not lower an emergency stop.
+    /// Raises a stop, which voids all permits and stays pending until [`Self::confirm`]. If an emergency stop is
+    /// pending, the level stays that of an emergency stop. Returns the number of the stop.
     pub fn raise(&self, level: StopLevel) -> Generation {
         self.change(Some(level))
     }
 
-    /// Voids all permits without a stop, because the board is off already or the body is discarded.
+    /// Voids all permits without raising a stop, because the board is off already or the body is discarded.
     pub fn void(&self) -> Generation {
         self.change(None)
     }
 
-    /// Voids all permits to continue a growth, because a pause was ordered.
+    /// Voids all permits to continue a growth, because a pause was commanded.
     pub fn pause(&self) {
         self.pauses.fetch_add(1, Ordering::SeqCst);
     }
@@ -65,7 +67,8 @@ impl StopSignal {
         }
     }
 
-    /// Records that the board is off since this stop. Returns false if a newer stop was raised, which stays.
+    /// Marks this stop as confirmed, because the board has switched off. Returns false and changes nothing if a newer
+    /// stop was raised since.
     pub fn confirm(&self, generation: Generation) -> bool {
         let state = self.stops.load(Ordering::SeqCst);
         let confirmed = encode(generation.0, None);
@@ -73,26 +76,26 @@ impl StopSignal {
             && self.stops.compare_exchange(state, confirmed, Ordering::SeqCst, Ordering::SeqCst).is_ok()
     }
 
-    /// Returns the stop that is not confirmed yet, with its number.
+    /// Returns the level and number of the stop that is not confirmed yet. `None` without such a stop.
     #[must_use]
     pub fn pending(&self) -> Option<(StopLevel, Generation)> {
         let (generation, level) = decode(self.stops.load(Ordering::SeqCst));
         level.map(|level| (level, Generation(generation)))
     }
 
-    /// Returns the level of the stop that is not confirmed yet.
+    /// Returns the level of the stop that is not confirmed yet. `None` without such a stop.
     #[must_use]
     pub fn level(&self) -> Option<StopLevel> {
         self.pending().map(|(level, _)| level)
     }
 
-    /// Returns a permit for an order that arrives now.
+    /// Returns a permit for a command of a person that arrives now.
     #[must_use]
     pub fn permit(self: &Arc<Self>) -> Permit {
         self.permit_of(Authority::Person)
     }
 
-    /// Returns a permit to continue a growth that continues or waits by itself, without an order of a person. A pause
+    /// Returns a permit to resume a growth after a lost connection or a restart, without a command of a person. A pause
     /// voids it.
     #[must_use]
     pub fn continuation(self: &Arc<Self>) -> Permit {
@@ -106,22 +109,22 @@ impl StopSignal {
     }
 }
 
-/// Origin of a [`Permit`]: the order that allowed the robot to heat or move.
+/// Origin of a [`Permit`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Authority {
-    /// An order of a person or of that person's program.
+    /// The permit belongs to a command of a person or of a person's program.
     Person,
-    /// A growth that is taken up after a lost connection or a restart.
+    /// The permit belongs to a growth that is resumed automatically after a lost connection or a restart.
     Continuation,
 }
 
-/// Permission to heat or move a robot. Each later stop of its signal voids it, and a later pause if it is a permit to
-/// continue a growth.
+/// Permission to heat or move a robot. Each later stop of the robot voids it. A permit to continue a growth is also
+/// voided by each later pause.
 #[derive(Debug, Clone)]
 pub struct Permit {
     signal: Arc<StopSignal>,
     generation: u64,
-    /// Number of pauses before the permit.
+    /// Number of pauses that were commanded before the permit was given.
     pauses: u64,
     /// True if a later pause voids the permit.
     ends_at_pause: bool,
@@ -129,40 +132,42 @@ pub struct Permit {
 }
 
 impl Permit {
-    /// Returns a permit with a signal of its own, for a program whose only user orders the request. Nothing voids it.
+    /// Returns a permit with a new signal that nothing else uses, for a program whose only user sends the request. Only
+    /// a stop that is raised through [`Permit::signal`] voids it.
     #[must_use]
     pub fn standalone() -> Self {
         Arc::<StopSignal>::default().permit()
     }
 
-    /// Returns the permit to continue a growth. Each pause that is ordered after the original permit voids it.
+    /// Returns a copy of this permit that is also voided by each pause commanded after the original permit was given.
     #[must_use]
     pub fn until_pause(&self) -> Self {
         Self { ends_at_pause: true, ..self.clone() }
     }
 
-    /// Reports whether no stop was raised since, and every earlier stop is confirmed. For a permit to continue a growth,
-    /// also whether no pause was ordered since.
+    /// Reports whether the permit is not void: no stop was raised since it was given, and every earlier stop is
+    /// confirmed. For a permit to continue a growth, also no pause was commanded since.
     #[must_use]
     pub fn is_valid(&self) -> bool {
         let is_paused = self.ends_at_pause && self.signal.pauses.load(Ordering::SeqCst) != self.pauses;
         self.signal.stops.load(Ordering::SeqCst) == encode(self.generation, None) && !is_paused
     }
 
-    /// Reports whether the permit allows the start of a job on a board with this status. A continuation does not start
-    /// what waits for a person: a requested pause, also one that is pending, a filament runout, or a parked board.
+    /// Reports whether the permit allows the start of a job on a board with this status. A permit without a command of
+    /// a person does not start a board that waits for a person, after a requested pause, a filament runout or a long
+    /// pause with the heater off.
     #[must_use]
     pub fn allows_start(&self, status: &Status) -> bool {
         self.authority == Authority::Person || status.pause_cause.allows_continuation(status.state)
     }
 
-    /// Reports whether the permit belongs to no order of a person.
+    /// Reports whether the permit was given without a command of a person, to resume a growth.
     #[must_use]
     pub fn is_continuation(&self) -> bool {
         self.authority == Authority::Continuation
     }
 
-    /// Returns the signal that voids the permit.
+    /// Returns the signal of the robot, whose stops and pauses void the permit.
     #[must_use]
     pub fn signal(&self) -> &Arc<StopSignal> {
         &self.signal
@@ -230,7 +235,7 @@ mod tests {
         assert!(!after.is_valid());
     }
 
-    /// Every order of one raise, one confirmation of the stop before it, and one check of a permit from before both.
+    /// Tries one new stop, one confirmation of the previous stop, and one check of an older permit in every order.
     #[test]
     fn no_interleaving_makes_an_old_permit_valid() {
         let orders = [[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]];

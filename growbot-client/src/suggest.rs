@@ -1,8 +1,8 @@
-//! Suggestions of known names for mistyped ones.
+//! Suggestions of known names for mistyped names.
 
-/// Returns the known name that fits a mistyped one best. That is the name at the fewest single-letter edits, if they
-/// are few enough for a slip (a third of the letters or two, but not all). Otherwise it is a name that begins or ends
-/// with the text.
+/// Returns the known name that fits a mistyped name `text` best: the name with the fewest single-letter edits, if there
+/// are at most two or a third of the letters, and fewer than all letters. Otherwise a name that begins or ends with the
+/// text. `None` if no name fits.
 ///
 /// ```
 /// use growbot_client::suggest::suggest;
@@ -27,15 +27,14 @@ pub fn suggest<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
     best.map(|(_, name)| name)
 }
 
-/// Returns the suggestion in the form in which it ends an error message, ` (did you mean growbot-a?)`. Empty without
-/// one.
+/// Returns the best known name as the end of an error message, ` (did you mean growbot-a?)`. Empty if no name fits.
 #[must_use]
 pub fn did_you_mean<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(text, known).map(|name| format!(" (did you mean {name}?)")).unwrap_or_default()
 }
 
 /// Returns the number of insertions, deletions and replacements that turn one name into another (Levenshtein's
-/// distance). Names are short, so only the first 64 letters of longer texts count.
+/// distance). Only the first 64 letters of each name count.
 fn edits(from: &str, to: &str) -> usize {
     let to: Vec<char> = to.chars().take(64).collect();
     let mut row: Vec<usize> = (0..=to.len()).collect();

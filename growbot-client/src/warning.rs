@@ -1,4 +1,4 @@
-//! Warnings: reasons against growing a path. They are reported with the plan, which is returned nevertheless.
+//! Warnings: reasons against growing a plan. A plan with warnings is returned nevertheless.
 
 use growbot_core::angle::degrees;
 use growbot_core::layer::LayerError;
@@ -20,40 +20,45 @@ pub struct Warning {
     pub code: String,
     /// Message for users.
     pub message: String,
-    /// The value found.
+    /// Value that violates the limit.
     pub value: f64,
-    /// The limit that it passes.
+    /// Limit that the value violates.
     pub limit: f64,
 }
 
-/// Code of the warning for layers that are too thin on the inner side of the bend to print well (mm).
+/// Code of the warning for layers that are too thin on the inner side of the bend to print well. The value is their
+/// smallest height, the limit the minimum height of the robot, mm.
 pub const THIN_LAYER: &str = "thin-layer";
-/// Code of the warning for a body that would collide with itself. The value is the minimum distance of its centreline
-/// from itself, the limit the outer diameter of the tube, mm.
+/// Code of the warning for a body that would collide with itself. The value is the smallest distance between two parts
+/// of its centreline, the limit is the outer diameter of the tube, mm.
 pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning for a body that needs more filament than the spool holds. Value and limit are
 /// lengths, mm.
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning for layers that the robot cannot lay: too high (mm), too tilted (degrees), without material
-/// somewhere (mm), or with too many steps (value and limit are 0).
+/// Code of the warning for layers that the robot cannot lay: too high (value and limit in mm), too tilted (degrees),
+/// without material at a point (mm), with too much acceleration of a motor, or with too many steps per second (value
+/// and limit are 0).
 pub const LAYER_LIMIT: &str = "layer-limit";
 
-/// Code of the warning for a plan that passes an obstacle nearer than its robot is expected to deviate. The value is
-/// the clearance, the limit the expected deviation, mm.
+/// Code of the warning for a plan whose clearance from obstacles is smaller than the expected deviation of the robot.
+/// The value is the clearance, the limit is the expected deviation, mm.
 pub const NEAR_OBSTACLE: &str = "near-obstacle";
-/// Code of the warning for a body that was grown far from its plan. The value is the greatest distance
-/// from the plan, the limit the greatest one without a warning, mm.
+/// Code of the warning for a grown body that is too far from its plan. The value is the greatest distance from the
+/// planned path, the limit is the distance above which growbot warns, mm.
 pub const FAR_FROM_PLAN: &str = "far-from-plan";
-/// Code of the warning for a body that was grown into an obstacle. The value is the clearance, mm, the limit is 0.
+/// Code of the warning for a grown body that touches an obstacle. The value is the clearance (mm, negative), the limit
+/// is 0.
 pub const TOUCHES_OBSTACLE: &str = "touches-obstacle";
 
-/// Codes of the warnings that prevent a growth, because it cannot succeed.
+/// Codes of the warnings because of which growbot refuses to grow a plan, unless the user forces it.
 pub const BLOCKING: [&str; 3] = [SELF_COLLISION, FILAMENT_SHORT, LAYER_LIMIT];
 
-/// Maximum number of layers of helicoidal arcs of a path that are checked. The layers of such an arc differ.
+/// Maximum number of layers of the helicoidal arcs of a path that are checked. All layers of another segment are alike,
+/// so only one of them is checked.
 const MAX_LAYERS: usize = 100_000;
 
-/// Returns all warnings for growing this path, with these needs, on this robot.
+/// Returns all warnings for growing a path on a robot. `needs` are the requirements of the path: its length, layers,
+/// time and filament.
 #[must_use]
 pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Warning> {
     let mut left = MAX_LAYERS;
@@ -90,7 +95,8 @@ fn filament_short(needs: &Requirements, robot: &Robot) -> Option<Warning> {
     })
 }
 
-/// Returns the warning for the first layer of a segment that the robot cannot lay.
+/// Returns the warning for the first layer of a segment that the robot cannot lay. `index` is the index of the segment.
+/// `left` is the number of layers of helicoidal arcs that may still be checked.
 fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize) -> Option<Warning> {
     let all_alike = !matches!(segment, Segment::Helicoid { .. });
     let looked_at = if all_alike { 1 } else { *left };
@@ -109,7 +115,7 @@ fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize)
     Some(Warning { code: LAYER_LIMIT.to_owned(), message, value, limit })
 }
 
-/// Returns the name of the kind of a segment.
+/// Returns the name of a segment's kind for messages.
 fn kind(segment: &Segment) -> &'static str {
     match segment {
         Segment::Arc { .. } => "arc",
@@ -118,8 +124,8 @@ fn kind(segment: &Segment) -> &'static str {
     }
 }
 
-/// Returns the warning for a segment whose layers are too thin (value and limit in mm). Its layers are all alike, so
-/// only the first one is checked.
+/// Returns the warning for a segment whose layers are too thin to print well. Only the first layer of the segment is
+/// checked. `index` is the index of the segment.
 fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning> {
     let mut layers = layers(std::slice::from_ref(segment), robot, Slicing::Exact);
     let count = layers.size_hint().0;
@@ -139,7 +145,7 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     Some(Warning { code: THIN_LAYER.to_owned(), message, value, limit })
 }
 
-/// Formats a length, mm, with two digits if it is small, and otherwise with three decimals.
+/// Formats a length (mm): with two significant digits if it is below 0.01 mm, and otherwise with three decimals.
 fn readable(length: f64) -> String {
     if length.abs() < 0.01 { format!("{length:.1e}") } else { format!("{length:.3}") }
 }

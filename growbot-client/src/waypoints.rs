@@ -1,22 +1,25 @@
-//! Directions at waypoints, chosen jointly for the shortest path through all of them.
+//! Joint optimization of the directions at waypoints, for the shortest path through all of them.
 //!
-//! In a plan leg by leg, each leg arrives at a position in the direction that is best for it alone. The next leg has to
-//! start in that direction. This module minimises the sum of all legs over the directions at all positions but the
-//! last. The direction at the last has a closed form ([`growbot_core::to_position`]). The sum is piecewise smooth in
-//! the directions. The pieces are the path types of the legs.
+//! If the legs are planned one after the other, each leg arrives at its position in the direction that makes this leg
+//! shortest, and the next leg has to start in that direction. This module minimises the total length of all legs over
+//! the directions at all positions but the last. The direction at the last position has a closed form
+//! ([`growbot_core::to_position`]). The total length is a smooth function of the directions as long as the path types
+//! of the legs do not change.
 //!
 //! The method is that of Hooke and Jeeves 1961 ("Direct search" solution of numerical and statistical problems, J. ACM
-//! 8), on spheres. A sweep tries, for one position after the other, a step to each of four sides, and takes the one
-//! that makes the two adjacent legs shorter. If none does, the step of this position is halved. After a sweep, its
-//! whole change is tried once more, which shortcuts valleys in which several directions change together. The search
-//! ends when all steps are below 1e-4. There are three starts: the directions of leg by leg, those of the reversed
-//! chain leg by leg, and the bisectors of the polygon.
+//! 8), on spheres. A sweep turns the direction at one position after the other by a step to each of four sides, and
+//! keeps the turn that makes the two adjacent legs shortest. If no turn makes them shorter, the step of this position
+//! is halved. After a sweep, its total change of all directions is tried a second time, which speeds up the search
+//! where several directions have to change together. The search ends when all steps are below 1e-4. The search is run
+//! from three initial guesses: the directions of the plan leg by leg, those of a plan leg by leg from the goal back to
+//! the start, and the bisectors of the polygon through the positions.
 //!
 //! In the search, legs are arcs and lines, or the two-plane path. Helicoidal arcs take hundreds of times as long to
-//! find and matter only within 4 radii, where the plan itself includes them again. The best of the three is planned in
-//! full, and taken if it is shorter than leg by leg. The result is therefore never longer.
+//! find and are shorter only within 4 radii. The best of the three results is then planned again with helicoidal arcs,
+//! and taken if it is shorter than the plan leg by leg. The result is therefore never longer than that plan.
 //!
-//! A leg takes some 10 us, and a start of a chain of 8 positions some 2,500 legs (docs/measurements.md).
+//! The length of a leg takes some 10 us to compute. For 8 positions, the search from one initial guess computes some
+//! 2,500 legs (docs/measurements.md).
 
 use growbot_core::path;
 use growbot_core::plan::{PlanError, Planner};
@@ -31,19 +34,19 @@ use nalgebra::Vector3;
 use crate::plan::{Goal, Plan, PlanOptions};
 use crate::warning::SELF_COLLISION;
 
-/// Initial step, radians.
+/// Initial angle by which a direction is turned in a step, radians.
 const FIRST_STEP: f64 = 0.3;
-/// Final step, radians. Near the shortest path, the length changes with the square of a step: by 1e-8 radii for this
-/// one.
+/// Angle of a step at which the search ends, radians. Near the shortest path, the length changes with the square of the
+/// step: by 1e-8 radii for this step.
 const MIN_STEP: f64 = 1e-4;
-/// Minimum reduction of the length by a sweep, radii. The optimization ends below it.
+/// Minimum reduction of the length that counts as an improvement, in radii.
 const NO_GAIN: f64 = 1e-9;
-/// Maximum number of sweeps of a start. Of 200 chains of 3 to 8 positions, half took 30 or fewer, and none more than
-/// 139.
+/// Maximum number of sweeps from one initial guess. Of 200 chains of 3 to 8 positions, half took 30 sweeps or fewer,
+/// and none took more than 139.
 const MAX_SWEEPS: usize = 200;
 
-/// Returns a plan that is shorter than this one, which was planned leg by leg, and has the same goals. `None` if none
-/// is found. An error of `check`, which is called again and again, ends the search.
+/// Returns a plan with the same goals that is shorter than `plan`, which was planned leg by leg. `None` if no shorter
+/// plan is found. `check` is called regularly, and an error that it returns ends the search.
 pub(crate) fn optimize_directions<E: From<PlanError>>(
     plan: &Plan,
     robot: &Robot,
@@ -74,7 +77,7 @@ pub(crate) fn optimize_directions<E: From<PlanError>>(
     Ok((!worse && is_shorter).then_some(shorter))
 }
 
-/// A chain of goals, some of which have no direction.
+/// A start and a chain of goals, some of which are positions without a direction.
 struct WaypointChain<'a> {
     start: Pose,
     goals: &'a [Goal],
@@ -82,7 +85,8 @@ struct WaypointChain<'a> {
 }
 
 impl WaypointChain<'_> {
-    /// Returns the waypoints as planned from the goal backwards, leg by leg, each with the direction of its arrival.
+    /// Returns the poses at the waypoints of a path that is planned leg by leg from the goal back to the start. If no
+    /// path is found, returns the bisectors.
     fn reversed<E: From<PlanError>>(&self, robot: &Robot, check: &dyn Fn() -> Result<(), E>) -> Result<Vec<Pose>, E> {
         let Some((last, on_the_way)) = self.goals.split_last() else { return Ok(Vec::new()) };
         let before = on_the_way.last().map_or(self.start.position(), Goal::position);
@@ -96,12 +100,13 @@ impl WaypointChain<'_> {
         check()?;
         Ok(match planned {
             Ok(plan) => plan.legs.iter().rev().map(|leg| turned_back(&leg.goal)).collect(),
-            // This start is then left out.
+            // The bisectors are one of the three initial guesses anyway.
             Err(_) => self.bisectors(),
         })
     }
 
-    /// Returns the waypoints with directions half-way between the one to the position and the one from it.
+    /// Returns the poses at the waypoints. The direction at a position bisects the directions of the lines from the
+    /// previous position and to the next.
     fn bisectors(&self) -> Vec<Pose> {
         let positions: Vec<Vector3<f64>> =
             [self.start.position()].into_iter().chain(self.goals.iter().map(Goal::position)).collect();
@@ -113,7 +118,8 @@ impl WaypointChain<'_> {
         self.goals.iter().zip(positions.windows(3)).map(bisector).collect()
     }
 
-    /// Optimizes these waypoints by steps downhill. Returns the length and the poses.
+    /// Optimizes the directions of these poses by repeated sweeps. Returns the total length of the path (mm) and the
+    /// poses.
     fn refined<E>(&self, mut poses: Vec<Pose>, check: &dyn Fn() -> Result<(), E>) -> Result<(f64, Vec<Pose>), E> {
         let mut steps: Vec<f64> =
             self.goals.iter().zip(&poses).map(|(goal, _)| if goal.is_free() { FIRST_STEP } else { 0.0 }).collect();
@@ -136,8 +142,8 @@ impl WaypointChain<'_> {
         Ok((length, poses))
     }
 
-    /// Turns the direction at one position to the best of four sides, if that makes the path shorter. Returns true if
-    /// it did.
+    /// Turns the direction at the waypoint of this index by `step` radians to the best of four sides, if this makes the
+    /// path shorter. Returns true if the direction was turned.
     fn step(&self, poses: &mut [Pose], index: usize, step: f64) -> bool {
         let Some(pose) = poses.get(index).copied() else { return false };
         let frame = pose.frame().rotation;
@@ -155,7 +161,7 @@ impl WaypointChain<'_> {
         best.1 != pose
     }
 
-    /// Returns the length of the two legs that meet at a waypoint, mm.
+    /// Returns the total length of the two legs that meet at the waypoint of this index, mm.
     fn legs_at(&self, poses: &[Pose], index: usize) -> f64 {
         self.leg(poses, index) + self.leg(poses, index + 1)
     }
@@ -175,7 +181,7 @@ impl WaypointChain<'_> {
     }
 }
 
-/// Returns the length of the leg to a pose, without helicoidal arcs, mm. Infinite if none is found.
+/// Returns the length of the shortest leg between two poses without helicoidal arcs, mm. Infinite if no path is found.
 fn leg_to_pose(from: &Pose, to: &Pose, &PlanOptions { radius, planner, .. }: &PlanOptions) -> f64 {
     let by_two_planes = two_plane(from, to, radius).map_or(f64::INFINITY, |path| path::length(&path));
     if planner == Planner::TwoPlane {
@@ -186,7 +192,7 @@ fn leg_to_pose(from: &Pose, to: &Pose, &PlanOptions { radius, planner, .. }: &Pl
     found.first().map_or(by_two_planes, |shortest| by_two_planes.min(shortest.length() * radius))
 }
 
-/// Returns the length of the leg to a position, mm.
+/// Returns the length of the shortest leg from a pose to a position, mm. Infinite if no path is found.
 fn leg_to_position(from: &Pose, to: &Vector3<f64>, radius: f64) -> f64 {
     let goal = from.frame().rotation.inverse() * ((to - from.position()) / radius);
     planar(goal.z, hypot(goal.x, goal.y)).first().map_or(f64::INFINITY, |path| path.length() * radius)
@@ -198,7 +204,7 @@ fn set(poses: &mut [Pose], index: usize, pose: Pose) {
     }
 }
 
-/// Returns the pose of a goal: its own, or one in this direction.
+/// Returns the pose of a goal. A goal that is only a position gets this direction.
 fn directed(goal: &Goal, direction: &Vector3<f64>) -> Pose {
     match goal {
         Goal::Pose(pose) => *pose,
@@ -206,7 +212,7 @@ fn directed(goal: &Goal, direction: &Vector3<f64>) -> Pose {
     }
 }
 
-/// Returns a pose at the same position in this direction, or in its own if the direction is zero.
+/// Returns a pose at the position of `pose` that points in this direction. If the direction is zero, returns `pose`.
 fn pointing(pose: &Pose, direction: &Vector3<f64>) -> Pose {
     let heading = libm::atan2(direction.y, direction.x);
     let pitch = libm::atan2(direction.z, hypot(direction.x, direction.y));
@@ -216,7 +222,8 @@ fn pointing(pose: &Pose, direction: &Vector3<f64>) -> Pose {
     Pose::new(pose.position(), heading, pitch).unwrap_or(*pose)
 }
 
-/// Returns a pose as far beyond `after` as that is from `before`.
+/// Returns the pose `after`, whose direction is turned further by the angle between the directions of `before` and
+/// `after`.
 fn beyond(before: &Pose, after: &Pose) -> Pose {
     if before == after {
         return *after;
@@ -225,7 +232,7 @@ fn beyond(before: &Pose, after: &Pose) -> Pose {
     pointing(after, &(to * (2.0 * from.dot(&to)) - from))
 }
 
-/// Returns the pose of a tip that comes from the other side.
+/// Returns the pose at the same position with the opposite direction.
 fn turned_back(pose: &Pose) -> Pose {
     pointing(pose, &-pose.direction())
 }
@@ -261,7 +268,7 @@ mod tests {
         Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap()
     }
 
-    /// Returns positions, each 2 to 10 radii from the previous one in a random direction.
+    /// Returns `count` random positions, each 2 to 10 radii from the previous one in a random direction.
     fn chain(seed: u64, count: usize) -> Vec<Goal> {
         let mut random = Rng::new(&[2026, seed]);
         let mut at = Vector3::zeros();
@@ -299,12 +306,13 @@ mod tests {
         assert!(all > 100, "{all}: each leg and each step of the three searches");
         for allowed in 0..all {
             assert_eq!(plan(allowed), Err(PlanError::NoPath));
-            // Where a search may do without a plan, it is called once more.
+            // The check may be called once more after its first error, where a failed plan does not end the search.
             assert!(calls.get() <= allowed + 2, "{} {allowed}", calls.get());
         }
     }
 
-    /// Compares lengths along the chain, and prints them as in docs/measurements.md.
+    /// Compares the lengths of plans that are optimized jointly and leg by leg, and prints them as in
+    /// docs/measurements.md.
     #[test]
     fn joint_optimization_is_never_worse_than_leg_by_leg() {
         let mut all: Vec<f64> = Vec::new();

@@ -1,9 +1,10 @@
-//! Measures the distance between the centreline of the layers that a board gets and that of the body whose clearance is
-//! proven.
+//! Measures the distance between the centreline of the layers that a board receives and the centreline whose clearance
+//! is proven.
 //!
-//! Layers of arcs and lines have the path's own curvature, so that only their rounding to fixed point moves them.
-//! Layers of helicoidal arcs deviate from these, and that distance is printed too. Both are compared at equal lengths,
-//! at the end and in the middle of every layer. No other measure of their distance is larger.
+//! Layers of arcs and lines have the curvature of the path, so they deviate from it only by the rounding to fixed
+//! point. Layers of helicoidal arcs deviate from the arcs, and this distance is printed too. The centrelines are
+//! compared at equal lengths, in the middle and at the end of each layer, which gives an upper bound of the distance
+//! between the curves.
 //!
 //! `GROWBOT_CENTRELINES` is the number of plans, 200 by default.
 //!
@@ -24,7 +25,7 @@ use nalgebra::Vector3;
 
 const RADIUS: f64 = 100.0;
 
-/// Points along a path, requested in order.
+/// Iterator-like access to points along a path, at increasing lengths.
 struct Along<'a> {
     left: &'a [Segment],
     base_from_segment: Frame,
@@ -47,7 +48,7 @@ impl Along<'_> {
     }
 }
 
-/// Returns the maximum distance between the layers of a path and a body, mm.
+/// Returns the maximum distance between the layers of a path and the centreline `body`, mm.
 fn apart(robot: &Robot, path: &[Segment], body: &[Segment]) -> f64 {
     let mut along = Along { left: body, base_from_segment: Frame::identity(), before: 0.0 };
     let (mut base_from_tip, mut so_far, mut most) = (Frame::identity(), 0.0, 0.0_f64);

@@ -6,8 +6,8 @@ use core::f64::consts::{PI, TAU};
 
 /// Wraps an angle to `[0, 2 pi)`.
 ///
-/// An angle that is below zero by a rounding error becomes exactly 0, never `2 pi`. So does an angle that is too large
-/// for `f64` to resolve a turn.
+/// An angle that is below zero by a rounding error becomes exactly 0, never `2 pi`. An angle that is too large for
+/// `f64` to resolve a turn also becomes 0.
 #[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
     let wrapped = angle - TAU * libm::floor(angle / TAU);

@@ -1,8 +1,9 @@
-//! Format of numbers in messages.
+//! Format of numbers in texts for people.
 
 use core::fmt;
 
-/// A number in a short form: decimal, or with an exponent if the decimal form would need more than a dozen zeros.
+/// A number that is displayed in a short form: decimal, or with an exponent if the decimal form would need more than a
+/// dozen zeros.
 /// ```
 /// use growbot_core::compact_number::CompactNumber;
 /// assert_eq!(format!("{} {}", CompactNumber(&0.774), CompactNumber(&1e7)), "0.774 10000000");

@@ -23,7 +23,7 @@ pub fn min_radius_by_packaging(tip_radius: f64, inner_radius: f64, inner_length:
 /// leaves exactly the min height on the inner side: `h (1 - r_t / R) = height_min`. Lengths are in mm, `tilt_max` in
 /// radians.
 ///
-/// Each of the three bounds on the mean height gives a radius. The largest of these radii is the limit.
+/// Each of the three bounds in [`max_mean_height`] gives a radius. The largest of these radii is the limit.
 #[must_use]
 pub fn min_radius_by_layers(tip_radius: f64, height: f64, height_min: f64, height_max: f64, tilt_max: f64) -> f64 {
     let by_mean_height = tip_radius / (1.0 - height_min / height);

@@ -1,4 +1,5 @@
-//! Floats of both precisions. A search may begin in single precision, which a microcontroller computes in hardware.
+//! Functions for `f32` and `f64` that give the same bits on every machine. A search may begin in `f32`, which a
+//! microcontroller computes in hardware.
 
 use nalgebra::RealField;
 
@@ -7,26 +8,27 @@ use crate::trigonometry;
 /// A float with functions that give the same bits on every machine. The functions of [`RealField`] may be those of the
 /// standard library, which differ between machines.
 pub trait PortableFloat: RealField + Copy {
-    /// Returns the nearest float.
+    /// Returns the float of this type that is nearest to `number`.
     fn literal(number: f64) -> Self;
-    /// Returns the square root.
+    /// Returns the square root of this number.
     fn root(self) -> Self;
     /// Returns `e` to the power of this number.
     fn exponential(self) -> Self;
-    /// Returns the natural logarithm.
+    /// Returns the natural logarithm of this number.
     fn logarithm(self) -> Self;
-    /// Returns the sine of an angle of at most a quarter turn, radians.
+    /// Returns the sine of this angle in radians, which must be at most a quarter turn.
     fn sine_of_quarter(self) -> Self;
-    /// Returns sine and cosine of an angle, radians.
+    /// Returns the sine and the cosine of this angle in radians.
     fn sine_cosine(self) -> (Self, Self);
 }
 
-/// A number so large that a float of its size has no digits after the point.
+/// Number that rounds an `f64` to an integer when it is added and subtracted again, 1.5 * 2^52. An `f64` of this size
+/// has no fractional digits.
 const SHIFT_F64: f64 = 6_755_399_441_055_744.0;
-/// `ln 2` in two parts: the leading bits, and the remainder.
+/// Leading bits of `ln 2` as an `f64`. [`LOG_2_REST_F64`] is the remainder.
 const LOG_2_F64: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
 const LOG_2_REST_F64: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
-/// `(e^x - 1 - x) / x^2` in powers of `x`.
+/// Coefficients of `(e^x - 1 - x) / x^2` in powers of `x`.
 const EXPONENTIAL: [f64; 11] = [
     0.5,
     0.16666666666666666,
@@ -40,7 +42,7 @@ const EXPONENTIAL: [f64; 11] = [
     2.505210838544172e-08,
     2.08767569878681e-09,
 ];
-/// `(sin x - x) / x^3` in powers of `x^2`.
+/// Coefficients of `(sin x - x) / x^3` in powers of `x^2`.
 const SINE: [f64; 9] = [
     -0.16666666666666666,
     0.008333333333333333,
@@ -86,18 +88,19 @@ impl PortableFloat for f64 {
     }
 }
 
-/// A quarter turn in two parts: the leading bits, and the remainder.
+/// Leading bits of a quarter turn, `pi / 2`, as an `f32`. [`QUARTER_REST`] is the remainder.
 const QUARTER: f32 = 1.570_312_5;
 const QUARTER_REST: f32 = 4.838_268e-4;
 
-/// `ln 2` in two parts: the leading bits, and the remainder.
+/// Leading bits of `ln 2` as an `f32`. [`LOG_2_REST`] is the remainder.
 const LOG_2: f32 = 0.693_359_4;
 const LOG_2_REST: f32 = -2.121_944_4e-4;
 
-/// A number so large that a float of its size has no digits after the point.
+/// Number that rounds an `f32` to an integer when it is added and subtracted again, 1.5 * 2^23. An `f32` of this size
+/// has no fractional digits.
 const SHIFT: f32 = 12_582_912.0;
 
-/// Returns the integer that is nearest to a small number.
+/// Returns the integer that is nearest to a number of magnitude below 2^22.
 fn nearest(number: f32) -> f32 {
     (number + SHIFT) - SHIFT
 }

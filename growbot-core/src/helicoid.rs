@@ -9,54 +9,60 @@
 //! x'' = w x x',   w = m / |m|,   m = m0 + p x (x - x0)
 //! ```
 //!
-//! with constant vectors `m0` and `p`. `m0` is perpendicular to the direction in which the curve starts. The common
-//! scale of both vectors is arbitrary. The tip turns about `w` by one radian per radius of length, and `w` itself turns
-//! about the tip. The body bends as tightly as it may everywhere, and only the angle of deposition changes from layer
-//! to layer.
+//! with constant vectors `m0` and `p`. `x0` is the point at which the curve starts, and `m0` is perpendicular to the
+//! direction in which it starts. The common scale of both vectors is arbitrary. The tip turns about `w` by one radian
+//! per radius of length, and `w` itself turns about the tip. The body bends as tightly as it may everywhere, and only
+//! the angle of deposition changes from layer to layer.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
 use crate::pose::{Frame, column};
 use crate::trigonometry::sin_cos;
 
-/// A helicoidal arc, without its length: `m0` and `p` in the frame of the tip that starts it, lengths in radii.
+/// The curve of a helicoidal arc, without the length of the arc. `m0` and `p` are in the frame of the tip at the start
+/// of the curve. The unit of length is the radius of curvature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
-    /// `m` at the start: the axis about which the tip turns, times any positive scale.
+    /// Vector `m` at the start of the curve. It has the direction of the axis about which the tip turns there. The
+    /// common scale of `m0` and `p` is arbitrary.
     pub m0: Vector3<f64>,
-    /// Rate of change of `m` along the curve: `m' = p x x'`.
+    /// Vector that gives the rate of change of `m` along the curve, `m' = p x x'`, where `x'` is the direction of
+    /// growth.
     pub p: Vector3<f64>,
 }
 
-/// Max step of the integration, radii. The test `integration_agrees_with_small_steps`, to 1e-9, checks this
-/// and the fractions below.
+/// Max length of an integration step, radii. The test `integration_agrees_with_small_steps` checks that results are
+/// exact to 1e-9 with this length and with the fractions [`SHARE_OF_WAY`] and [`SHARE_OF_TURN`].
 const MAX_STEP: f64 = 0.2;
-/// Max step near a point where `m` vanishes and its direction turns fast, as a fraction of the length in which `m`
-/// would vanish at its present rate of change.
+/// Max length of an integration step near a point where `m` vanishes and its direction turns fast, as a fraction of the
+/// length in which `m` would vanish at its present rate of change.
 const SHARE_OF_WAY: f64 = 0.25;
-/// Max step near such a point, as a fraction of the length in which `m` would vanish at the second derivative of `m`.
+/// Max length of an integration step near a point where `m` vanishes, as a fraction of the length `sqrt(|m| / |p|)`, in
+/// which `m` would vanish at its max second derivative.
 const SHARE_OF_TURN: f64 = 0.25;
-/// Min step, radii. Within such a step `w` turns by half a turn at most, which moves the end by the square of the
-/// step's length.
+/// Min length of an integration step, radii. Within a step of this length `w` turns by at most half a turn, which moves
+/// the end of the curve by the order of the square of the length.
 const MIN_STEP: f64 = 1e-9;
-/// Max length of a step by the classical Runge-Kutta method, radii: for short steps, such as a layer. The error is of
-/// the order of the fifth power of the length.
+/// Max length of an integration step by the classical Runge-Kutta method, radii. It serves for short steps, such as a
+/// layer. The error of a step is of the order of the fifth power of its length.
 const SHORT: f64 = 0.01;
-/// Numbers of substeps of the midpoint rule. The results are extrapolated, which gives order 10.
+/// Numbers of substeps with which the midpoint rule computes each integration step. Extrapolation of the five results
+/// gives order 10.
 const SUBSTEPS: [u32; 5] = [2, 4, 6, 8, 10];
 
-/// A point on a helicoidal arc: position, direction of growth and x axis of the tip, as the columns of a matrix.
+/// The tip on a helicoidal arc: its position, direction of growth and x axis, as the columns of a matrix. The position
+/// is in radii.
 type HelicoidState = Matrix3<f64>;
 
 impl Helicoid {
-    /// Returns `m` at a point.
+    /// Returns the vector `m` at a position on the curve, radii.
     #[must_use]
     pub fn m(&self, position: &Vector3<f64>) -> Vector3<f64> {
         self.m0 + self.p.cross(position)
     }
 
-    /// Returns the same curve grown from a tip that is turned by `roll` about its direction of growth (radians,
-    /// counter-clockwise).
+    /// Returns the representation of this curve in the frame of a tip that is turned by `roll` about its direction of
+    /// growth (radians, counter-clockwise). The curve in space is the same.
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         let (sin, cos) = sin_cos(roll);
@@ -64,7 +70,7 @@ impl Helicoid {
         Self { m0: back(&self.m0), p: back(&self.p) }
     }
 
-    /// Returns `start_from_tip` after this length, both in radii.
+    /// Returns `start_from_tip`, the frame of the tip after this length of the curve. All lengths are in radii.
     #[must_use]
     #[inline(never)] // Keeps its stack frame out of the caller's.
     pub fn frame_after(&self, length: f64) -> Frame {
@@ -81,7 +87,7 @@ impl Helicoid {
         HelicoidState::from_columns(&[direction, w.cross(&direction), w.cross(&column::<2>(state))])
     }
 
-    /// Applies the midpoint rule to one step, in a given number of substeps.
+    /// Returns the state after one integration step by the midpoint rule, in a given number of substeps.
     fn midpoint(&self, state: &HelicoidState, step: f64, substeps: u32) -> HelicoidState {
         let short = step / f64::from(substeps);
         let (mut before, mut here) = (*state, state + self.rate(state) * short);
@@ -93,7 +99,8 @@ impl Helicoid {
         here
     }
 
-    /// Makes a step that is so short that the classical Runge-Kutta method is exact to the last digits.
+    /// Returns the state after one integration step by the classical Runge-Kutta method, which is exact to the last
+    /// digits if the step is short.
     fn short_step(&self, state: &HelicoidState, step: f64) -> HelicoidState {
         let first = self.rate(state);
         let second = self.rate(&(state + first * (0.5 * step)));
@@ -102,7 +109,8 @@ impl Helicoid {
         state + (first + (second + third) * 2.0 + fourth) * (step / 6.0)
     }
 
-    /// Makes one extrapolated step (Bulirsch and Stoer 1966, with polynomials).
+    /// Returns the state after one integration step by the extrapolated midpoint rule (Bulirsch and Stoer 1966, with
+    /// polynomials).
     fn step(&self, state: &HelicoidState, step: f64) -> HelicoidState {
         let mut row = [HelicoidState::zeros(); SUBSTEPS.len()];
         for (index, substeps) in SUBSTEPS.into_iter().enumerate() {
@@ -124,7 +132,7 @@ impl Helicoid {
     }
 }
 
-/// A tip that moves along a helicoidal arc.
+/// Integrator of a helicoidal arc: a tip that moves along the curve.
 #[derive(Debug, Clone)]
 pub struct HelicoidIntegrator {
     curve: Helicoid,
@@ -132,19 +140,19 @@ pub struct HelicoidIntegrator {
 }
 
 impl HelicoidIntegrator {
-    /// Creates a tip at the start of the curve.
+    /// Creates an integrator whose tip is at the start of the curve.
     #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
         Self { curve: *curve, state: HelicoidState::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
     }
 
-    /// Advances by this length, radii.
+    /// Moves the tip along the curve by this length, radii.
     pub fn advance(&mut self, length: f64) {
         self.advance_with_keep_alive(length, &mut || ());
     }
 
-    /// Like [`HelicoidIntegrator::advance`], but calls `keep_alive` in each step so that a board can feed its watchdog.
-    /// Past a narrow neck the integration takes a second on a microcontroller.
+    /// Like [`HelicoidIntegrator::advance`], but calls `keep_alive` in each integration step so that a board can feed
+    /// its watchdog. Where `m` is nearly zero, the integration takes a second on a microcontroller.
     #[inline(never)]
     pub fn advance_with_keep_alive(&mut self, length: f64, keep_alive: &mut dyn FnMut()) {
         let force = self.curve.p.norm().max(f64::MIN_POSITIVE);
@@ -170,7 +178,7 @@ impl HelicoidIntegrator {
         }
     }
 
-    /// Returns `start_from_tip` at this point, lengths in radii.
+    /// Returns `start_from_tip`, the present frame of the tip, lengths in radii.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let z = column::<1>(&self.state).normalize();
@@ -188,8 +196,7 @@ mod tests {
     use core::f64::consts::TAU;
     use proptest::prelude::*;
 
-    /// Generates curves on which `m` does not come closer to 0 than some 1e-4, because `w` jumps where `m` passes
-    /// through 0.
+    /// Generates curves on which `|m|` stays above about 1e-4, because `w` jumps where `m` passes through 0.
     fn helicoid() -> impl Strategy<Value = Helicoid> {
         (0.0..TAU, -3.0..0.0, -1.0..1.0, -1.0..1.0, 0.1..1.0, any::<bool>()).prop_map(
             |(angle, exponent, x, y, along, up): (f64, f64, f64, f64, f64, bool)| {
@@ -204,7 +211,7 @@ mod tests {
         )
     }
 
-    /// Integrates in many small steps.
+    /// Returns the state after this length of the curve, integrated in the given number of small steps.
     fn by_small_steps(curve: &Helicoid, length: f64, steps: u32) -> HelicoidState {
         let step = length / f64::from(steps);
         let mut state = HelicoidIntegrator::new(curve).state;

@@ -14,10 +14,10 @@ pub struct JobLayers<'a> {
     robot: &'a Robot,
 }
 
-/// Maximum number of layers of a job: what the journal of all three boards can store.
+/// Max number of layers of a job. The journal of each of the three kinds of board can store that many.
 pub const MAX_JOB_LAYERS: u32 = 6143;
 
-/// Returns the layers of a path as bytes, by exact slicing.
+/// Returns an iterator over the layers of a path as bytes, sliced with [`Slicing::Exact`].
 #[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
     job_layers_with_keep_alive(path, robot, &mut || ())
@@ -50,20 +50,21 @@ impl Iterator for JobLayers<'_> {
     }
 }
 
-/// The hashes of a job's layers. They identify the job, and they prove that two sides have computed the same layers.
+/// The hashes and the number of a job's layers. The hashes identify the job, and they prove that host and board have
+/// computed the same layers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct JobSummary {
-    /// Hash of the robot's hash and of all layers' bytes: the identifier of the job on the link. It is never 0, because
-    /// 0 stands for the absence of a job.
+    /// Identifier of the job on the link: the hash of the robot's hash and of the bytes of all layers. It is never 0,
+    /// because 0 stands for the absence of a job.
     pub plan_id: u64,
-    /// Hash of alpha, height and tilt of all layers in full precision.
+    /// Hash of alpha, height and tilt of all layers as `f64`, before they are rounded to bytes.
     pub exact_hash: u64,
     /// Number of layers.
     pub layers: u32,
 }
 
 impl JobLayers<'_> {
-    /// Returns the hashes of these layers.
+    /// Returns the hashes and the number of these layers.
     #[must_use]
     pub fn summary(&self) -> JobSummary {
         self.summary_with_keep_alive(&mut || ())
@@ -87,7 +88,7 @@ impl JobLayers<'_> {
     }
 }
 
-/// The identifier of a job while it is computed: the hash of the robot's hash and of all layers' bytes.
+/// Hasher that computes the identifier of a job: the hash of the robot's hash and of the bytes of all layers.
 struct PlanIdHasher(Hasher);
 
 impl PlanIdHasher {
@@ -101,13 +102,13 @@ impl PlanIdHasher {
         self.0.write_bytes(layer);
     }
 
-    /// Returns the identifier. It is never 0, because 0 stands for the absence of a job.
+    /// Returns the identifier of the job. It is never 0, because 0 stands for the absence of a job.
     fn finish(self) -> u64 {
         self.0.finish().max(1)
     }
 }
 
-/// Returns the identifier of a job of these layers: [`JobSummary::plan_id`].
+/// Returns the identifier of the job that consists of these layers ([`JobSummary::plan_id`]).
 #[must_use]
 pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
     let mut name = PlanIdHasher::new(robot);
@@ -115,7 +116,7 @@ pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
     name.finish()
 }
 
-/// Returns the hashes of a path's layers.
+/// Returns the hashes and the number of a path's layers.
 #[must_use]
 pub fn summarize(path: &[Segment], robot: &Robot) -> JobSummary {
     job_layers(path, robot).summary()

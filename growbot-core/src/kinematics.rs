@@ -47,8 +47,8 @@ pub fn step(alpha: f64, bend: f64, length: f64) -> Frame {
     )
 }
 
-/// Angle below which the two ratios are computed from their series, radians. There, the first term omitted is under
-/// 1e-20.
+/// Angle below which [`sine_ratio`] and [`versine_ratio`] are computed from their series, radians. There, the first
+/// term omitted is under 1e-20.
 const SERIES_BELOW: f64 = 0.01;
 
 /// Returns `sin(x) / x`.
@@ -70,9 +70,9 @@ fn versine_ratio(x: f64) -> f64 {
     0.5 * x * (1.0 - x2 / 12.0 * (1.0 - x2 / 30.0 * (1.0 - x2 / 56.0)))
 }
 
-/// Returns `base_from_tip * tip_from_next_tip`, with the rotation corrected so that it stays a rotation over any number
-/// of steps. Without the correction, the rounding errors of 100,000 equal steps add up to 1e-11. The correction is a
-/// Newton-Schulz step towards the nearest rotation (Higham 2008, chapter 8).
+/// Returns `base_from_tip * tip_from_next_tip`, with the rotation matrix made orthogonal again, so that it stays a
+/// rotation over any number of steps. Without this correction, the rounding errors of 100,000 equal steps add up to
+/// 1e-11. The correction is a Newton-Schulz step towards the nearest rotation (Higham 2008, chapter 8).
 #[must_use]
 pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     let next = base_from_tip * tip_from_next_tip;
@@ -81,9 +81,9 @@ pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     Frame::from_parts(next.translation, Rotation3::from_matrix_unchecked(mended))
 }
 
-/// Returns `base_from_tip` at the end of a chain of steps (Eq 5) that begins at `base_from_start`.
+/// Returns `base_from_tip` at the end of a chain of steps of growth (Eq 5) that begins at `base_from_start`.
 ///
-/// Steps are `(alpha, bend, length)`, as in [`step`].
+/// Each step is a tuple `(alpha, bend, length)` of the arguments of [`step`].
 #[must_use]
 pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
     steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| {
@@ -91,30 +91,30 @@ pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64,
     })
 }
 
-/// The configuration-space rates of a growing tip (Eq 6).
+/// The rates of change of the pose of a growing tip (Eq 6).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rates {
     /// Velocity of the tip, mm/s.
     pub velocity: Vector3<f64>,
-    /// Rate of heading, rad/s.
+    /// Rate of change of the heading, rad/s.
     pub heading: f64,
-    /// Rate of pitch, rad/s.
+    /// Rate of change of the pitch, rad/s.
     pub pitch: f64,
 }
 
-/// The inputs of the configuration-space model: growth velocity and the two steering rates, all signed.
+/// The inputs of the configuration-space model (Eq 6): growth velocity and the two steering rates, all signed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Inputs {
     /// Growth velocity `g`, mm/s.
     pub growth: f64,
-    /// `u1`, rate of heading, rad/s.
+    /// `u1`, rate of change of the heading, rad/s.
     pub heading_rate: f64,
-    /// `u2`, rate of pitch, rad/s.
+    /// `u2`, rate of change of the pitch, rad/s.
     pub pitch_rate: f64,
 }
 
 impl Inputs {
-    /// Returns the rates that these inputs give at a pose (Eq 6).
+    /// Returns the rates of change of a pose under these inputs (Eq 6).
     #[must_use]
     pub fn rates(&self, pose: &Pose) -> Rates {
         Rates { velocity: pose.direction() * self.growth, heading: self.heading_rate, pitch: self.pitch_rate }
@@ -126,9 +126,10 @@ impl Inputs {
         trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)
     }
 
-    /// Reports whether a robot of this min radius (mm) can follow the inputs at this pitch (Eq 8, corrected).
+    /// Reports whether a robot whose min radius of curvature is `min_radius` (mm) can follow these inputs at this
+    /// pitch, radians (Eq 8, corrected).
     ///
-    /// The printed box `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`. The correct bound couples the
+    /// The printed bound `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`. The correct bound couples the
     /// inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
     #[must_use]
     pub fn within_curvature(&self, pitch: f64, min_radius: f64) -> bool {

@@ -1,4 +1,4 @@
-//! One layer: a ring of material laid in one turn of the head, higher on one side.
+//! One layer: a ring of material that is laid in one turn of the head, higher on one side.
 //!
 //! A layer of mean height `h` tilted by `phi` has, at angle `psi` round the ring of radius `r_t`, the height
 //! `h(psi) = h + r_t phi cos(psi - alpha)`. Laying it moves the tip by one step of Eq 4: `step(alpha, phi, h)`.
@@ -7,20 +7,20 @@ use crate::trigonometry;
 #[cfg(feature = "planning")]
 use crate::{kinematics, pose::Frame};
 
-/// Number of sectors into which a turn of the head is divided. At the edges of each sector, head and feed are exactly,
-/// to the step, where the closed form of [`Layer::material_fraction`] puts them. Within a sector, both move at constant
-/// speed.
+/// Number of equal sectors into which a turn of the head is divided. At the edges of each sector, head and feed are at
+/// the motor steps that [`Layer::material_fraction`] gives for the angle of the edge. Within a sector, both move at
+/// constant speed.
 pub const SECTORS: usize = 64;
 
-/// One layer.
+/// A layer: a ring of printed material, which is higher on one side if it is tilted.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Layer {
     /// Angle of max deposition from the tip's x axis, `[0, 2 pi)`, radians. 0 if the layer has the same height all
     /// round.
     pub alpha: f64,
-    /// Mean height, mm.
+    /// Mean height of the ring, mm.
     pub height: f64,
-    /// Tilt, radians, not negative.
+    /// Angle between the lower and the upper plane of the layer, radians, not negative.
     pub tilt: f64,
 }
 
@@ -35,15 +35,15 @@ pub enum LayerError {
     TooHigh {
         /// Height of the outer side, mm.
         height: f64,
-        /// The robot's limit, mm.
+        /// Max height that the robot can lay, mm.
         limit: f64,
     },
     /// The tilt is negative or greater than the robot can lay.
     #[error("the layer tilts by {tilt} rad; the robot lays 0 to {limit} rad")]
     Tilt {
-        /// The layer's tilt, radians.
+        /// Tilt of the layer, radians.
         tilt: f64,
-        /// The robot's limit, radians.
+        /// Limit of the tilt that the layer violates, radians: 0, or the robot's max tilt.
         limit: f64,
     },
     /// The inner side would have a height of zero or less.
@@ -72,26 +72,26 @@ pub enum LayerError {
 }
 
 impl Layer {
-    /// Returns the height at angle `psi` from the tip's x axis, on a ring of this radius, mm.
+    /// Returns the height (mm) at angle `psi` (radians) from the tip's x axis, on a ring of radius `tip_radius` (mm).
     #[must_use]
     pub fn height_at(&self, psi: f64, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt * trigonometry::cos(psi - self.alpha)
     }
 
-    /// Returns the height of the outer side of the bend, mm.
+    /// Returns the height of the layer on the outer side of the bend, on a ring of radius `tip_radius` (mm), mm.
     #[must_use]
     pub fn max_height(&self, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt
     }
 
-    /// Returns the height of the inner side of the bend, mm.
+    /// Returns the height of the layer on the inner side of the bend, on a ring of radius `tip_radius` (mm), mm.
     #[must_use]
     pub fn min_height(&self, tip_radius: f64) -> f64 {
         self.height - tip_radius * self.tilt
     }
 
-    /// Returns the fraction of the layer's material that lies between angle 0 and `psi` (0 to `2 pi`), 0 to 1: `(h psi
-    /// + r_t phi (sin(psi - alpha) + sin alpha)) / (2 pi h)`.
+    /// Returns the fraction (0 to 1) of the layer's material that lies between angle 0 and angle `psi` (radians, 0 to
+    /// `2 pi`). With `lean = r_t phi (sin(psi - alpha) + sin alpha)`, it is `(h psi + lean) / (2 pi h)`.
     #[must_use]
     pub fn material_fraction(&self, psi: f64, tip_radius: f64) -> f64 {
         let lean = tip_radius * self.tilt * (trigonometry::sin(psi - self.alpha) + trigonometry::sin(self.alpha));
@@ -106,7 +106,7 @@ impl Layer {
     }
 }
 
-/// Returns `base_from_tip` after these layers (Eq 5).
+/// Returns the frame of the tip, `base_from_tip`, after these layers have been laid (Eq 5).
 #[cfg(feature = "planning")]
 #[must_use]
 pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {

@@ -10,38 +10,39 @@ use crate::layer::{Layer, LayerError};
 use crate::robot::Robot;
 use crate::slicing::LIMIT_SLACK;
 
-/// A layer in the form that the link carries.
+/// The 12 bytes of a layer, as the link carries them.
 pub type LayerBytes = [u8; 12];
 
-/// Units of height in a mm.
+/// Number of fixed-point units of a layer's height in 1 mm.
 pub const HEIGHT_UNITS_PER_MM: f64 = 16_777_216.0;
-/// Units of tilt in a radian.
+/// Number of fixed-point units of a layer's tilt in a radian.
 pub const TILT_UNITS_PER_RAD: f64 = 4_294_967_296.0;
-/// Units of alpha in a turn.
+/// Number of fixed-point units of a layer's alpha in a turn.
 const ALPHA_UNITS: f64 = 4_294_967_296.0;
 
-/// Encodes successive layers, and carries the rounding error of each to the next.
+/// Encoder of the successive layers of a path. It adds the rounding error of each layer to the next layer.
 #[derive(Debug, Clone, Default)]
 pub struct LayerEncoder {
-    /// Accumulated rounding error of the height, units.
+    /// Rounding error of the heights of all layers so far, in fixed-point units. It is added to the next height.
     height_owed: f64,
-    /// Accumulated rounding error of the tilt, units.
+    /// Rounding error of the tilts of all layers so far, in fixed-point units. It is added to the next tilt.
     tilt_owed: f64,
 }
 
-/// Rounds to a `u32`, saturating.
+/// Rounds a number to the nearest `u32`, saturating.
 fn units(value: f64) -> u32 {
     libm::rint(value) as u32
 }
 
 impl LayerEncoder {
-    /// Returns the next layer as bytes.
+    /// Returns the next layer as bytes, and carries its rounding error to the layer after it.
     pub fn encode(&mut self, layer: &Layer) -> LayerBytes {
         self.encode_rounded(layer, units, units)
     }
 
-    /// Returns the next layer as bytes, in a form that a board can lay. Rounding a layer of a few units does not
-    /// produce a layer without height or without material on its inner side. That change too is carried forward.
+    /// Returns the next layer as bytes that a board accepts. The height is at least one unit, and the tilt is small
+    /// enough to leave material on the inner side of a ring of radius `tip_radius` (mm), even if the layer is only a
+    /// few units high. The difference to the exact layer is carried to the next layer.
     pub fn encode_clamped(&mut self, layer: &Layer, tip_radius: f64) -> LayerBytes {
         let height = |exact: f64| units(exact).max(1);
         let mut encoder = self.clone();
@@ -62,7 +63,7 @@ impl LayerEncoder {
     }
 }
 
-/// The three numbers of a layer, in their units.
+/// The three integers that the 12 bytes of a layer contain, in fixed-point units.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RawLayer {
     /// Alpha, 2^-32 turns.
@@ -74,7 +75,7 @@ pub struct RawLayer {
 }
 
 impl RawLayer {
-    /// Decodes the 12 bytes.
+    /// Decodes the three integers from the 12 bytes of a layer.
     #[must_use]
     pub fn from_bytes(bytes: &LayerBytes) -> Self {
         let [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3] = *bytes;
@@ -85,7 +86,7 @@ impl RawLayer {
         }
     }
 
-    /// Encodes the 12 bytes.
+    /// Encodes the three integers as the 12 bytes of a layer.
     #[must_use]
     pub fn to_bytes(self) -> LayerBytes {
         let ([a0, a1, a2, a3], [h0, h1, h2, h3], [t0, t1, t2, t3]) =
@@ -93,7 +94,7 @@ impl RawLayer {
         [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3]
     }
 
-    /// Returns the layer of these numbers, in mm and radians.
+    /// Returns the layer in mm and radians.
     #[must_use]
     pub fn to_layer(&self) -> Layer {
         Layer {
@@ -104,7 +105,7 @@ impl RawLayer {
     }
 }
 
-/// Decodes a layer from 12 bytes, to mm and radians.
+/// Decodes a layer, in mm and radians, from its 12 bytes.
 #[must_use]
 pub fn decode(bytes: &LayerBytes) -> Layer {
     RawLayer::from_bytes(bytes).to_layer()
@@ -113,7 +114,7 @@ pub fn decode(bytes: &LayerBytes) -> Layer {
 /// Decodes a received layer and checks it against the robot's limits, with a tolerance of one unit of rounding.
 ///
 /// # Errors
-/// Returns the limit that the layer exceeds.
+/// Returns a [`LayerError`] that contains the limit that the layer exceeds.
 pub fn decode_checked(bytes: &LayerBytes, robot: &Robot) -> Result<Layer, LayerError> {
     let layer = decode(bytes);
     let height_unit = 1.0 / (HEIGHT_UNITS_PER_MM * robot.description().layer.height_max_mm);

@@ -4,7 +4,8 @@
 //! bends the tube away from that side. Many such layers form a curve, and the tip of the robot is at the end of the
 //! curve. This crate computes the layers that lead to a goal pose. It has no I/O, no clock and no heap, and gives the
 //! same bits on the desktop and on the robot's microcontroller. The model is that of Del Dottore et al. 2019, Front.
-//! Robot. AI 6:45, doi 10.3389/frobt.2019.00045. The code that uses an equation names the errors of its printed form.
+//! Robot. AI 6:45, doi 10.3389/frobt.2019.00045 ("the paper"). Comments at the functions that use an equation of the
+//! paper list the errors in its printed form.
 //!
 //! # Conventions
 //!
@@ -13,7 +14,7 @@
 //! - Right-handed frames; counter-clockwise is positive.
 //! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above
 //!   it. Pitch 90 degrees is straight up. It has no roll.
-//! - The name of a [`pose::Frame`] is the conversion that it makes, as in `base_from_tip`, so that products read right:
+//! - A [`pose::Frame`] is named after the conversion that it makes, as in `base_from_tip`, so that products read right:
 //!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth. x and y span the plane in which
 //!   material is laid. Growth carries the frame along without twist.
 //! - *alpha* is the angle, from the tip's x axis, of the point of **max deposition**. The tip bends **away** from it.
@@ -26,12 +27,12 @@
 //! | [`angle`], [`trigonometry`], [`pose`] | angles wrapped; their sines and cosines; poses and frames |
 //! | [`kinematics`] | one step of growth (Eq 4), chained (Eq 5) without drift |
 //! | [`curvature`], [`robot`] | the tightest bend (Eq 7); a robot's description, checked once |
-//! | [`dubins2`], [`two_plane`] | the shortest path in a plane; two such paths in space |
-//! | [`shortest`], [`to_position`] | the shortest path in space; that to a position, in any direction |
+//! | [`dubins2`], [`two_plane`] | the shortest path in a plane; a path in space of two planar paths |
+//! | [`shortest`], [`to_position`] | the shortest path in space to a pose, or to a position |
 //! | [`plan`] | a path that is checked to arrive |
 //! | [`path`], [`helicoid`] | arcs, straight lines and helicoidal arcs, of which a path consists |
 //! | [`slicing`], [`layer`] | the layers of a path; one layer |
-//! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; the job that a board gets, and its name |
+//! | [`layer_bytes`], [`job`], [`hash`] | a layer in 12 bytes; a board's job; the hash that identifies it |
 //! | [`link`] | frames and messages (PROTOCOL.md) |
 //! | [`tracking`] | the closed loop: an estimate of the tip, and a reference trajectory to the goal |
 //! | [`simulation`] | layers with errors, bodies that sag |

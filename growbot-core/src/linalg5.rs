@@ -1,8 +1,8 @@
 //! Linear algebra in five dimensions: systems of five linear equations.
 //!
-//! nalgebra solves them too, but through views whose sizes are only known at run time. In the firmware that leaves
-//! panics that no input can cause but that the compiler cannot exclude. The operations here are those of nalgebra, in
-//! the same order, so the results have the same bits.
+//! nalgebra also solves such systems, but through views whose sizes are only known at run time. In the firmware its
+//! code leaves panics that no input can cause but that the compiler cannot exclude. The operations here are those of
+//! nalgebra, in the same order, so the results have the same bits.
 
 use core::cmp::Ordering;
 use core::mem;
@@ -63,7 +63,8 @@ pub fn solve<T: PortableFloat>(matrix: &Matrix5<T>, right: &Vector5<T>) -> Optio
 pub struct Cholesky<T>([[T; 5]; 5]);
 
 impl<T: PortableFloat> Cholesky<T> {
-    /// Factorizes a matrix. Only its lower triangle is read. `None` if it is not positive definite.
+    /// Factorizes a symmetric matrix, of which only the lower triangle is read. `None` if the matrix is not positive
+    /// definite.
     #[inline(never)]
     pub fn new(matrix: &Matrix5<T>) -> Option<Self> {
         let mut columns = matrix.data.0;
@@ -90,7 +91,7 @@ impl<T: PortableFloat> Cholesky<T> {
         Some(Self(columns))
     }
 
-    /// Solves `matrix x = right`.
+    /// Solves `matrix x = right`, where `matrix` is the matrix that was factorized.
     #[inline(never)]
     pub fn solve(&self, right: &Vector5<T>) -> Vector5<T> {
         let mut solution: [T; 5] = (*right).into();

@@ -12,7 +12,7 @@ use crate::helicoid::Helicoid;
 use crate::kinematics::step;
 use crate::pose::{Frame, Pose};
 
-/// Max number of segments of a planned path. Two planar paths have up to six.
+/// Max number of segments of a planned path. A path of two planar Dubins paths has up to six.
 pub const MAX_SEGMENTS: usize = 6;
 
 /// A segment of a path.
@@ -32,11 +32,11 @@ pub enum Segment {
         /// Length, mm.
         length: f64,
     },
-    /// A helicoidal arc: a bend of constant radius whose direction changes.
+    /// A helicoidal arc: a bend of constant radius whose direction changes along the arc.
     Helicoid {
-        /// The curve, in the frame of the tip that starts it and in units of the radius.
+        /// The curve, in the frame of the tip at its start and in units of the radius.
         curve: Helicoid,
-        /// Radius, mm.
+        /// Radius of curvature, mm.
         radius: f64,
         /// Length, mm.
         length: f64,
@@ -63,13 +63,14 @@ impl Segment {
         }
     }
 
-    /// Returns the curvature, 1/mm.
+    /// Returns the curvature of the segment, 1/mm. It is 0 for a straight line.
     #[must_use]
     pub fn curvature(&self) -> f64 {
         self.bend() / self.length()
     }
 
-    /// Returns `start_from_end` of the segment (Eq 4). A helicoidal arc is integrated.
+    /// Returns the frame of the segment's end in the frame of its start, `start_from_end` (Eq 4). For a helicoidal arc
+    /// it is integrated.
     #[must_use]
     pub fn step(&self) -> Frame {
         match *self {
@@ -83,7 +84,7 @@ impl Segment {
         }
     }
 
-    /// Returns the first part of the segment, of this length, mm.
+    /// Returns the first part of this segment, up to length `to` (mm).
     #[must_use]
     pub fn shortened(&self, to: f64) -> Self {
         match *self {
@@ -93,8 +94,8 @@ impl Segment {
         }
     }
 
-    /// Returns the same segment grown from a tip that is turned by `roll` about its direction of growth (radians,
-    /// counter-clockwise).
+    /// Returns the representation of this segment for a tip that is turned by `roll` about its direction of growth
+    /// (radians, counter-clockwise). The curve in space is the same.
     #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         match *self {
@@ -114,13 +115,13 @@ pub struct Leg {
     pub segment_count: usize,
 }
 
-/// Returns the length of a path, mm. (The fold begins with 0, because the sum of no numbers is -0.)
+/// Returns the length of a path, mm. (The fold begins with 0, because `sum` gives -0 for a path without segments.)
 #[must_use]
 pub fn length(path: &[Segment]) -> f64 {
     path.iter().fold(0.0, |length, segment| length + segment.length())
 }
 
-/// Returns `base_from_tip` at the end of a path (Eq 5).
+/// Returns the frame of the tip, `base_from_tip`, at the end of a path that begins at `base_from_start` (Eq 5).
 #[must_use]
 pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
@@ -150,7 +151,7 @@ impl Path {
         self.0.push(segment).map_err(|_| PathFull)
     }
 
-    /// Returns the segments for which `keep` returns true.
+    /// Returns a path of those segments for which `keep` returns true.
     #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
         let mut path = Self::new();

@@ -20,12 +20,12 @@ pub enum Planner {
     Shortest,
 }
 
-/// A planned path, and how many candidates it was selected from.
+/// A planned path, and the number of candidates from which it was selected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlannedPath {
-    /// The path.
+    /// Planned path.
     pub path: Path,
-    /// Number of paths found that reach the goal.
+    /// Number of paths to the goal that the planner found.
     pub candidate_count: usize,
     /// Length of the two-plane path to the same goal, mm.
     pub two_plane_length: f64,
@@ -39,7 +39,7 @@ pub enum PlanError {
     RadiusTooSmall {
         /// Requested radius, mm.
         radius: f64,
-        /// The robot's min radius, mm.
+        /// R_min, the robot's min radius, mm.
         limit: f64,
     },
     /// The radius is not finite or above [`MAX_RADIUS_MM`].
@@ -50,7 +50,7 @@ pub enum PlanError {
         /// Max radius that is accepted, mm.
         limit: f64,
     },
-    /// The path found does not end at the goal.
+    /// The path that the planner found does not end at the goal.
     #[error(
         "the path ends {distance} mm and {angle} rad from the goal (tolerance {limit} mm): this is a bug, please \
          report the poses"
@@ -71,35 +71,36 @@ pub enum PlanError {
     TooManySegments(#[from] PathFull),
 }
 
-/// Max radius that is accepted, mm (1 km).
+/// Max radius of a plan that is accepted, mm (1 km).
 pub const MAX_RADIUS_MM: f64 = 1e6;
-/// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
-/// proportion. It is a tenth of a nanometre for a radius of 100 mm.
+/// Max error of a planned path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows
+/// in proportion. It is a tenth of a nanometre for a radius of 100 mm.
 const GOAL_TOLERANCE: f64 = 1e-9;
-/// Min length of a segment, radii. A shorter segment is only a rounding error, and is removed if that does not move the
-/// end.
+/// Min length of a segment, radii. A shorter segment is only a rounding error, and is removed if the end of the path
+/// does not move by more than [`UNMOVED`].
 pub(crate) const MIN_SEGMENT: f64 = 1e-9;
-/// Max error at the goal of a path without its removed segments, radii and radians: a tenth of [`GOAL_TOLERANCE`].
+/// Max error at the goal of a path from which short segments have been removed, radii and radians: a tenth of
+/// [`GOAL_TOLERANCE`].
 const UNMOVED: f64 = 1e-10;
 
-/// The error of a tip at a goal.
+/// The difference between the pose of a tip and a goal.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GoalError {
-    /// Distance, mm.
+    /// Distance between the tip and the goal, mm.
     pub distance: f64,
-    /// Angle between the directions of growth, radians.
+    /// Angle between the direction of growth of the tip and that of the goal, radians.
     pub angle: f64,
 }
 
 /// Reports whether a goal is so close (for arcs of this radius, mm) that a helicoidal arc may be the shortest path. The
-/// search for helicoidal arcs starts only from likely places, so a shorter one may exist. The search for all other
-/// paths is complete.
+/// search for helicoidal arcs is not complete, so for such a goal a path may exist that is shorter than the planned
+/// path. The search for all other paths is complete.
 #[must_use]
 pub fn is_within_helicoid_range(start: &Pose, goal: &Pose, radius: f64) -> bool {
     (goal.position() - start.position()).norm() < shortest::HELICOIDS_WITHIN * radius
 }
 
-/// Returns the error of a tip at a goal.
+/// Returns the difference between the pose of a tip and a goal.
 #[must_use]
 pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
     GoalError {
@@ -108,8 +109,8 @@ pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
     }
 }
 
-/// Plans a path of this radius (mm) and checks that the path ends at the goal, by multiplying the transforms of its
-/// segments (Eq 4; a helicoidal arc is integrated).
+/// Plans a path with arcs of this radius (mm) from start to goal. Checks that the path ends at the goal, by multiplying
+/// the transforms of its segments (Eq 4; a helicoidal arc is integrated).
 ///
 /// # Errors
 /// Returns an error if the radius is below R_min or above [`MAX_RADIUS_MM`], or if the path does not end at the goal.
@@ -135,8 +136,8 @@ pub fn plan_with_keep_alive(
     search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
-/// Plans the shortest of the planner's candidates that `accept` accepts. `None` if it accepts none. `accept` gets the
-/// candidates in the order of their length, with the two-plane path among them.
+/// Returns the shortest of the planner's candidates that `accept` accepts. `None` if it accepts none. `accept` receives
+/// the candidates in the order of their length, with the two-plane path among them.
 ///
 /// # Errors
 /// Returns the errors of [`plan`].
@@ -223,7 +224,7 @@ fn shortest_of_all(
     Ok(None)
 }
 
-/// Returns the length of the two-plane path, mm.
+/// Returns the length of the two-plane path from start to goal, mm.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(crate) fn two_plane_length(start: &Pose, goal: &Pose, radius: f64) -> Result<f64, PlanError> {
     checked_two_plane(start, goal, radius).map(|path| path::length(&path))
@@ -244,7 +245,8 @@ fn checked_candidate(
     trim_and_check(candidate.ok_or(PlanError::NoPath)?.path(radius)?, start, goal, radius)
 }
 
-/// Returns the path, without segments that are only rounding errors, if it ends at the goal.
+/// Returns the path, without segments that are only rounding errors, after a check that it ends at the goal. Returns an
+/// error if it does not.
 pub(crate) fn trim_and_check(path: Path, start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PlanError> {
     let scale = ((goal.position() - start.position()).norm() / (100.0 * radius)).max(1.0);
     let within = |path: &Path, share: f64| {
@@ -268,9 +270,9 @@ pub(crate) fn trim_and_check(path: Path, start: &Pose, goal: &Pose, radius: f64)
 pub struct Requirements {
     /// Arc length, mm.
     pub length: f64,
-    /// Number of layers, by exact slicing.
+    /// Number of layers, if the path is sliced with [`crate::slicing::Slicing::Exact`].
     pub layers: usize,
-    /// Time for the layers, s.
+    /// Time in which the robot lays the layers, s.
     pub duration: f64,
     /// Length of filament, mm.
     pub filament: f64,
@@ -314,7 +316,7 @@ mod tests {
             .prop_map(|(x, y, z, heading, pitch)| Pose::from_degrees([x, y, z, heading, pitch]).unwrap())
     }
 
-    /// Generates directions that make planes degenerate, exactly or approximately.
+    /// Generates angles, degrees, for directions that make planes degenerate, exactly or approximately.
     fn special_angle() -> impl Strategy<Value = f64> {
         let exact = prop::sample::select(std::vec![-180.0, -90.0, 0.0, 45.0, 90.0, 180.0]);
         let off = prop_oneof![Just(0.0), -15.0..-5.0];

@@ -13,7 +13,8 @@ use crate::angle::{degrees, radians, wrap_signed};
 use crate::compact_number::CompactNumber;
 use crate::trigonometry;
 
-/// A rigid transform. Its name is the conversion that it makes: `base_from_tip * point_in_tip`.
+/// A rigid transform: a rotation and a translation in mm. A frame is named after the conversion that it makes:
+/// `base_from_tip * point_in_tip` gives the point in the coordinates of the base.
 pub type Frame = IsometryMatrix3<f64>;
 
 /// The position of a tip and its direction of growth. Position in mm, angles in radians.
@@ -24,12 +25,12 @@ pub struct Pose {
     pitch: f64,
 }
 
-/// A goal position of a tip, mm. It is the position of a [`Pose`], without a direction.
+/// A goal of the tip that prescribes the position (mm) but not the direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Position(Vector3<f64>);
 
 impl Position {
-    /// Creates a position, mm.
+    /// Creates a position from its coordinates in mm.
     ///
     /// # Errors
     /// Returns an error if a coordinate is not finite or beyond [`Pose::MAX_COORDINATE_MM`].
@@ -37,7 +38,7 @@ impl Position {
         Pose::new(position, 0.0, 0.0).map(|pose| Self(pose.position))
     }
 
-    /// Returns the coordinates, mm.
+    /// Returns the coordinates of the position, mm.
     #[must_use]
     pub fn vector(&self) -> Vector3<f64> {
         self.0
@@ -60,9 +61,9 @@ pub enum PoseError {
     TooFar {
         /// Name of the coordinate.
         field: &'static str,
-        /// The coordinate, mm.
+        /// Value of the coordinate, mm.
         value: f64,
-        /// The limit, mm.
+        /// Max absolute value of a coordinate, mm.
         limit: f64,
     },
     /// The pitch lies beyond straight up or straight down.
@@ -74,14 +75,17 @@ pub enum PoseError {
 }
 
 impl Pose {
-    /// Max coordinate, mm (10 km). Beyond it an `f64` no longer resolves a micrometre reliably.
+    /// Max absolute value of a coordinate, mm (10 km). Larger coordinates are refused, because the rounding errors of
+    /// an `f64` grow with them.
     pub const MAX_COORDINATE_MM: f64 = 1e7;
 
-    /// Max angle from straight up or down at which a direction counts as vertical and has no heading, radians: 0.0006
-    /// degrees. The steps of a vertical body alone turn its direction by a fifth of that.
+    /// Max angle from straight up or straight down at which a direction counts as vertical, radians (0.0006 degrees).
+    /// The heading of a vertical direction has no meaning. Rounding alone turns the tip of a vertical body by a fifth
+    /// of this angle.
     pub const VERTICAL_TOLERANCE_RAD: f64 = 1e-5;
 
-    /// Creates a pose from mm and radians. The heading is wrapped to `(-pi, pi]`.
+    /// Creates a pose from a position in mm, and a heading and a pitch in radians. The heading is wrapped to `(-pi,
+    /// pi]`.
     ///
     /// # Errors
     /// Returns an error if a number is not finite, a coordinate is beyond [`Self::MAX_COORDINATE_MM`], or the pitch is
@@ -104,7 +108,7 @@ impl Pose {
         Ok(Self { position, heading: wrap_signed(heading), pitch })
     }
 
-    /// Creates a pose from five numbers in the units that people use: x, y, z in mm, heading and pitch in degrees.
+    /// Creates a pose from x, y and z in mm, and heading and pitch in degrees.
     ///
     /// ```
     /// use growbot_core::pose::Pose;
@@ -122,14 +126,14 @@ impl Pose {
         Self::new(Vector3::new(x, y, z), radians(heading), radians(pitch))
     }
 
-    /// Returns the five numbers in the units that people use: x, y, z in mm, heading and pitch in degrees.
+    /// Returns x, y and z in mm, and heading and pitch in degrees.
     #[must_use]
     pub fn to_degrees(&self) -> [f64; 5] {
         [self.position.x, self.position.y, self.position.z, degrees(self.heading), degrees(self.pitch)]
     }
 
-    /// Returns the pose of a tip with this frame. The heading is 0 if the tip points straight up or down, because such
-    /// a direction has no heading.
+    /// Returns the pose of a tip with this frame. The heading is 0 if the tip points exactly straight up or down,
+    /// because such a direction has no heading.
     #[must_use]
     pub fn from_frame(base_from_tip: &Frame) -> Self {
         let direction = tip_direction(base_from_tip);
@@ -140,7 +144,7 @@ impl Pose {
         }
     }
 
-    /// Returns a pose of the same direction at another position.
+    /// Returns a pose at the given position with the direction of this pose.
     #[must_use]
     pub fn at(&self, position: &Position) -> Self {
         Self { position: position.0, ..*self }
@@ -164,8 +168,8 @@ impl Pose {
         self.pitch
     }
 
-    /// Reports whether the pose points straight up or down, to [`Self::VERTICAL_TOLERANCE_RAD`]. Then its direction
-    /// does not depend on its heading.
+    /// Reports whether the direction of the pose is straight up or down within [`Self::VERTICAL_TOLERANCE_RAD`]. If so,
+    /// the direction does not depend on the heading.
     #[must_use]
     pub fn is_vertical(&self) -> bool {
         core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL_TOLERANCE_RAD
@@ -177,7 +181,7 @@ impl Pose {
         tip_direction(&self.frame())
     }
 
-    /// Returns `base_from_tip` with no roll: `Rz(heading) * Ry(90 deg - pitch)`.
+    /// Returns the frame of a tip at this pose, `base_from_tip`, without roll: `Rz(heading) * Ry(90 deg - pitch)`.
     #[must_use]
     pub fn frame(&self) -> Frame {
         let (sin_heading, cos_heading) = trigonometry::sin_cos(self.heading);
@@ -198,8 +202,8 @@ pub fn tip_direction(base_from_tip: &Frame) -> Vector3<f64> {
     column::<2>(base_from_tip.rotation.matrix())
 }
 
-/// Returns a column of a matrix. (The function of nalgebra counts while it copies, which leaves a panic in the
-/// firmware.)
+/// Returns a column of a matrix. (The function of nalgebra counts the elements while it copies them, and the compiler
+/// cannot remove the panic of that count from the firmware.)
 pub(crate) fn column<const INDEX: usize>(matrix: &Matrix3<f64>) -> Vector3<f64> {
     Vector3::from(matrix.data.0[INDEX])
 }

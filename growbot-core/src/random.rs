@@ -1,8 +1,8 @@
 //! Random numbers that are the same on every machine: SplitMix64 (Steele, Lea and Flood 2014).
 //!
-//! A list of numbers identifies a stream, for example a seed, a source of error and the index of a layer. So the
-//! numbers of a layer do not depend on those drawn before. Threads, boards and simulated tips agree on them without
-//! shared state.
+//! A list of numbers identifies a stream of random numbers, for example a seed, a source of error and the index of a
+//! layer. So the random numbers of a layer do not depend on those drawn before. Threads, boards and simulated tips
+//! agree on them without shared state.
 
 use core::f64::consts::TAU;
 
@@ -11,7 +11,7 @@ use nalgebra::Vector3;
 /// Difference between successive states of a stream.
 const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// Returns the output of a stream in this state, 64 random bits.
+/// Returns the 64 random bits that a stream in this state gives.
 #[must_use]
 pub const fn splitmix64(state: u64) -> u64 {
     let mut z = state.wrapping_add(INCREMENT);
@@ -20,12 +20,12 @@ pub const fn splitmix64(state: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// A stream of random numbers.
+/// A generator of a stream of random numbers.
 #[derive(Debug, Clone)]
 pub struct Rng(u64);
 
 impl Rng {
-    /// Creates the stream of a list of numbers. Streams of different lists are unrelated.
+    /// Creates the stream that a list of numbers identifies. Streams of different lists are unrelated.
     #[must_use]
     pub fn new(names: &[u64]) -> Self {
         names.iter().fold(Self(0), |mut stream, name| {
@@ -41,7 +41,7 @@ impl Rng {
         bits
     }
 
-    /// Returns an integer from 0 to `end`, exclusive.
+    /// Returns a random integer from 0 to `end`, exclusive.
     pub fn below(&mut self, end: u64) -> u64 {
         self.next_u64() % end
     }
@@ -66,12 +66,12 @@ impl Rng {
         libm::sqrt(-2.0 * libm::log(1.0 - self.uniform())) * libm::cos(TAU * self.uniform())
     }
 
-    /// Returns a vector whose three coordinates are each [`Self::normal`].
+    /// Returns a vector whose three coordinates are normally distributed, with mean 0 and standard deviation 1.
     pub fn normal_vector(&mut self) -> Vector3<f64> {
         Vector3::new(self.normal(), self.normal(), self.normal())
     }
 
-    /// Returns a direction that is uniform on the sphere.
+    /// Returns a random unit vector, uniformly distributed on the sphere.
     pub fn direction(&mut self) -> Vector3<f64> {
         self.normal_vector().normalize()
     }

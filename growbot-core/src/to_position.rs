@@ -29,14 +29,14 @@ use crate::trigonometry;
 
 /// Max number of paths to a position: an arc and a line on two sides, and two arcs in two orders with two meetings.
 pub const MAX_PATHS: usize = 6;
-/// Angle below a full turn within which an angle may be 0 with a rounding error, radians.
+/// Max difference between an angle and a full turn, radians, at which the angle may be 0 with a rounding error.
 const NEAR_FULL_TURN: f64 = 1e-5;
 /// Max error of a path at the position, radii, for positions within 100 radii. At larger distances it grows in
 /// proportion.
 const MAX_POSITION_ERROR: f64 = 1e-12;
 
-/// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position in the
-/// plane, shortest first. There is always one.
+/// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position (radii) in
+/// the plane, shortest first. There is always one.
 /// ```
 /// use growbot_core::to_position::planar;
 /// assert_eq!(planar(10.0, 0.0)[0].length(), 10.0);
@@ -69,14 +69,15 @@ pub fn planar(x: f64, y: f64) -> Vec<PlanarPath, MAX_PATHS> {
     found
 }
 
-/// Reports whether the path ends at a position. The position is given in the plane that is mirrored if `side` is -1.
+/// Reports whether the path ends at a position. The position is given as `(x, y)` in a plane that is mirrored if `side`
+/// is -1.
 fn arrives(path: &PlanarPath, x: f64, side: f64, y: f64) -> bool {
     let end = path.end();
     let scale = (0.01 * trigonometry::hypot(x, y)).max(1.0);
     trigonometry::hypot(end.x - x, end.y - side * y) <= MAX_POSITION_ERROR * scale
 }
 
-/// Inserts a path in order of length, after those of the same length.
+/// Inserts a path into the list in order of length, after paths of the same length.
 fn keep(found: &mut Vec<PlanarPath, MAX_PATHS>, path: PlanarPath) {
     // The list has space for each path.
     let _ = found.push(path);
@@ -87,9 +88,9 @@ fn keep(found: &mut Vec<PlanarPath, MAX_PATHS>, path: PlanarPath) {
     }
 }
 
-/// Returns the lengths of a left arc until the tip points to the position, and a straight line. If the position is
-/// inside the circle, such a path does not exist, and the result does not reach the position. It does if only rounding
-/// has moved the position inside.
+/// Returns the lengths of the segments of a path with a left arc, until the tip points to the position, and a straight
+/// line. If the position is inside the circle of the arc, such a path does not exist, and the result does not reach the
+/// position. If only rounding has moved the position inside, the result reaches it.
 fn arc_and_line(x: f64, y: f64) -> [f64; 3] {
     // Length of the tangent from the position to the circle, whose centre is (0, 1).
     let line = root(x * x + y * (y - 2.0));
@@ -98,8 +99,9 @@ fn arc_and_line(x: f64, y: f64) -> [f64; 3] {
     [turn, line, 0.0]
 }
 
-/// Returns the lengths of a left arc and a right arc. The second circle goes through the position, and `meeting`
-/// selects one of the two such circles. If there is none, the result does not reach the position.
+/// Returns the lengths of the segments of a path with a left arc and a right arc. The circle of the right arc goes
+/// through the position. `meeting`, 1 or -1, selects one of the two circles that do. If there is none, the result does
+/// not reach the position.
 fn two_arcs(x: f64, y: f64, meeting: f64) -> [f64; 3] {
     // Vector from the centre of the first circle to the position. The centre of the second circle is at distance 2 from
     // the first centre, and at distance 1 from the position.
@@ -125,16 +127,17 @@ fn root(square: f64) -> f64 {
 /// A path to a position, and the pose at its end.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PositionPlan {
-    /// The position, with the direction in which the path arrives.
+    /// The pose at the end of the path: the position, with the direction in which the path arrives.
     pub goal: Pose,
-    /// The path, and how many candidates it was selected from.
+    /// The path, with the number of candidates from which it was selected.
     pub planned: PlannedPath,
 }
 
-/// Plans a path of this radius (mm) to a position that may be reached in any direction, and checks that it ends there.
-/// The result is the shortest path that `accept` accepts. `None` if it accepts none.
+/// Plans a path with arcs of this radius (mm) to a position that may be reached in any direction, and checks that the
+/// path ends there. Returns the shortest path that `accept` accepts. `None` if it accepts none.
 ///
-/// With [`Planner::TwoPlane`] the direction is that of the shortest path, and the path is the two-plane path to it.
+/// With [`Planner::TwoPlane`] the direction of arrival is that of the shortest path, and the path returned is the
+/// two-plane path to this pose.
 ///
 /// # Errors
 /// Returns the errors of [`crate::plan::plan`].
@@ -202,7 +205,7 @@ mod tests {
         planar(x, y)[0].length()
     }
 
-    /// Returns the length of the shortest path to a position, from the shortest paths to it in many directions.
+    /// Returns the length of the shortest path to a position (radii), by a search over the directions of arrival.
     fn by_search(x: f64, y: f64) -> f64 {
         let length = |heading: f64| dubins2::shortest(&PlanarPose { x, y, heading }).length();
         let mut best = (f64::INFINITY, 0.0);

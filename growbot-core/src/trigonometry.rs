@@ -1,17 +1,18 @@
-//! Sine, cosine and related functions, in little code.
+//! Sine, cosine and related functions that need little flash memory.
 //!
-//! The functions of `libm` reduce arguments of any size. That takes two thirds of their 5 kB of a microcontroller's
-//! flash. The angles here are a few turns. The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in
-//! `libm`. The precision is the same too: an ulp.
+//! The functions of `libm` accept arguments of any size. The reduction of large arguments is two thirds of the 5 kB of
+//! flash that they need on a microcontroller. The angles in this crate are a few turns, so the reduction here is short.
+//! The polynomials are those of FreeBSD's msun (`k_sin.c`, `k_cos.c`), as in `libm`. The precision is also that of
+//! `libm`: one unit in the last place.
 
 use core::f64::consts::FRAC_2_PI;
 
 use crate::angle::wrap_positive;
 
-/// Max angle for which the number of quarter turns times [`QUARTER`] is exact, radians. A larger angle is wrapped
-/// first.
+/// Max angle, radians, for which the product of [`QUARTER`] and the number of quarter turns is exact. A larger angle is
+/// wrapped to one turn before its reduction.
 const MAX_ANGLE: f64 = 1e6;
-/// A quarter turn in two parts: the first 33 bits, and the remainder.
+/// Leading 33 bits of a quarter turn, `pi / 2`. [`QUARTER_REST`] is the remainder.
 const QUARTER: f64 = f64::from_bits(0x3ff9_21fb_5440_0000);
 const QUARTER_REST: f64 = f64::from_bits(0x3dd0_b461_1a62_6331);
 
@@ -24,7 +25,7 @@ const SINE: [f64; 6] = [
     -2.505_076_025_340_686_3e-8,
     1.589_690_995_211_55e-10,
 ];
-/// Coefficients of `(cos x - 1 + x^2/2) / x^4` in powers of `x^2`.
+/// Coefficients of `(cos x - 1 + x^2/2) / x^4` in powers of `x^2`, for `x` within an eighth of a turn.
 const COSINE: [f64; 6] = [
     4.166_666_666_666_66e-2,
     -1.388_888_888_887_411e-3,
@@ -33,8 +34,8 @@ const COSINE: [f64; 6] = [
     2.087_572_321_298_175e-9,
     -1.135_964_755_778_819_5e-11,
 ];
-/// Coefficients of `(x - atan x) / x^3` in powers of `x^4`, for `x` within half of an eighth of a turn. The second row
-/// is that of the powers of `x^2` between these.
+/// Coefficients of the polynomials `E` and `O` in `(x - atan x) / x^3 = E(x^4) + x^2 O(x^4)`, for `x` within 0.4375.
+/// The first row holds those of `E`, the second row those of `O`.
 #[cfg(feature = "planning")]
 const ARC_TANGENT: [[f64; 6]; 2] = [
     [
@@ -55,7 +56,8 @@ const ARC_TANGENT: [[f64; 6]; 2] = [
     ],
 ];
 
-/// An angle as a number of quarter turns and a remainder of at most an eighth of a turn, `left + rest`.
+/// An angle as a number of quarter turns and a remainder, `left + rest`, of at most an eighth of a turn, radians.
+/// `rest` holds the digits of the remainder that `left` cannot hold.
 struct ReducedAngle {
     quarters: i32,
     left: f64,
@@ -71,7 +73,7 @@ impl ReducedAngle {
         Self { quarters: quarters as i32, left, rest: (off - left) - rest }
     }
 
-    /// Returns the sine of the angle plus a number of quarter turns.
+    /// Returns the sine of the sum of this angle and `more` quarter turns.
     #[cfg_attr(target_os = "none", inline(never))]
     fn sine(&self, more: i32) -> f64 {
         let &Self { quarters, left, rest } = self;
@@ -93,26 +95,27 @@ fn series(coefficients: &[f64; 6], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, coefficient| sum * x + coefficient)
 }
 
-/// Returns the sine of an angle, radians.
+/// Returns the sine of an angle in radians.
 #[must_use]
 pub fn sin(angle: f64) -> f64 {
     ReducedAngle::new(angle).sine(0)
 }
 
-/// Returns the cosine of an angle, radians.
+/// Returns the cosine of an angle in radians.
 #[must_use]
 pub fn cos(angle: f64) -> f64 {
     ReducedAngle::new(angle).sine(1)
 }
 
-/// Returns sine and cosine of an angle, radians.
+/// Returns the sine and the cosine of an angle in radians.
 #[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
     let reduced = ReducedAngle::new(angle);
     (reduced.sine(0), reduced.sine(1))
 }
 
-/// Returns [`sin_cos`] of an angle of at most an eighth of a turn, which needs no reduction.
+/// Returns the sine and the cosine of an angle of at most an eighth of a turn, in radians. Such an angle needs no
+/// reduction.
 #[cfg(feature = "planning")]
 #[must_use]
 pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
@@ -120,8 +123,8 @@ pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
     (reduced.sine(0), reduced.sine(1))
 }
 
-/// Returns the angle, radians, with this tangent. The angle is at most a sixteenth of a turn, so the tangent is at most
-/// 0.4375.
+/// Returns the angle, radians, with this tangent. The tangent must be within 0.4375, as it is for every angle within a
+/// sixteenth of a turn.
 #[cfg(feature = "planning")]
 #[must_use]
 pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
@@ -131,20 +134,21 @@ pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
     tangent - tangent * (square * series(even, fourth) + fourth * series(odd, fourth))
 }
 
-/// Returns the tangent of an angle, radians.
+/// Returns the tangent of an angle in radians.
 #[must_use]
 pub fn tan(angle: f64) -> f64 {
     let (sin, cos) = sin_cos(angle);
     sin / cos
 }
 
-/// Returns the angle, radians, with this cosine. NaN if there is none.
+/// Returns the angle from 0 to `pi`, radians, with this cosine. NaN if the cosine is beyond -1 or 1.
 #[must_use]
 pub fn acos(cosine: f64) -> f64 {
     libm::atan2(libm::sqrt((1.0 - cosine) * (1.0 + cosine)), cosine)
 }
 
-/// Returns the length of `(x, y)`. Its square must be neither too large nor too small for an `f64`.
+/// Returns the length of the vector `(x, y)`. The square of the length must be neither too large nor too small for an
+/// `f64`.
 #[must_use]
 pub fn hypot(x: f64, y: f64) -> f64 {
     libm::sqrt(x * x + y * y)

@@ -1,9 +1,9 @@
 //! The paper's planner: two planar paths that meet on the line from start to goal.
 //!
 //! Del Dottore et al. 2019, Eqs 9 to 25, after Babaei and Mortazavi 2010. The line from start to goal, of direction
-//! `v_se`, lies in two planes. One contains the start's direction `v_s`, the other the goal's `v_e`. The path reaches a
-//! waypoint on the line (Eqs 12 to 14) in the first plane with direction `v_se`, and leaves it in the second. Each half
-//! is a planar Dubins path.
+//! `v_se`, lies in two planes. One plane contains the start's direction `v_s`, the other contains the goal's direction
+//! `v_e`. In the first plane the path leads to a waypoint on the line (Eqs 12 to 14), where its direction is `v_se`. In
+//! the second plane it leads from the waypoint to the goal. Each half is a planar Dubins path.
 //!
 //! This code corrects the paper, or closes its gaps, in four places:
 //! - A direction parallel to the line spans no plane (Eqs 9, 10). Then the other pose's plane is used, so that the path
@@ -19,18 +19,18 @@ use crate::dubins2::{self, Direction, PlanarPose};
 use crate::path::{Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, tip_direction};
 
-/// Max distance of start and goal (radii) that count as one point, because the direction between them would be only
-/// rounding. The test `degenerate_poses_are_reached` of [`crate::plan`] bounds it.
+/// Max distance between start and goal, radii, at which the two count as one point. Rounding errors would determine the
+/// direction of such a short line. The test `degenerate_poses_are_reached` of [`crate::plan`] checks this value.
 const ONE_POINT: f64 = 1e-12;
-/// Max length of the cross product of unit vectors that count as parallel, because the plane that they span would be
-/// only rounding. The tests `goals_nearly_ahead_are_reached` and `degenerate_poses_are_reached` of [`crate::plan`]
-/// bound it.
+/// Max length of the cross product of two unit vectors at which the two count as parallel. Rounding errors would
+/// determine the plane that such vectors span. The tests `goals_nearly_ahead_are_reached` and
+/// `degenerate_poses_are_reached` of [`crate::plan`] check this value.
 const PARALLEL: f64 = 1e-12;
 
-/// Returns the two-plane path of a given radius (mm).
+/// Returns the two-plane path from start to goal, whose arcs have the given radius (mm).
 ///
 /// # Errors
-/// Returns an error only if a path could not hold its at most six segments.
+/// Returns [`PathFull`] if a [`Path`] has no space for all segments. There are at most six, so this does not happen.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFull> {
     let (from, to) = (start.direction(), goal.direction());
@@ -53,8 +53,9 @@ pub fn two_plane(start: &Pose, goal: &Pose, radius: f64) -> Result<Path, PathFul
     Ok(builder.path)
 }
 
-/// Returns the distance of the waypoint from the start, along the line, radii (Eqs 13 and 14, with `epsilon` 0). At the
-/// waypoint a circle that starts along `from` touches one that ends on the line.
+/// Returns the distance from the start to the waypoint along the line to the goal, radii (Eqs 13 and 14, with `epsilon`
+/// 0). `from` is the direction at the start, and `along` is the direction of the line. At this distance, a circle
+/// tangent to `from` at the start touches a circle tangent to the line at the waypoint.
 fn waypoint_distance(from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     let cos_rho = from.dot(along).clamp(-1.0, 1.0);
     let sin_rho = from.cross(along).norm();
@@ -62,17 +63,17 @@ fn waypoint_distance(from: &Vector3<f64>, along: &Vector3<f64>) -> f64 {
     sin_rho + libm::sqrt((4.0 - height * height).max(0.0))
 }
 
-/// Returns the unit normal of the plane of two unit vectors. `None` if they are parallel.
+/// Returns the unit normal of the plane that two unit vectors span. `None` if they are parallel.
 fn normal(a: &Vector3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let cross = a.cross(b);
     let norm = cross.norm();
     (norm > PARALLEL).then(|| perpendicular(&(cross / norm), a))
 }
 
-/// Returns `vector` without its part along `axis`, as a unit vector.
+/// Returns the part of `vector` that is perpendicular to `axis`, scaled to a unit vector.
 ///
-/// If `a` and `b` are nearly parallel, the rounding of their cross product is large relative to the product. Without
-/// this step the plane would miss `a` by that much.
+/// [`normal`] uses this function because the rounding error of a cross product is relatively large if the two vectors
+/// are nearly parallel. Without the correction the plane would not contain the vector `a`.
 fn perpendicular(vector: &Vector3<f64>, axis: &Vector3<f64>) -> Vector3<f64> {
     (vector - axis * axis.dot(vector)).normalize()
 }
@@ -87,7 +88,7 @@ fn any_normal(axis: &Vector3<f64>) -> Vector3<f64> {
     perpendicular(&axis.cross(&other), axis)
 }
 
-/// Builder that appends planar paths to a path in space and carries the tip's frame along.
+/// Builder that appends planar paths to a path in space, and tracks the frame of the tip at the end of the path.
 struct Builder {
     path: Path,
     base_from_tip: Frame,
@@ -95,8 +96,8 @@ struct Builder {
 }
 
 impl Builder {
-    /// Appends the shortest path in the plane with this normal, from the tip, whose direction is `from`, by `offset`
-    /// (radii) to direction `to`.
+    /// Appends the shortest path in the plane with this normal. The path begins at the tip, whose direction is `from`.
+    /// It ends at the position `offset` (radii) relative to the tip, in direction `to`.
     fn planar(
         &mut self,
         from: &Vector3<f64>,
@@ -120,7 +121,7 @@ impl Builder {
         Ok(())
     }
 
-    /// Returns the arc that turns the tip counter-clockwise about `axis` (Eq 25, by `atan2`).
+    /// Returns the arc that turns the tip by `bend` (radians) counter-clockwise about `axis` (Eq 25, by `atan2`).
     fn arc(&self, axis: &Vector3<f64>, bend: f64) -> Segment {
         let towards = axis.cross(&tip_direction(&self.base_from_tip));
         let in_tip = self.base_from_tip.rotation.inverse() * towards;

@@ -18,13 +18,14 @@ use growbot_core::shortest::PathProblem;
 use growbot_core::shortest::csc::{Csc, paths};
 use nalgebra::{Matrix5, Vector3, Vector5};
 
-/// Max excess of a path's length over the constructed one, as a fraction and in radii. Goals are reached to 1e-10.
+/// Max excess of the length of the path found over the constructed one, as a fraction and in radii. Goals are reached
+/// to 1e-10.
 const LONGER: (f64, f64) = (1e-6, 1e-9);
 /// Max distance of a path's end from the goal, in radii and radians, within 100 radii. At larger distances it grows in
 /// proportion.
 const GOAL_TOLERANCE: f64 = 1e-9;
 
-/// A constructed path. Angles are in radians, lengths in radii.
+/// A constructed path of an arc, a line and an arc. Angles are in radians, lengths in radii.
 #[derive(Debug, Clone, Copy)]
 struct Laid {
     first_towards: f64,
@@ -39,7 +40,7 @@ impl Laid {
         self.first + self.line + self.last
     }
 
-    /// Returns position and direction of the end.
+    /// Returns the position and the direction at the end of the path.
     fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
         end_of(&Csc {
             first_bend_direction: self.first_towards,
@@ -87,7 +88,7 @@ fn end_of(path: &Csc) -> (Vector3<f64>, Vector3<f64>) {
     (tip.translation.vector, tip_direction(&tip))
 }
 
-/// Random generator of numbers for a regime.
+/// Generator of random numbers and paths for the regimes.
 struct Draw(Rng);
 
 impl Draw {
@@ -141,7 +142,8 @@ impl Draw {
         }
     }
 
-    /// Returns a path for which the lines through the start and the goal cross, or nearly cross.
+    /// Returns a path for which the line along the start's direction and the line along the goal's direction cross, or
+    /// nearly cross.
     fn crossing(&mut self) -> Laid {
         loop {
             let (first, last) = (self.turn(), self.turn());
@@ -154,7 +156,7 @@ impl Draw {
     }
 }
 
-/// Paths of one kind.
+/// A kind of constructed paths.
 struct Regime {
     name: &'static str,
     draw: fn(&mut Draw) -> Laid,
@@ -263,7 +265,7 @@ const REGIMES: [Regime; 23] = [
     all("lines through start and goal cross", Draw::crossing),
 ];
 
-/// Counts and greatest deviation over all paths of one kind.
+/// Counts and greatest deviation over all constructed paths of one regime.
 #[derive(Default)]
 struct Tally {
     laid: u32,

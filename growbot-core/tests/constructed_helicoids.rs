@@ -18,7 +18,7 @@ use growbot_core::random::Rng;
 use growbot_core::shortest::{Candidates, PathCandidate, PathProblem, candidates};
 use nalgebra::{Rotation3, Vector3};
 
-/// Max length by which a path may be longer than the constructed one, radii.
+/// Max length by which the path found may be longer than the constructed arc, radii.
 const LONGER: f64 = 1e-6;
 /// Max distance of a path's end from the goal, in radii and radians.
 const GOAL_TOLERANCE: f64 = 1e-9;
@@ -41,7 +41,7 @@ impl Laid {
         Goal { position, direction, length: self.before + self.after }
     }
 
-    /// Returns position and direction of the end, as seen from the start.
+    /// Returns the position and the direction at the end of the arc, in the frame of its start.
     fn end(&self) -> (Vector3<f64>, Vector3<f64>) {
         let (min, twist) = (libm::exp(self.narrowness), libm::exp(self.twist));
         let curve = Helicoid { m0: Vector3::y() * min, p: Vector3::new(0.0, twist, 1.0 - min) };
@@ -83,7 +83,8 @@ fn unit_vector(random: &mut Rng) -> Vector3<f64> {
     Vector3::new(across * libm::cos(round), across * libm::sin(round), up)
 }
 
-/// Draws goals until the shortest path is a helicoidal arc, and changes its numbers by 1e-6 to 0.1 of their size.
+/// Draws goals until the shortest path to one is a helicoidal arc, and changes the numbers of this arc by 1e-6 to 0.1
+/// of their size.
 fn jittered(random: &mut Rng) -> Goal {
     loop {
         let position = unit_vector(random) * random.uniform_between(0.2, 3.0);
@@ -172,7 +173,7 @@ const REGIMES: [Regime; 5] = [
 #[derive(Default)]
 struct Tally {
     laid: u32,
-    /// Number of constructed arcs that were not the shortest path.
+    /// Number of constructed arcs for which the search found a shorter path.
     shorter: u32,
     missed: u32,
     max_excess: f64,

@@ -4,8 +4,8 @@
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, MAX_BODY_LEN, MAX_FRAME_LEN};
 use growbot_core::random::Rng;
 
-/// Number of pieces of data that are decoded, unless GROWBOT_FRAMES gives another: 100,000,000 take some minutes in a
-/// release build.
+/// Number of corrupted pieces of data that are decoded, unless GROWBOT_FRAMES gives another: 100,000,000 take some
+/// minutes in a release build.
 const PIECES: u64 = 300_000;
 
 /// Returns a random integer below `end`.
@@ -13,7 +13,7 @@ fn below(random: &mut Rng, end: usize) -> usize {
     random.below(end as u64) as usize
 }
 
-/// Returns frames of all lengths.
+/// Returns frames with random contents and bodies of lengths from 0 to [`MAX_BODY_LEN`], in steps of 4 bytes.
 fn frames(random: &mut Rng) -> Vec<Vec<u8>> {
     let frame = |length: usize, random: &mut Rng| {
         let body: Vec<u8> = (0..length).map(|_| random.next_u64() as u8).collect();

@@ -66,11 +66,11 @@ fn truncated_and_unsupported_encodings_are_refused() {
     }
 }
 
-/// Numbers that code often does not handle.
+/// Numbers that code often does not handle, which are written into descriptions.
 const ODD: [f64; 10] =
     [0.0, -0.0, -1.0, 1e-300, 1e300, f64::NAN, f64::INFINITY, f64::NEG_INFINITY, f64::MIN_POSITIVE, f64::MAX];
 
-/// Makes one to three changes in the bytes.
+/// Makes one to three random changes in the bytes.
 fn change(bytes: &mut Vec<u8>, mut random: impl FnMut() -> usize) {
     for _ in 0..=random() % 3 {
         let at = random() % bytes.len();

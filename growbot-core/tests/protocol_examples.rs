@@ -70,7 +70,7 @@ fn blocks(kind: &str) -> Vec<(String, Vec<String>)> {
     found
 }
 
-/// The four parts of an example.
+/// The four parts of an example frame in PROTOCOL.md.
 #[derive(Debug, PartialEq, Default)]
 struct Example {
     header: Vec<u8>,
@@ -103,7 +103,7 @@ impl Example {
         example
     }
 
-    /// Returns the example that the code makes of a message.
+    /// Returns the parts of the frame into which the code encodes a message.
     fn of(header: &FrameHeader, message: &Message) -> Self {
         assert_eq!(header.kind, message.kind());
         let mut buffer = [0; MAX_BODY_LEN];
@@ -135,19 +135,19 @@ fn robot() -> Robot {
     Robot::new(toml::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()).unwrap()
 }
 
-/// Returns the job of the examples: two layers of an arc, whose tilt is not a whole number of units.
+/// Returns the path of the examples' job: two layers of an arc, whose tilt is not a whole number of units.
 fn job() -> [Segment; 1] {
     [Segment::Arc { alpha: std::f64::consts::FRAC_PI_2, bend: 0.015, length: 1.5 }]
 }
 
-/// The session of the examples.
+/// Number of the session in the examples.
 const SESSION: u32 = 0x1a2b_3c4d;
-/// The session of another host, which finds that the board is owned.
+/// Number of the session of another host, which finds that the board is owned.
 const OTHER_SESSION: u32 = 0x5e6f_7a8b;
-/// The session of frames that belong to no session.
+/// Number of the session in frames that belong to no session.
 const NO_SESSION: u32 = 0;
 
-/// An example: its name in PROTOCOL.md, and the frame.
+/// An example of PROTOCOL.md: its name, and the contents of the frame.
 struct ExampleFrame {
     name: &'static str,
     session: u32,
@@ -156,17 +156,18 @@ struct ExampleFrame {
     message: Message,
 }
 
-/// Returns a request, with its sequence number and that of the latest event received.
+/// Returns an example of a request, with its sequence number and the number of the latest event that the host has
+/// received.
 fn request(name: &'static str, seq: u16, heard: u16, message: Message) -> ExampleFrame {
     ExampleFrame { name, session: SESSION, seq, ack: heard, message }
 }
 
-/// Returns a response, with the sequence number of its request.
+/// Returns an example of a response, with the sequence number of its request.
 fn answer(name: &'static str, request: u16, message: Message) -> ExampleFrame {
     ExampleFrame { name, session: SESSION, seq: 0, ack: request, message }
 }
 
-/// Returns an event, with its sequence number.
+/// Returns an example of an event, with its sequence number.
 fn event(name: &'static str, seq: u16, message: Message) -> ExampleFrame {
     ExampleFrame { name, session: SESSION, seq, ack: 0, message }
 }
@@ -175,7 +176,7 @@ fn host(name: &[u8]) -> HostName {
     HostName::from_slice(name).unwrap()
 }
 
-/// Returns the conversation of the examples.
+/// Returns all examples of PROTOCOL.md, in order: a conversation of hosts and a board.
 fn conversation() -> Vec<ExampleFrame> {
     let robot = robot();
     let job_id = summarize(&job(), &robot).plan_id;
@@ -327,7 +328,7 @@ fn emergency_stop_bytes_match_the_code() {
     assert_eq!(Example::parse(name, lines).wire, EMERGENCY_STOP);
 }
 
-/// A row of the table of messages.
+/// A row of the table of messages in PROTOCOL.md.
 struct Row {
     kind: u8,
     name: &'static str,
@@ -354,7 +355,8 @@ fn message_table_lists_exactly_all_messages() {
     }
 }
 
-/// Asserts that the second cells of rows that begin with these names have these values.
+/// Asserts that PROTOCOL.md has, for each of these names, one row that begins with the name and has the value in its
+/// second cell.
 fn assert_rows(expected: &[(&str, String)]) {
     for (name, value) in expected {
         let rows: Vec<&str> = PROTOCOL.lines().filter(|line| line.starts_with(&format!("| {name} |"))).collect();
@@ -378,7 +380,8 @@ fn quoted_numbers_match_the_code() {
     ]);
 }
 
-/// Returns the number of bytes on the link of a message in a request (`seq`) or a response (`ack`).
+/// Returns the number of bytes that a message occupies on the link, as a request with the sequence number `seq` or as a
+/// response to the request `ack`.
 fn wire_bytes(seq: u16, ack: u16, message: &Message) -> usize {
     Example::of(&FrameHeader { kind: message.kind(), session: SESSION, seq, ack }, message).wire.len()
 }
@@ -447,7 +450,7 @@ fn short(ty: &NamedType) -> String {
     }
 }
 
-/// Writes out a type and all types in it, in the form of PROTOCOL.md.
+/// Writes a type and all types in it into the map, in the form of PROTOCOL.md.
 fn write_out(ty: &NamedType, into: &mut BTreeMap<String, Vec<String>>) {
     let mut inner: Vec<&NamedType> = Vec::new();
     match ty.ty {

@@ -18,24 +18,24 @@ use nalgebra::Vector3;
 const RADIUS: f64 = 100.0;
 /// Number of positions tried, unless GROWBOT_POSITIONS gives another: 500 take two minutes.
 const POSITIONS: u32 = 80;
-/// Range of the distances of the positions, radii.
+/// Min distance of the positions from the start, radii. [`FARTHEST`] is the max.
 const NEAREST: f64 = 0.5;
 const FARTHEST: f64 = 20.0;
-/// Number of directions of the grid. For positions close to the start there are fewer, because a plan to these takes
-/// milliseconds.
+/// Number of directions of the grid for distant positions. For positions close to the start there are fewer
+/// ([`DIRECTIONS_NEAR`]), because a plan to these takes milliseconds.
 const DIRECTIONS: u32 = 200;
 const DIRECTIONS_NEAR: u32 = 60;
-/// Distance within which a position counts as close, radii.
+/// Distance from the start within which a position counts as close, radii.
 const NEAR: f64 = 3.9;
-/// Number of directions of the grid that are refined, and the min step of the refinement, radians. At the best
-/// direction the derivative of the length with respect to the direction vanishes. So the lengths of such steps differ
-/// by far less than [`AS_SHORT`].
+/// Number of directions of the grid that are refined. [`MIN_STEP`] is the min step of the refinement, radians. At the
+/// best direction the derivative of the length with respect to the direction vanishes. So the lengths of such steps
+/// differ by far less than [`AS_SHORT`].
 const REFINED: usize = 3;
 const MIN_STEP: f64 = 1e-4;
-/// Max difference of lengths that count as equal, radii.
+/// Max difference of two lengths that count as equal, radii.
 const AS_SHORT: f64 = 1e-6;
 
-/// Returns the length of the shortest path to a position in this direction, radii.
+/// Returns the length of the shortest path that arrives at a position in this direction, radii.
 fn to_direction(robot: &Robot, start: &Pose, position: Vector3<f64>, direction: &Vector3<f64>) -> f64 {
     let heading = libm::atan2(direction.y, direction.x);
     let pitch = libm::atan2(direction.z, libm::hypot(direction.x, direction.y));
@@ -53,7 +53,8 @@ fn grid(count: u32) -> impl Iterator<Item = Vector3<f64>> {
     })
 }
 
-/// Returns the length after a descent over the sphere in ever smaller steps.
+/// Returns the min length that a descent over the directions of the sphere finds from the direction in `best`, in ever
+/// smaller steps.
 fn refined(mut best: (f64, Vector3<f64>), length: &impl Fn(&Vector3<f64>) -> f64) -> f64 {
     let mut step = 0.3;
     while step > MIN_STEP {

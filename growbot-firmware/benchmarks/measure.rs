@@ -23,29 +23,30 @@ const SLOW_VALUE: Register = unsafe { Register::at(SLOW_BASE + 0x04) };
 const SLOW_CONTROL: Register = unsafe { Register::at(SLOW_BASE + 0x08) };
 
 const CONTROL_ENABLE: u32 = 1 << 0;
-/// Enabled, 32 bits, one count every 256 ticks.
+/// Value of the slow timer's control register: enabled, 32 bits, one count every 256 ticks.
 const SLOW_CONTROL_ENABLE: u32 = 1 << 7 | 1 << 1 | 0b10 << 2;
 
-/// Duration of a tick at 25 MHz, ns.
+/// Duration of a timer tick at 25 MHz, ns.
 const NS_PER_TICK: u64 = 40;
-/// Duration of an instruction with `-icount shift=10`, ns. An instruction is 25.6 ticks, so that an error of one tick
-/// does not matter.
+/// Duration of an instruction with `-icount shift=10`, ns. An instruction takes 25.6 timer ticks, so that an error of
+/// one tick does not matter.
 const NS_PER_INSTRUCTION: u64 = 1 << 10;
 
-/// Words of the stack that are measured, which is half of it. Work that uses more is reported with all of that part.
+/// Number of words of the stack that are measured, which is half of the stack. Work that uses more is reported as if it
+/// used all of that half.
 const DEPTH: u32 = 32 * 1024 / 4;
-/// Content of untouched stack.
+/// Value of the stack words that were not used.
 const PATTERN: u32 = 0x5AC5_5AC5;
 
 /// Cost of a piece of work.
 pub struct Cost {
-    /// Instructions, without the call itself.
+    /// Number of instructions, without the call itself.
     pub instructions: u64,
-    /// Stack, in bytes, including the call's frame.
+    /// Used stack, bytes, including the call's frame.
     pub stack: u32,
 }
 
-/// Does some work and returns its cost.
+/// Calls `work` and returns its cost.
 pub fn measure(work: &mut dyn FnMut()) -> Cost {
     let (nothing, _) = ticks_and_stack(&mut || ());
     let (ticks, stack) = ticks_and_stack(work);
@@ -78,7 +79,7 @@ fn ticks_and_stack(work: &mut dyn FnMut()) -> (u64, u32) {
     (ticks + ((roughly.saturating_sub(ticks) + (1 << 31)) >> 32 << 32), 4 * used)
 }
 
-/// Returns the word of the stack at a number of words below the stack pointer.
+/// Returns the stack word at this number of words below `top`, the stack pointer.
 fn below(top: u32, words: u32) -> Register {
     // SAFETY: the stack pointer is a multiple of 4. The memory below it has no owner while no function is called, and
     // interrupts are off. There are 64 KiB of stack, of which this program has used almost nothing.

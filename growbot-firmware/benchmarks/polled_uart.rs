@@ -1,4 +1,4 @@
-//! UART0, for writing only, without interrupts.
+//! Driver of UART0 for writing only, without interrupts.
 
 use core::fmt;
 
@@ -17,7 +17,7 @@ const BAUD_DIVIDER: Register = unsafe { Register::at(BASE + 0x10) };
 const STATE_TRANSMIT_FULL: u32 = 1 << 0;
 const CONTROL_TRANSMIT: u32 = 1 << 0;
 
-/// The running UART.
+/// The running UART0.
 pub struct PolledUart(());
 
 impl PolledUart {

@@ -1,16 +1,18 @@
-//! The memory map, the linker arguments and the robot's description of a board.
+//! Build of a board's firmware: copies the board's memory map, sets the linker arguments and writes the robot's
+//! description as Rust source.
 
 use std::path::{Path, PathBuf};
 use std::{env, fs, process};
 
 use growbot_core::robot::{BoardKind, Robot};
 
-/// A board that firmware can be built for. Its feature and its memory map have its name.
+/// A board that firmware can be built for. The cargo feature and the memory map (`memory/<name>.x`) have the board's
+/// name.
 struct BoardTarget {
     name: &'static str,
     target: &'static str,
     command: &'static str,
-    /// Kinds of this board, as robot files name them. Empty for any kind.
+    /// Values of `board.kind` in a robot file that this board accepts. Empty if the board accepts any robot.
     kinds: &'static [BoardKind],
 }
 
@@ -30,10 +32,10 @@ const BOARDS: [BoardTarget; 3] = [
     },
 ];
 
-/// The default robot of the firmware.
+/// Name of the robot that is built in if the environment variable GROWBOT_ROBOT is not set.
 const DEFAULT_ROBOT: &str = "growbot-a";
 
-/// Prepares the build of the board that a feature chooses.
+/// Prepares the build of the board whose cargo feature is enabled.
 pub fn prepare() {
     println!("cargo:rerun-if-changed=memory");
     println!("cargo:rerun-if-env-changed=GROWBOT_ROBOT");
@@ -82,7 +84,8 @@ pub fn prepare() {
     }
 }
 
-/// Returns the robot that the firmware is for, as Rust source.
+/// Returns the robot that is built into the firmware, as Rust source. Stops the build if the robot file is invalid or
+/// is for another board.
 fn describe(here: &Path, kinds: &[BoardKind]) -> String {
     let name = env::var("GROWBOT_ROBOT").unwrap_or_else(|_| DEFAULT_ROBOT.to_string());
     let is_built_in = name != "none";
@@ -112,7 +115,7 @@ fn describe(here: &Path, kinds: &[BoardKind]) -> String {
     as_source(&robot, is_built_in)
 }
 
-/// Returns a robot as Rust source, so that a board need neither decode nor check it again.
+/// Returns a robot as Rust source, so that the board does not have to decode and check a description.
 fn as_source(robot: &Robot, is_built_in: bool) -> String {
     let description = format!("{:?}", robot.description());
     // The output of the derived `Debug` is an expression, except for the name and for variants without their enum.

@@ -1,8 +1,9 @@
 //! The tip's orientation by a BMI160: the direction of gravity in the tip's frame.
 //!
-//! A call takes one of two steps, each well below a millisecond: it finds the chip and starts it, or it reads it. If
-//! the chip is absent, or another chip responds, each call tries again and takes the time of one address byte. If the
-//! chip has lost its power for a moment, it is found asleep and started again.
+//! Each call of [`GravitySensor::gravity`] either finds and starts the chip, or reads it. Both take well below a
+//! millisecond. If the chip is absent, or another chip responds, each call tries again and takes the time of one
+//! address byte. If the chip has lost its power for a moment, the next call finds it asleep, and the call after that
+//! starts it again.
 
 use bmi160::interface::I2cInterface;
 use bmi160::{AccelerometerPowerMode, AccelerometerRange, Bmi160, SensorSelector, SlaveAddr};
@@ -10,26 +11,27 @@ use embedded_hal::i2c::I2c;
 
 use crate::hal::GravitySensor;
 
-/// Identification of a BMI160 (data sheet, register 0x00).
+/// Content of the register CHIP_ID of a BMI160 (data sheet, register 0x00).
 const CHIP_ID: u8 = 0xD1;
-/// A reading of the earth's gravity at a range of 2 g (data sheet, table 1).
+/// Reading of an axis that measures the earth's gravity (1 g), in counts, at a measuring range of 2 g (data sheet,
+/// table 1).
 const COUNTS_PER_G: i32 = 16_384;
 
 /// A BMI160 whose SDO pin is low, with address 0x68. Its axes are the tip's: x, and z along the direction of growth.
 pub struct Bmi160Sensor<I> {
     chip: Bmi160<I2cInterface<I>>,
-    /// The chip has been started, and gives readings from the next call on, because it needs 3.8 ms (data sheet, table
-    /// 1).
+    /// True if the chip has been started. It gives readings from the next call on, because it needs 3.8 ms to start
+    /// (data sheet, table 1).
     started: bool,
 }
 
 impl<I: I2c> Bmi160Sensor<I> {
-    /// Creates the sensor on this bus. The chip may be absent.
+    /// Creates the sensor on this I2C bus. The chip may be absent.
     pub fn new(bus: I) -> Self {
         Self { chip: Bmi160::new_with_i2c(bus, SlaveAddr::Alternative(false)), started: false }
     }
 
-    /// Finds the chip and starts it.
+    /// Finds the chip and starts it. Returns `None` if no BMI160 responds.
     fn start(&mut self) -> Option<()> {
         if self.chip.chip_id().ok()? != CHIP_ID {
             return None;
@@ -61,8 +63,8 @@ impl<I: I2c> GravitySensor for Bmi160Sensor<I> {
     }
 }
 
-/// Converts a reading to thousandths of the earth's gravity, to the nearest one. The result is at most 2,000 either
-/// way.
+/// Converts a reading in counts to thousandths of the earth's gravity, rounded to the nearest. The result is between
+/// -2,000 and 2,000.
 fn milli_g(counts: i16) -> i16 {
     ((i32::from(counts) * 1000 + COUNTS_PER_G / 2).div_euclid(COUNTS_PER_G)) as i16
 }
@@ -73,7 +75,7 @@ mod tests {
     use crate::soft_i2c::SoftI2c;
     use crate::testing::fake_i2c_bus::{BusFault, FakeChip, FakeWires};
 
-    /// Register of the first of six bytes of acceleration.
+    /// Address of the first of the six registers of the acceleration.
     const ACC: u8 = 0x12;
 
     struct Bench {
@@ -90,7 +92,8 @@ mod tests {
             Self { chip, wires, looks: std::boxed::Box::new(move || orientation.gravity()) }
         }
 
-        /// Reads once. The call must take less than a millisecond on a board whose waits are up to twice as long.
+        /// Reads gravity once. The call must take less than a millisecond on a board whose waits are up to twice as
+        /// long, so the limit is 500 us.
         #[track_caller]
         fn look(&mut self) -> Option<[i16; 3]> {
             let before = self.wires.elapsed_us();
@@ -101,7 +104,7 @@ mod tests {
         }
     }
 
-    /// Readings of an upright tip that leans a little.
+    /// Content of the acceleration registers for an upright tip that leans a little.
     const LEANS: [u8; 6] = [0x00, 0x04, 0x00, 0xFE, 0x00, 0x40];
 
     #[test]

@@ -15,7 +15,7 @@ use heapless::String;
 
 use crate::description_store::{DescriptionStore, StoredDescription};
 
-/// The robot of a board.
+/// The robot that a board drives, and whether the board is configured.
 pub struct BoardRobot {
     /// The robot that the board drives. On a board that is not configured this is an arbitrary robot, whose outputs
     /// stay off.
@@ -31,8 +31,9 @@ impl BoardRobot {
         Self::from_stored(descriptions.newest())
     }
 
-    /// Returns the robot of a description, or without one the robot that the firmware was built for. A board with a
-    /// description that it cannot decode is not configured, because the built-in robot may be wired differently.
+    /// Returns the robot of the stored description. If no description is stored, returns the robot that the firmware
+    /// was built for. A board with a description that it cannot decode is not configured, because the built-in robot
+    /// may be wired differently.
     #[must_use]
     pub fn from_stored(stored: StoredDescription) -> Self {
         match stored {

@@ -10,9 +10,9 @@ use core::sync::atomic::{AtomicU8, AtomicUsize, Ordering};
 #[derive(Debug)]
 pub struct ByteQueue<const N: usize> {
     bytes: [AtomicU8; N],
-    /// Number of bytes added, wrapping.
+    /// Number of bytes added since the start, wrapping.
     added: AtomicUsize,
-    /// Number of bytes removed, wrapping.
+    /// Number of bytes removed since the start, wrapping.
     removed: AtomicUsize,
 }
 
@@ -49,7 +49,7 @@ impl<const N: usize> ByteQueue<N> {
         Ok(())
     }
 
-    /// Removes the oldest byte.
+    /// Removes and returns the oldest byte. `None` if the queue is empty.
     pub fn dequeue(&self) -> Option<u8> {
         let removed = self.removed.load(Ordering::Relaxed);
         if self.added.load(Ordering::Acquire) == removed {

@@ -6,13 +6,14 @@
 //! nozzle is hot, because the nozzle may stick in cold plastic. A reset never starts heat or motion by itself.
 //!
 //! - `requests`: the requests of the host;
-//! - `configuring`: a new robot description;
+//! - `configuration`: a new robot description;
 //! - `job`: the current plan, its layers, and their records in the journal;
-//! - `supervising`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
-//! - `maintaining`: heat and moves without a job;
-//! - `growing`: the moves for the step engine: homing, layers, and filament that is pulled back for a pause.
+//! - `supervision`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
+//! - `maintenance`: heat and moves without a job;
+//! - `growth`: the moves for the step engine: homing, layers, and filament that is pulled back for a pause.
 //!
-//! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with a clock in us.
+//! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with the time since the board's start
+//! in us.
 
 mod configuration;
 mod growth;
@@ -45,37 +46,37 @@ use crate::stepping::Mailbox;
 /// Facts about the start of a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BootInfo {
-    /// Identifier that differs at each start.
+    /// Identifier of this boot, which differs at each start.
     pub boot_id: u32,
-    /// The cause of the start.
+    /// Cause of the board's start.
     pub reset_cause: ResetCause,
     /// Result of the check of the firmware's image.
     pub image: ImageCheck,
-    /// Latest crash of the firmware. `None` without a valid record.
+    /// Record of the firmware's latest crash. `None` if the board has no valid record.
     pub crash: Option<CrashWords>,
-    /// The crystal did not start, and the board runs on an oscillator that is too inexact to heat by.
+    /// True if the crystal did not start. The board then runs on an oscillator that is too inexact for heating.
     pub crystal_failed: bool,
     /// True if the board has the description of its robot. A board without a description only communicates.
     pub configured: bool,
 }
 
 impl BootInfo {
-    /// Returns whether the image is known to differ from the sealed one.
+    /// Returns whether the firmware's image is known to differ from the image that was built.
     pub(crate) fn is_corrupt(&self) -> bool {
         matches!(self.image, ImageCheck::Corrupt { .. })
     }
 }
 
-/// Monitor of the step interrupt.
+/// Detector of a stalled step interrupt: compares the interrupt's count of ticks from check to check.
 #[derive(Debug, Clone, Copy, Default)]
 struct StepTickMonitor {
-    /// Number of step interrupts at the latest check.
+    /// Number of step interrupts since the board's start, as read at the latest check.
     ticks: u32,
-    /// Number of consecutive checks at which that number had not changed.
+    /// Number of consecutive checks at which `ticks` had not changed.
     looks_without: u8,
 }
 
-/// The controller of one robot.
+/// Controller of one robot: it answers the host's requests, lays the layers of the job, and supervises the robot.
 pub struct Controller<B: Board> {
     robot: Robot,
     identity: BootInfo,
@@ -97,23 +98,24 @@ pub struct Controller<B: Board> {
     readings: SensorReadings,
     proof: LivenessCheck,
     ticks: StepTickMonitor,
-    /// The step interrupt stopped while motors may have been energised.
+    /// True if the step interrupt stopped while motors may have been energised.
     motors_energised: bool,
     /// Number of emergency stops received over the link that have been carried out.
     calls: u32,
     /// Number of presses of the emergency stop that have been carried out.
     presses: u32,
-    /// Number of finished sectors of the current layer, as last stored in the retained state.
+    /// Number of finished sectors (equal parts of the head's turn) of the current layer, as last stored in the retained
+    /// state.
     sectors: u8,
-    /// Time at which the state was entered, us.
+    /// Time at which the robot's current state was entered, us.
     state_entered_us: u64,
     next_supervision_us: u64,
     now_us: u64,
 }
 
 impl<B: Board> Controller<B> {
-    /// Creates a controller with everything off. It starts in the self-test, or with the fault of the boot before. A
-    /// board that is not configured stays unconfigured, whatever `robot` is.
+    /// Creates a controller with everything off. It starts in the self-test, or in the fault that was latched before
+    /// the reset. A board that is not configured stays unconfigured, whatever `robot` is.
     pub fn new(robot: Robot, identity: BootInfo, mut parts: BoardResources<B>, handover: &Mailbox) -> Self {
         let (copies, retained) = RetainedStore::find(&mut parts.retained);
         let unknown = retained.err();
@@ -160,7 +162,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Removes and returns the next byte for the host.
+    /// Removes and returns the next byte to send to the host. `None` if there is nothing to send.
     pub fn next_tx_byte(&mut self) -> Option<u8> {
         self.link.next_tx_byte()
     }
@@ -171,7 +173,7 @@ impl<B: Board> Controller<B> {
         self.state
     }
 
-    /// Returns the latched fault.
+    /// Returns the latched fault. `None` if no fault is latched.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.fault
@@ -189,7 +191,7 @@ impl<B: Board> Controller<B> {
         self.heater.target()
     }
 
-    /// Does everything that is due at time `now`, us since the start.
+    /// Does everything that is due at time `now`, us since the board's start.
     pub fn poll(&mut self, now: u64, handover: &Mailbox) {
         self.now_us = now;
         if let Some(raw) = self.parts.thermistor.sample() {
@@ -219,7 +221,8 @@ impl<B: Board> Controller<B> {
         self.link.send_events(now);
     }
 
-    /// Switches everything off after an emergency stop. Each poll calls this function first.
+    /// Switches everything off if an emergency stop has occurred since the last call. Acknowledges an emergency stop
+    /// that was received over the link.
     fn handle_emergency_stop(&mut self, handover: &Mailbox) {
         let (calls, presses) = (handover.link_emergency_stops(), handover.emergency_stop_presses());
         if handover.is_emergency_stopped() || calls != self.calls || presses != self.presses {
@@ -244,7 +247,7 @@ impl<B: Board> Controller<B> {
         true
     }
 
-    /// Returns the time since the state was entered, us.
+    /// Returns the time since the robot's current state was entered, us.
     fn in_state_us(&self) -> u64 {
         self.now_us.saturating_sub(self.state_entered_us)
     }
@@ -263,7 +266,7 @@ impl<B: Board> Controller<B> {
         self.copies.write(&mut self.parts.retained, &self.retained);
     }
 
-    /// Builds the status for the host.
+    /// Returns the status that the board reports to the host.
     fn status(&self) -> Status {
         Status {
             state: self.state,
@@ -296,7 +299,7 @@ impl<B: Board> Controller<B> {
     }
 }
 
-/// Converts degrees Celsius to hundredths of a degree.
+/// Converts degrees Celsius to hundredths of a degree, rounded.
 fn centi(celsius: f64) -> i32 {
     libm::rint(celsius * 100.0) as i32
 }

@@ -12,14 +12,14 @@ pub trait SupplyMonitor {
     fn is_enough(&self) -> bool;
 }
 
-/// Flash with a detector of the supply.
+/// Flash that refuses writes and erasures while the processor's supply voltage is too low.
 pub struct GuardedFlash<F, D> {
     flash: F,
     detector: D,
 }
 
 impl<F: NorFlash<Error = NorFlashErrorKind>, D: SupplyMonitor> GuardedFlash<F, D> {
-    /// Creates flash that is changed only while the detector reports enough voltage.
+    /// Creates a flash that is changed only while the detector reports enough voltage.
     pub fn new(flash: F, detector: D) -> Self {
         Self { flash, detector }
     }

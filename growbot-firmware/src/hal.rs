@@ -18,14 +18,15 @@ use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 
 /// A channel of a 12-bit ADC.
 pub trait Adc {
-    /// Returns a reading (0 to 4095) taken since the last call. `None` without a new one. Never blocks.
+    /// Returns a reading (0 to 4095) taken since the last call. `None` if none was taken. Never blocks.
     fn sample(&mut self) -> Option<u16>;
 }
 
 /// The tip's orientation sensor.
 pub trait GravitySensor {
-    /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer shows it.
-    /// `None` if the sensor does not respond. The measurement takes a millisecond at most.
+    /// Returns the direction of gravity in the tip's frame, thousandths of the earth's. The vector points upwards, like
+    /// that of a resting accelerometer. `None` if the sensor does not respond. The measurement takes a millisecond at
+    /// most.
     fn gravity(&mut self) -> Option<[i16; 3]>;
 }
 
@@ -43,7 +44,7 @@ pub trait DebugPort {
     fn is_on(&self) -> bool;
 }
 
-/// Debug port of a board whose processor cannot be halted.
+/// Debug port of a board whose processor a debug probe cannot halt.
 pub struct NoDebugPort;
 
 impl DebugPort for NoDebugPort {
@@ -78,7 +79,7 @@ impl StepperDrivers for UnmanagedDrivers {
     }
 }
 
-/// Drivers that are optional: `None` if the robot does not use the board's serial line.
+/// Stepper drivers that are optional: `None` if the robot does not use the board's serial line for drivers.
 impl<D: StepperDrivers> StepperDrivers for Option<D> {
     fn poll(&mut self, now: u64, in_use: bool) {
         if let Some(drivers) = self {
@@ -97,43 +98,44 @@ impl<D: StepperDrivers> StepperDrivers for Option<D> {
 
 /// All outputs of the tip, for an interrupt that switches them off and must not wait until the main loop releases them.
 pub trait Outputs {
-    /// Switches heater, fan and both drivers off at once, from any context. This function cannot fail and never waits.
+    /// Switches heater, fan and both stepper drivers off at once, from any context. This function cannot fail and never
+    /// waits.
     fn make_safe(&mut self);
 }
 
 /// Memory that survives a reset but not a loss of power.
 pub trait RetainedMemory {
-    /// Reads the content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
+    /// Reads the whole content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
     fn read(&mut self) -> [u8; RETAINED_BYTES];
-    /// Writes one of the two copies, from the copy's first byte to its last, and does not change the other copy. All
-    /// later memory accesses take effect after the last byte is in the memory.
+    /// Writes one of the copies, from its first byte to its last, and changes no other copy. All later memory accesses
+    /// take effect after the last byte is in the memory.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]);
 }
 
 /// The parts of a board that the controller drives. The [`crate::stepping::Engine`] owns the steppers, the index
 /// sensor, the filament encoder and the emergency stop.
 pub trait Board {
-    /// Kinds of this board, as robot files name them. Empty for a board that accepts any robot.
+    /// Values of `board.kind` in a robot file that this board accepts. Empty for a board that accepts any robot.
     const KINDS: &'static [BoardKind] = &[];
     /// Power stage of the heater.
     type HeaterPower: SetDutyCycle;
-    /// Second switch in series with the power stage. High lets the heater heat.
+    /// Second switch, in series with the heater's power stage. The heater can heat only while this output is high.
     type HeaterEnable: OutputPin;
     /// Fan that cools the print.
     type FanPwm: SetDutyCycle;
-    /// Divider of the thermistor.
+    /// ADC channel of the thermistor's voltage divider.
     type ThermistorAdc: Adc;
-    /// Divider of the supply.
+    /// ADC channel of the supply's voltage divider.
     type SupplyAdc: Adc;
     /// Input that is high while filament is present.
     type FilamentPresence: InputPin;
     /// Input that is high while a stepper driver reports a fault.
     type DriverFault: InputPin;
-    /// Serial line of the stepper drivers.
+    /// Stepper drivers, as far as they are controlled over a serial line.
     type Drivers: StepperDrivers;
     /// Orientation sensor of the tip.
     type Orientation: GravitySensor;
-    /// Watchdog.
+    /// Watchdog that resets the board unless it is fed.
     type Watchdog: Watchdog;
     /// Debug port of the processor.
     type DebugPort: DebugPort;
@@ -142,40 +144,40 @@ pub trait Board {
     /// Flash of the journal, and flash of the robot's description. Each has two sectors or more. A programmed word can
     /// be programmed again to the same value, and to zero.
     type Flash: MultiwriteNorFlash;
-    /// Store of layers. A layer store has some 48 KiB, so a board passes a reference or a box.
+    /// Pointer to the store of the job's layers, which has some 48 KiB: a reference or a box.
     type Store: DerefMut<Target = LayerStore>;
 }
 
-/// The parts of a board, as values.
+/// The parts of a board that the controller drives, as values.
 pub struct BoardResources<B: Board> {
     /// Power stage of the heater.
     pub heater_power: B::HeaterPower,
-    /// Second switch in series with the power stage.
+    /// Second switch, in series with the heater's power stage.
     pub heater_enable: B::HeaterEnable,
-    /// Fan.
+    /// Fan that cools the print.
     pub fan: B::FanPwm,
-    /// Temperature of the nozzle.
+    /// ADC channel of the nozzle's thermistor.
     pub thermistor: B::ThermistorAdc,
-    /// Voltage of the supply.
+    /// ADC channel of the supply voltage.
     pub supply: B::SupplyAdc,
-    /// Presence of filament.
+    /// Input that is high while filament is present.
     pub filament_presence: B::FilamentPresence,
-    /// Fault signal of the drivers.
+    /// Input that is high while a stepper driver reports a fault.
     pub driver_fault: B::DriverFault,
-    /// Drivers, over their serial line.
+    /// Stepper drivers, as far as they are controlled over a serial line.
     pub drivers: B::Drivers,
     /// Orientation sensor of the tip.
     pub orientation: B::Orientation,
-    /// Watchdog.
+    /// Watchdog that resets the board unless it is fed.
     pub watchdog: B::Watchdog,
     /// Debug port of the processor.
     pub debug_port: B::DebugPort,
     /// Memory that survives a reset.
     pub retained: B::Retained,
-    /// The journal, opened.
+    /// Journal of the job.
     pub journal: Journal<B::Flash>,
-    /// The stored descriptions of the robot, opened.
+    /// Store of the robot's description in flash.
     pub descriptions: DescriptionStore<B::Flash>,
-    /// Store of layers.
+    /// Store of the job's layers.
     pub store: B::Store,
 }

@@ -1,37 +1,37 @@
 //! The seal of a firmware image: a CRC of all bytes that the image puts into flash. The board checks it at each start
 //! before anything may heat.
 //!
-//! An image from the linker has no seal yet. It has [`SEAL_WORDS`] words under the name [`SYMBOL`], with a mark that
-//! the image is not sealed. After linking, `growbot flash` and the emulator's port write the seal there:
+//! An image from the linker has no seal yet. It has [`SEAL_WORDS`] words under the name [`SYMBOL`], which contain
+//! [`EMPTY`]. After linking, `growbot flash` and the emulator's port write the seal there:
 //!
 //! | word | content |
 //! |---|---|
 //! | 0 | [`NOT_SEALED`] or [`SEALED`] |
 //! | 1 | CRC-32C of word 0, of the words from 2 on, and of the bytes in the parts, in this order |
 //! | 2, 4, ... | address of a part of the image; no part includes the seal itself |
-//! | 3, 5, ... | bytes of that part; 0 for an unused entry |
+//! | 3, 5, ... | length of that part, bytes; 0 for an unused entry |
 //!
-//! If word 0 is neither of the two marks, the seal is damaged.
+//! If word 0 is neither [`NOT_SEALED`] nor [`SEALED`], the seal is damaged.
 
 use crc::{CRC_32_ISCSI, Crc, NoTable};
 use growbot_core::link::message::ImageCheck;
 
-/// The symbol of the seal in an image.
+/// Name of the linker symbol at which an image contains its seal.
 pub const SYMBOL: &str = "GROWBOT_IMAGE_SEAL";
-/// Max number of parts of an image.
+/// Max number of parts (contiguous address ranges) of an image that a seal covers.
 pub const PARTS: usize = 3;
-/// Words of the seal.
+/// Number of words of the seal.
 pub const SEAL_WORDS: usize = 2 + 2 * PARTS;
-/// The seal, as words of little-endian bytes.
+/// The seal of an image, as words that are stored in little-endian order.
 pub type Seal = [u32; SEAL_WORDS];
-/// First word of an image that was never sealed.
+/// First word of the seal of an image that was never sealed.
 pub const NOT_SEALED: u32 = 0x6E6F_7365;
-/// First word of an image that is sealed.
+/// First word of the seal of an image that is sealed.
 pub const SEALED: u32 = 0x9153_A1E1;
-/// Max bytes of an image that are checked. This number limits the duration of the check, so that a damaged seal cannot
-/// block a board until the watchdog expires. 256 KiB take some 0.2 s at 168 MHz.
+/// Max number of bytes of an image that are checked. This number limits the duration of the check, so that a damaged
+/// seal cannot block a board until the watchdog expires. 256 KiB take some 0.2 s at 168 MHz.
 pub const MAX_BYTES: u32 = 256 * 1024;
-/// The seal as the linker puts it into an image.
+/// The seal of an image that is not sealed, as the linker puts it into the image.
 pub const EMPTY: Seal = {
     let mut seal = [0; SEAL_WORDS];
     seal[0] = NOT_SEALED;
@@ -41,7 +41,7 @@ pub const EMPTY: Seal = {
 /// CRC-32C algorithm that uses no table, because a table would save time but occupy flash.
 static CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISCSI);
 
-/// Returns the parts of an image: address and bytes of each.
+/// Returns the address and the length in bytes of each part of an image.
 pub fn parts(seal: &Seal) -> impl Iterator<Item = [u32; 2]> {
     let (pairs, _) = seal.as_chunks::<2>();
     pairs.iter().skip(1).copied()
@@ -66,8 +66,8 @@ pub fn crc_of(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> Option<u32> {
     Some(digest.finalize())
 }
 
-/// Checks an image against its seal. `byte` returns the byte of the flash at an address, or `None` if there is no
-/// flash.
+/// Checks an image against its seal. `byte` returns the byte of the flash at an address, or `None` if the address is
+/// not in flash.
 pub fn check(seal: &Seal, byte: impl Fn(u32) -> Option<u8>) -> ImageCheck {
     let [mark, sealed, ..] = *seal;
     if *seal == EMPTY {

@@ -1,5 +1,5 @@
-//! Pins with inverted wiring. The electrical level is that of the robot's description, and the firmware uses the
-//! logical one.
+//! Pins whose wiring may be inverted. The robot's description states the wiring, and the rest of the firmware uses
+//! logical levels only.
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 

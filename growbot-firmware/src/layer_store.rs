@@ -1,16 +1,16 @@
-//! The layers that the board stores: those that are accepted and not yet laid.
+//! Store of the layers that the board has accepted and not yet laid.
 
 use growbot_core::layer_bytes::LayerBytes;
 use heapless::Deque;
 
-/// Number of layers that the board stores: 3.2 m of robot A.
+/// Max number of layers that the board stores: 3.2 m of robot A's body.
 pub const CAPACITY: usize = 4096;
 
-/// Layers of one job, in order. A laid layer is dropped, so that a new one can be stored.
+/// Store of the layers of one job, in order. A layer is dropped once it is laid, so that a new one can be stored.
 #[derive(Debug, Default)]
 pub struct LayerStore {
     layers: Deque<LayerBytes, CAPACITY>,
-    /// Index, in the job, of the first layer stored.
+    /// Index, in the job, of the first stored layer.
     first: u32,
 }
 
@@ -27,7 +27,7 @@ impl LayerStore {
         self.first = first;
     }
 
-    /// Drops the layers from this index on.
+    /// Drops the stored layers from the index `index` of the job on.
     pub fn truncate(&mut self, index: u32) {
         let keep = index.saturating_sub(self.first) as usize;
         while self.layers.len() > keep {
@@ -35,19 +35,19 @@ impl LayerStore {
         }
     }
 
-    /// Returns the index of the next layer to be pushed.
+    /// Returns the index, in the job, of the next layer to be pushed.
     #[must_use]
     pub fn next_index(&self) -> u32 {
         self.first + self.layers.len() as u32
     }
 
-    /// Returns the number of further layers that the store can take.
+    /// Returns the number of further layers for which the store has room.
     #[must_use]
     pub fn room(&self) -> u32 {
         (CAPACITY - self.layers.len()) as u32
     }
 
-    /// Pushes the next layer. Returns `false` if the store is full.
+    /// Adds a layer after the last one. Returns `false` if the store is full.
     #[must_use]
     // Without inlining, the compiler knows that the layer is outside of the store, and copying it needs no `memmove` of
     // 1.5 kB of flash.
@@ -56,7 +56,7 @@ impl LayerStore {
         self.layers.push_back(layer).is_ok()
     }
 
-    /// Returns the layer of this index, if it is stored.
+    /// Returns the layer with this index in the job. `None` if it is not stored.
     #[must_use]
     pub fn get(&self, index: u32) -> Option<LayerBytes> {
         let offset = usize::try_from(index.checked_sub(self.first)?).ok()?;

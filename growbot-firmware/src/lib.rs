@@ -4,11 +4,12 @@
 //! The crate is generic over embedded-hal 1.0 traits, so that the same code runs on the robot, in an emulator and in a
 //! simulation on the desktop. A layer takes this path through it:
 //!
-//! 1. [`link`] and [`controller`]: it arrives in a `Layers` message, is checked, and is stored in the [`layer_store`];
-//! 2. [`stepping::TurnPlanner`] and [`stepping::Turn`]: it becomes steps and ticks of 64 sectors;
+//! 1. [`link`] and [`controller`]: it arrives in an `AppendLayers` message, is checked, and is stored in the
+//! [`layer_store`];
+//! 2. [`stepping::TurnPlanner`] and [`stepping::Turn`]: it is converted to the steps and ticks of 64 sectors of a turn;
 //! 3. [`stepping::Mailbox`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;
-//! 5. on the way back, the steps made become the layer as built, and a `Laid` message.
+//! 5. on the way back, the steps made become the layer as built, which the board reports in a `LayerLaid` message.
 //!
 //! [`heater`] and [`thermistor`] keep the nozzle hot. [`safety`] has the table of states and the reactions to faults.
 //! After a loss of power the [`journal`] has the progress of a growth. [`hal`] has the traits of a board. The boards

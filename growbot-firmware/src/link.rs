@@ -11,16 +11,16 @@ use heapless::Deque;
 
 /// Capacity of the send queue, bytes. It holds a few frames.
 const OUTBOX: usize = 1024;
-/// Bytes of the send queue ([`OUTBOX`]) that events never fill, so that a response always fits.
+/// Number of bytes of the send queue ([`OUTBOX`]) that events never fill, so that a response always fits.
 const RESERVED_FOR_ANSWERS: usize = MAX_FRAME_LEN;
-/// Capacity of the queue of events that are not acknowledged.
+/// Max number of events that wait for the host's acknowledgement.
 const EVENTS: usize = 16;
-/// Kind of a frame that only acknowledges events.
+/// Message kind of a frame that only acknowledges events.
 const ACK: u8 = 0x0E;
 /// Max number of events about laid layers in the queue of unacknowledged events ([`EVENTS`]), so that other events
 /// still fit. The journal stores the reports of further layers.
 const MAX_LAID: usize = EVENTS - 4;
-/// Number of closed sessions that are stored, so that a delayed frame does not open its closed session again.
+/// Number of closed sessions that the board remembers, so that a delayed frame does not open its closed session again.
 const CLOSED: usize = 4;
 /// Time without a received frame after which a host counts as silent, us.
 pub const HOST_TIMEOUT_US: u64 = 10_000_000;
@@ -30,14 +30,14 @@ const RESEND_US: u64 = 400_000;
 /// Max time between two repetitions of an unacknowledged event, us.
 const MAX_RESEND_US: u64 = 3_200_000;
 
-/// An event that a host must receive.
+/// An event that the board reports to the host, and repeats until the host acknowledges it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum HostEvent {
-    /// A layer is laid.
+    /// A layer has been laid.
     Laid(LayerLaid),
-    /// The state has changed.
+    /// The robot's state has changed.
     State(StateChanged),
-    /// The heater's gains are found.
+    /// The tuning of the heater has found the PID gains.
     Tuned(Tuned),
 }
 
@@ -51,12 +51,12 @@ impl HostEvent {
     }
 }
 
-/// Retransmission of events that are not acknowledged.
+/// Schedule for the repetition of events that are not acknowledged.
 #[derive(Debug, Clone, Copy)]
 struct Retransmit {
-    /// Time of the next repetition, us.
+    /// Time at which unacknowledged events are sent again, us.
     due: u64,
-    /// Time between two repetitions, us.
+    /// Time between two repetitions, us. It doubles with each repetition.
     pause: u64,
 }
 
@@ -66,36 +66,36 @@ impl Retransmit {
     }
 }
 
-/// The open session.
+/// The open session with a host.
 #[derive(Debug)]
 struct Session {
     id: u32,
     host: HostName,
-    /// Time at which a frame of the session's host was last received, us.
+    /// Time at which a frame of this session was last received, us.
     received: u64,
-    /// Number of the latest request.
+    /// Sequence number of the latest request in this session.
     request: u16,
-    /// Response to the latest request.
+    /// Response to the latest request. `None` until the response is sent.
     answer: Option<Message>,
-    /// Number of the first pending event.
+    /// Sequence number of the oldest event that is not acknowledged.
     first_event: u16,
-    /// Number of pending events that have been sent since the latest repetition.
+    /// Number of unacknowledged events that have been sent since the latest repetition began.
     sent: usize,
     resend: Retransmit,
 }
 
-/// The handling of a received frame.
+/// The way in which a received frame is to be handled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FrameAction {
-    /// A request of the open session, received for the first time.
+    /// The frame is a request of the open session, received for the first time. It is to be carried out.
     Handle,
-    /// A request outside of the open session.
+    /// The frame does not belong to the open session.
     NoSession,
-    /// A frame that needs no further handling: its response was sent again, or it is too old to matter.
+    /// The frame needs no further handling: its response was sent again, or it is too old to matter.
     Ignore,
 }
 
-/// The board's end of the link.
+/// The board's end of the link to the host.
 #[derive(Debug, Default)]
 pub struct Link {
     receiver: FrameDecoder,
@@ -106,18 +106,19 @@ pub struct Link {
 }
 
 impl Link {
-    /// Processes a received byte. Returns the frame that it ends. An error means that the bytes were not a valid frame.
-    /// The caller ignores it, because the sender repeats the frame.
+    /// Processes a received byte. Returns the frame that this byte completes, or `None` within a frame. An error means
+    /// that the bytes were not a valid frame. The caller ignores the error, because the sender repeats the frame.
     pub fn receive(&mut self, byte: u8) -> Option<Result<LinkFrame, FrameError>> {
         self.receiver.push(byte)
     }
 
-    /// Removes and returns the next byte to send.
+    /// Removes and returns the next byte to send. `None` if there is nothing to send.
     pub fn next_tx_byte(&mut self) -> Option<u8> {
         self.outbox.pop_front()
     }
 
-    /// Opens a session with the request that opens it. An open session is closed.
+    /// Opens a session for a host. `header` is the header of the request that opens the session. A session that is
+    /// still open is closed first.
     pub fn open(&mut self, header: &FrameHeader, host: HostName, now: u64) {
         self.close();
         self.session = Some(Session {
@@ -132,7 +133,8 @@ impl Link {
         });
     }
 
-    /// Closes the session, when its host ends it or is given up.
+    /// Closes the session, because its host ends it or no longer acknowledges events. Drops the events that are not
+    /// acknowledged.
     pub fn close(&mut self) {
         if let Some(session) = self.session.take() {
             if self.closed.is_full() {
@@ -145,20 +147,20 @@ impl Link {
         self.events.clear();
     }
 
-    /// Returns whether the session with this number is closed, and must not be opened again.
+    /// Returns whether the session with this identifier was closed, so that it must not be opened again.
     #[must_use]
     pub fn is_closed(&self, session: u32) -> bool {
         self.closed.iter().any(|closed| *closed == session)
     }
 
-    /// Returns whether the session with this number is open.
+    /// Returns whether the session with this identifier is open.
     #[must_use]
     pub fn is_open(&self, session: u32) -> bool {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
-    /// Returns the host that owns the board, and the time since its last frame was received, us. `None` once the host
-    /// has been silent for too long.
+    /// Returns the host that owns the board, and the time since its last frame was received, us. `None` if no session
+    /// is open, or once the host has been silent for [`HOST_TIMEOUT_US`].
     #[must_use]
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
@@ -166,8 +168,8 @@ impl Link {
         (silent < HOST_TIMEOUT_US).then_some((&session.host, silent))
     }
 
-    /// Processes the header of a frame: it shows that its host is alive, and acknowledges events. Returns how the frame
-    /// is to be handled.
+    /// Processes the header of a received frame: records that the host is alive, and removes the events that the frame
+    /// acknowledges. Returns how the frame is to be handled.
     pub fn process_header(&mut self, header: &FrameHeader, now: u64) -> FrameAction {
         let Some(session) = self.session.as_mut().filter(|session| session.id == header.session) else {
             return FrameAction::NoSession;
@@ -196,8 +198,8 @@ impl Link {
         FrameAction::Ignore
     }
 
-    /// Sends the response and caches it for retransmission. If the transmit queue is full the response is not sent,
-    /// because the host repeats the request.
+    /// Sends the response to a request and stores it for a repetition of the request. If the send queue is full the
+    /// response is not sent, because the host repeats the request.
     pub fn respond(&mut self, request: &FrameHeader, message: Message) {
         self.send(request.session, 0, request.seq, &message);
         if self.is_open(request.session) {
@@ -211,22 +213,23 @@ impl Link {
         }
     }
 
-    /// Returns whether a session is open and its events have room for another layer.
+    /// Returns whether a session is open and the queue of unacknowledged events can take another report of a laid
+    /// layer.
     #[must_use]
     pub fn has_room_for_layer(&self) -> bool {
         let waiting = self.events.iter().filter(|event| matches!(event, HostEvent::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()
     }
 
-    /// Queues an event for the host. If a host has left a whole queue unacknowledged, its session is closed. When the
-    /// host returns, the status reports the effects of the events.
+    /// Queues an event for the host. If the queue is full of events that the host has not acknowledged, its session is
+    /// closed. When the host returns, the status reports the effects of the events.
     pub fn push_event(&mut self, event: HostEvent) {
         if self.session.is_some() && self.events.push_back(event).is_err() {
             self.close();
         }
     }
 
-    /// Sends the events that are due, as far as the transmit queue has room.
+    /// Sends the events that are due, as far as the send queue has room.
     pub fn send_events(&mut self, now: u64) {
         let Some(session) = &mut self.session else { return };
         let Retransmit { due, pause } = session.resend;
@@ -248,7 +251,7 @@ impl Link {
         }
     }
 
-    /// Sends a message outside of any session.
+    /// Sends a message that belongs to no session.
     pub fn broadcast(&mut self, message: &Message) {
         self.send(0, 0, 0, message);
     }

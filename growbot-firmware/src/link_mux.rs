@@ -1,19 +1,19 @@
-//! A link over two ports, of which the host uses one at a time.
+//! Reception on two ports, of which the host uses one at a time.
 
 use crate::byte_queue::ByteQueue;
 
-/// Merges the bytes received on two ports into one stream of frames, each from one port only.
+/// Merges the bytes received on two ports into one stream of frames. Each frame comes from one port only.
 ///
-/// The port in use is the one from which the latest byte came. The other port is read only when this one has no byte
-/// left. A frame that this change cuts off is ended by a delimiter. It is lost, like a frame that was damaged on the
-/// way.
+/// The port in use is the one from which the latest byte came. The other port is read only when the port in use has no
+/// byte left. If the port changes within a frame, a delimiter ends that frame. The frame is lost, like a frame that was
+/// damaged on the way.
 #[derive(Debug)]
 pub struct LinkMux<'a, const N: usize> {
     first: &'a ByteQueue<N>,
     second: &'a ByteQueue<N>,
-    /// The second port is in use.
+    /// True if the second port is in use.
     on_second: bool,
-    /// The latest byte did not end a frame.
+    /// True if the latest byte did not end a frame.
     within_frame: bool,
 }
 
@@ -21,19 +21,19 @@ pub struct LinkMux<'a, const N: usize> {
 const DELIMITER: u8 = 0;
 
 impl<'a, const N: usize> LinkMux<'a, N> {
-    /// Creates the stream. The first port is in use.
+    /// Creates the stream from the queues of two ports. The first port is in use.
     #[must_use]
     pub const fn new(first: &'a ByteQueue<N>, second: &'a ByteQueue<N>) -> Self {
         Self { first, second, on_second: false, within_frame: false }
     }
 
-    /// Returns whether the host uses the second port.
+    /// Returns whether the second port is in use.
     #[must_use]
     pub const fn is_second_active(&self) -> bool {
         self.on_second
     }
 
-    /// Returns the next byte for the link.
+    /// Removes and returns the next byte of the stream. `None` if neither port has a byte.
     pub fn next_byte(&mut self) -> Option<u8> {
         let (used, other) = if self.on_second { (self.second, self.first) } else { (self.first, self.second) };
         let byte = match used.dequeue() {

@@ -1,11 +1,11 @@
-//! Oversampling: the mean of all conversions of a period.
+//! Oversampling: the mean of all ADC conversions of a period.
 
 use crate::thermistor::is_out_of_range;
 
-/// Sum of the ADC's conversions.
+/// Mean of the ADC's conversions since the last call of [`Oversampler::pop_mean`].
 ///
 /// Conversions at either end of the scale come only from a broken sensor. Such conversions are averaged separately from
-/// valid conversions, because a mean of both would be a temperature that does not exist.
+/// valid conversions, because a mean of both kinds would be a temperature that does not exist.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Oversampler {
     sound: Sum,
@@ -36,9 +36,9 @@ impl Oversampler {
         if is_out_of_range(raw) { self.broken.add(raw) } else { self.sound.add(raw) }
     }
 
-    /// Returns the mean of the conversions since the last call. `None` without any. The result is the mean of the valid
-    /// conversions. If more conversions are at the ends of the scale than between them, it is the mean of those at the
-    /// ends.
+    /// Returns the mean of the conversions since the last call. `None` if there were none. The result is the mean of
+    /// the valid conversions. If more conversions are at the ends of the scale than between them, it is the mean of
+    /// those at the ends.
     pub fn pop_mean(&mut self) -> Option<f64> {
         let Self { sound, broken } = core::mem::take(self);
         if broken.count > sound.count { broken.mean() } else { sound.mean() }
@@ -71,7 +71,7 @@ mod tests {
             sampler.add(raw);
         }
         assert_eq!(sampler.pop_mean(), Some(600.0));
-        // An equal number of them is too few.
+        // An equal number of conversions at the ends of the scale is too few.
         for raw in [4095, 600] {
             sampler.add(raw);
         }

@@ -1,9 +1,9 @@
-//! Soft I2C: a bus on two open-drain pins, clocked by the processor. The duration of a transaction is bounded, even if
-//! a chip misbehaves.
+//! Soft I2C: an I2C bus on two open-drain pins that the processor drives bit by bit. The duration of a transaction is
+//! bounded, even if a chip misbehaves.
 //!
 //! The firmware avoids hardware I2C controllers on purpose. Some of them wait for flags that a disturbed bus never
-//! sets, and their recovery cannot be tested on a desktop. This bus runs there, pin by pin, against a simulated chip
-//! that misbehaves. A byte takes some 30 us.
+//! sets, and their recovery cannot be tested on a desktop. The soft bus can run on a desktop, pin by pin, against a
+//! simulated chip that misbehaves. A byte takes some 30 us.
 //!
 //! No other controller may clock the bus.
 
@@ -16,11 +16,11 @@ use embedded_hal::i2c::{Error, ErrorKind, ErrorType, I2c, NoAcknowledgeSource, O
 const HALF_NS: u32 = 1500;
 /// Time for which all chips together may hold the clock low in one transaction, us.
 const MAX_CLOCK_STRETCH_US: u16 = 100;
-/// Number of clocks after which a chip that was interrupted while it sent a byte releases the data line: the rest of
-/// the byte, and its acknowledgement (UM10204, 3.1.16).
+/// Number of clock pulses after which a chip that was interrupted while it sent a byte releases the data line: the rest
+/// of the byte, and its acknowledgement (UM10204, 3.1.16).
 const CLOCKS_TO_FREE: u8 = 9;
 
-/// The reason why a transaction failed.
+/// The reason why an I2C transaction failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SoftI2cError {
     /// No chip acknowledged the address, or the chip did not acknowledge a byte.
@@ -43,12 +43,12 @@ impl Error for SoftI2cError {
     }
 }
 
-/// The bus. Both pins are open-drain outputs with pull-up resistors, so that "high" releases the line.
+/// An I2C bus. Both pins are open-drain outputs with pull-up resistors, so that "high" releases the line.
 pub struct SoftI2c<C, D, T> {
     clock: C,
     data: D,
     timer: T,
-    /// Time for which chips may still hold the clock low in this transaction, us.
+    /// Time for which chips may still hold the clock low in the current transaction, us.
     patience_us: u16,
 }
 
@@ -86,7 +86,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         Ok(())
     }
 
-    /// Makes one clock, from low to low. Returns the level of the data line while the clock was high.
+    /// Makes one clock pulse, with the data line released if `high` and low otherwise. Returns the level of the data
+    /// line while the clock was high.
     fn bit(&mut self, high: bool) -> Result<bool, SoftI2cError> {
         self.set_data(high)?;
         self.half();
@@ -113,8 +114,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         if self.data()? { Ok(()) } else { Err(SoftI2cError::BusStuck) }
     }
 
-    /// Makes a start condition, or a repeated one: the data line falls while the clock is high. The clock is low
-    /// afterwards.
+    /// Makes a start condition, or a repeated start condition: the data line falls while the clock is high. The clock
+    /// is low afterwards.
     fn start(&mut self) -> Result<(), SoftI2cError> {
         self.set_data(true)?;
         self.half();
@@ -154,8 +155,8 @@ impl<C: InputPin + OutputPin, D: InputPin + OutputPin, T: DelayNs> SoftI2c<C, D,
         Ok(byte)
     }
 
-    /// Performs everything between start and stop. Consecutive operations of one direction are merged, as
-    /// [`I2c::transaction`] requires.
+    /// Performs the operations of a transaction, except for the stop condition. Consecutive operations of one direction
+    /// are merged, as [`I2c::transaction`] requires.
     fn operate(&mut self, address: u8, operations: &mut [Operation<'_>]) -> Result<(), SoftI2cError> {
         let mut direction = None;
         let mut operations = operations.iter_mut().peekable();

@@ -1,7 +1,7 @@
-//! Robots and pins for this crate's tests.
+//! Robots and simulated pins for this crate's tests.
 
 pub mod fake_i2c_bus;
-/// The fake flash of the simulated board.
+/// The simulated flash of the simulated board.
 #[path = "../../growbot-sim/src/tip/flash.rs"]
 pub mod flash;
 pub mod preemption;
@@ -17,7 +17,8 @@ use growbot_core::robot::{FeedStrategy, Robot, RobotDescription};
 
 use crate::hal::Outputs;
 
-/// Returns the amount of work of a long test: the value of this variable, or by default a number that takes seconds.
+/// Returns the amount of work of a long test: the value of an environment variable, or `otherwise` if the variable is
+/// not set.
 pub fn number_from_environment(variable: &str, otherwise: u64) -> u64 {
     match std::env::var(variable) {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable} is {text:?}: give a whole number")),
@@ -29,12 +30,12 @@ fn description_a() -> RobotDescription {
     toml::from_str(include_str!("../../robots/growbot-a.toml")).expect("robots/growbot-a.toml is readable")
 }
 
-/// Returns the paper's robot A.
+/// Returns robot A of the paper, as described in `robots/growbot-a.toml`.
 pub fn robot_a() -> Robot {
     Robot::new(description_a()).expect("robots/growbot-a.toml is valid")
 }
 
-/// Returns robot A with a strategy.
+/// Returns robot A with another feed strategy.
 pub fn robot_a_by(strategy: FeedStrategy) -> Robot {
     let mut description = description_a();
     description.motion.strategy = strategy;
@@ -50,13 +51,13 @@ pub fn fast_robot() -> Robot {
     Robot::new(description).expect("robots/growbot-a2.toml is valid with any nozzle")
 }
 
-/// Returns a robot whose description names its board, and has settings for its stepper drivers.
+/// Returns a robot whose description states the kind of its board (SKR Pico) and the settings of its stepper drivers.
 pub fn on_skr_pico() -> Robot {
     let text = include_str!("../../robots/examples/skr-pico.toml");
     Robot::new(toml::from_str(text).expect("the example is readable")).expect("the example is valid")
 }
 
-/// Pins whose levels a test can read, set and break.
+/// Simulated pins whose levels a test can read, set and break.
 #[derive(Clone, Default)]
 pub struct FakePins(Rc<RefCell<Levels>>);
 
@@ -67,7 +68,7 @@ struct Levels {
 }
 
 impl FakePins {
-    /// Returns the pin with a number.
+    /// Returns the pin with this number.
     pub fn pin(&self, number: usize) -> FakePin {
         let mut levels = self.0.borrow_mut();
         if levels.high.len() <= number {
@@ -86,12 +87,12 @@ impl FakePins {
         self.0.borrow_mut().high[number] = high;
     }
 
-    /// Makes a pin fail from now on.
+    /// Makes every access to a pin fail from now on.
     pub fn fail(&self, number: usize) {
         self.0.borrow_mut().failed.push(number);
     }
 
-    /// Makes a pin work again.
+    /// Makes a pin that was set to fail work again.
     pub fn repair(&self, number: usize) {
         self.0.borrow_mut().failed.retain(|failed| *failed != number);
     }
@@ -102,7 +103,7 @@ impl FakePins {
     }
 }
 
-/// One of the pins.
+/// One of the simulated pins, as the firmware uses it.
 pub struct FakePin {
     pins: FakePins,
     number: usize,
@@ -153,7 +154,7 @@ impl InputPin for FakePin {
     }
 }
 
-/// Counter of calls that switch everything off at once.
+/// Outputs that only count how often they were switched off.
 #[derive(Clone, Default)]
 pub struct FakeOutputs(pub Rc<RefCell<u32>>);
 
@@ -163,17 +164,17 @@ impl Outputs for FakeOutputs {
     }
 }
 
-/// Power stage of a heater whose duty a test can read.
+/// PWM output of the heater or the fan whose duty a test can read.
 #[derive(Clone, Default)]
 pub struct FakePower(Rc<RefCell<u16>>);
 
 impl FakePower {
-    /// Sets the duty, like an interrupt that does not own the heater.
+    /// Sets the duty, as an interrupt does that does not own the output.
     pub fn set(&self, duty: u16) {
         *self.0.borrow_mut() = duty;
     }
 
-    /// Returns the share of full power, 0 to 1.
+    /// Returns the duty as a share of full power, 0 to 1.
     pub fn share(&self) -> f64 {
         f64::from(*self.0.borrow()) / f64::from(self.max_duty_cycle())
     }

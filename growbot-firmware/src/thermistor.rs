@@ -1,4 +1,4 @@
-//! Conversion of an ADC's reading to a temperature.
+//! Conversion of an ADC's readings of the thermistor to temperatures.
 //!
 //! The thermistor (NTC) is connected between the input and ground, a pull-up resistor between the input and the ADC's
 //! reference: `raw / 4095 = R / (R + R_pull_up)`. Its resistance follows either the Beta equation, `1/T = 1/298.15 K +
@@ -8,28 +8,28 @@ use growbot_core::robot::Thermistor;
 
 /// Max reading of the 12-bit ADC.
 pub const FULL_SCALE: u16 = 4095;
-/// Min reading that means an open wire. Robot A's thermistor has this reading at -33 degrees Celsius, by its Beta
-/// equation. The derivation of this value is not recorded. `both_ends_of_the_adc_scale_are_sensor_faults` and `cargo
-/// fault-campaign` (open wire) bound it.
+/// Min reading that means an open wire of the thermistor. Robot A's thermistor has this reading at -33 degrees Celsius,
+/// by its Beta equation. The derivation of this value is not recorded. `both_ends_of_the_adc_scale_are_sensor_faults`
+/// and `cargo fault-campaign` (open wire) bound it.
 const OPEN_MIN_RAW: f64 = FULL_SCALE as f64 - 8.0;
-/// Max reading that means touching wires. Robot A's thermistor has this reading at 436 degrees Celsius, by its Beta
-/// equation, far above any nozzle.
+/// Max reading that means touching wires of the thermistor. Robot A's thermistor has this reading at 436 degrees
+/// Celsius, by its Beta equation, far above any nozzle.
 const SHORT_MAX_RAW: f64 = 40.0;
-/// 0 degrees Celsius, K.
+/// Temperature of 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
-/// 25 degrees Celsius, K.
+/// Temperature of 25 degrees Celsius, at which `r25_ohm` is defined, K.
 const T25_K: f64 = 298.15;
 
-/// The reason why a reading is not a temperature.
+/// The reason why a reading of the thermistor is not a temperature.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ThermistorError {
-    /// An open wire.
+    /// A wire of the thermistor is open.
     Open,
-    /// Wires that touch.
+    /// The wires of the thermistor touch.
     Short,
 }
 
-/// Returns the coefficients A, B and C of Steinhart and Hart. The Beta equation is theirs without C.
+/// Returns the coefficients A, B and C of the equation of Steinhart and Hart. With C = 0 it is the Beta equation.
 fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
     match (thermistor.steinhart_hart, thermistor.r25_ohm, thermistor.beta_k) {
         (Some(coefficients), _, _) => coefficients,
@@ -45,7 +45,7 @@ pub fn is_out_of_range(raw: u16) -> bool {
     f64::from(raw) >= OPEN_MIN_RAW || f64::from(raw) <= SHORT_MAX_RAW
 }
 
-/// Converts a reading (0 to 4095; a mean of several may lie between two) to degrees Celsius.
+/// Converts a reading of the ADC (0 to 4095, not necessarily whole, if it is a mean) to degrees Celsius.
 ///
 /// # Errors
 /// Returns the defect if the reading is at either end of the scale, which only a broken sensor reaches.
@@ -69,8 +69,8 @@ pub fn celsius_from_raw(raw: f64, thermistor: &Thermistor) -> Result<f64, Thermi
 
 /// Solves `1/T = a + b ln R + c (ln R)^3`, in 1/K, for `ln R`; `b` is positive and `c` is not negative.
 ///
-/// Newton's method starts at the solution without the third term. That value lies beyond the root, and the curve is
-/// bent such that each step gets nearer to the root and never passes it. Without a third term it is the root.
+/// Newton's method starts at the solution without the term of `c`. That value lies beyond the root, and the curve is
+/// bent such that each step gets nearer to the root and never passes it. If `c` is 0, the first value is the root.
 fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     let mut log = (inverse - a) / b;
     for _ in 0..60 {
@@ -84,7 +84,8 @@ fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
     log
 }
 
-/// Converts degrees Celsius to the ADC value of this thermistor, 0 to 4095, not rounded. The simulated tip uses it.
+/// Converts degrees Celsius to the reading of the ADC with this thermistor, 0 to 4095, not rounded. The simulated tip
+/// uses it.
 #[must_use]
 pub fn raw_from_celsius(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);

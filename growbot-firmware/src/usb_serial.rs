@@ -1,13 +1,13 @@
 //! The control requests of a USB serial port (class CDC, abstract control model), for any chip.
 //!
-//! All content that is sent is stored in [`UsbSerial`], and so in RAM. Requests therefore get a response even while the
-//! flash cannot be read.
+//! All content that is sent to the host is stored in [`UsbSerial`], and so in RAM. Requests therefore get a response
+//! even while the flash cannot be read.
 
-/// Max bytes of a packet, on every endpoint.
+/// Max length of a packet on every endpoint, bytes.
 pub const MAX_PACKET_BYTES: usize = 64;
-/// Endpoint of notifications, of which none is ever sent.
+/// Number of the endpoint for notifications. The device never sends a notification.
 pub const NOTIFICATION_ENDPOINT: u8 = 1;
-/// Endpoint of the data bytes, in each direction.
+/// Number of the endpoint for the data bytes, in each direction.
 pub const DATA_ENDPOINT: u8 = 2;
 
 const DEVICE: [u8; 18] = [
@@ -99,14 +99,14 @@ const CONFIGURATION: [u8; 67] = [
     0,
     0, // bulk, to the host
 ];
-/// Index of the only string.
+/// Index of the only string descriptor.
 const NAME: u8 = 1;
 const LANGUAGES: [u8; 4] = [4, 3, 0x09, 0x04];
 const GROWBOT: [u8; 16] = [16, 3, b'g', 0, b'r', 0, b'o', 0, b'w', 0, b'b', 0, b'o', 0, b't', 0];
 /// Line coding: 115200 baud, one stop bit, no parity, 8 bits. It has no effect, but hosts read it.
 const CODING: [u8; 7] = [0x00, 0xC2, 0x01, 0x00, 0, 0, 8];
 
-/// A request of the host.
+/// A control request of the host: the setup packet.
 #[derive(Debug, Clone, Copy)]
 pub struct Setup {
     kind: u8,
@@ -117,7 +117,7 @@ pub struct Setup {
 }
 
 impl Setup {
-    /// Decodes the eight bytes of the request's packet, as two little-endian words.
+    /// Decodes the eight bytes of a setup packet, which are passed as two little-endian words.
     #[must_use]
     pub const fn new(low: u32, high: u32) -> Self {
         Self {
@@ -130,47 +130,47 @@ impl Setup {
     }
 }
 
-/// Response to a request.
+/// Action with which the board responds to a control request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ControlResponse {
-    /// Sends this content, up to this number of bytes.
+    /// Send this content, cut off after this number of bytes.
     Send(Content, usize),
-    /// The request is done.
+    /// Acknowledge the request.
     Done,
-    /// The request is done once the host has sent a line coding.
+    /// Receive a line coding from the host, then acknowledge the request.
     TakeCoding,
-    /// The request is done. From then on, the device has the address in the field.
+    /// Acknowledge the request. From then on, the device has this address.
     Address(u8),
-    /// The request is done. The value is `true` if the endpoints are in use.
+    /// Acknowledge the request. Enable the data endpoints if the value is `true`, and disable them otherwise.
     Configure(bool),
-    /// The request is done. The endpoint whose address is in the field is reset.
+    /// Acknowledge the request, and restart the packet sequence of the endpoint with this address.
     ClearEndpoint(u8),
-    /// The request is done. A program on the host has opened or closed the port.
+    /// Acknowledge the request. A program on the host has opened or closed the port.
     Opened,
-    /// The request is refused.
+    /// Refuse the request.
     Refuse,
 }
 
-/// Content that can be sent.
+/// Content that the device can send in response to a control request.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Content {
-    /// The device's descriptor.
+    /// The device descriptor.
     Device,
-    /// The configuration's descriptor, and all descriptors that belong to it.
+    /// The configuration descriptor, and all descriptors that belong to it.
     Configuration,
     /// The list of the languages of strings.
     Languages,
-    /// The string.
+    /// The only string: the name of the device.
     Name,
-    /// The latest line coding.
+    /// The line coding that the host has sent last.
     Coding,
-    /// A status of zeros.
+    /// The status of the device, an interface or an endpoint, which is always zero.
     Status,
-    /// The number of the current configuration.
+    /// One byte: the number of the current configuration.
     Configured,
 }
 
-/// A serial port.
+/// A USB serial port: the content that it sends, and its state.
 #[derive(Debug)]
 pub struct UsbSerial {
     device: [u8; 18],
@@ -197,7 +197,7 @@ impl UsbSerial {
         }
     }
 
-    /// Resets the port, as after a reset of the bus.
+    /// Sets the port to its state after a reset of the USB.
     pub fn reset(&mut self) {
         self.configured = [0];
     }
@@ -208,7 +208,7 @@ impl UsbSerial {
         self.configured[0] != 0
     }
 
-    /// Returns the bytes of a content.
+    /// Returns the bytes of a content that the device sends.
     #[must_use]
     pub fn content(&self, content: Content) -> &[u8] {
         match content {
@@ -229,7 +229,7 @@ impl UsbSerial {
         }
     }
 
-    /// Handles a request and returns the response.
+    /// Handles a control request and returns the action with which the board responds.
     pub fn answer(&mut self, setup: Setup) -> ControlResponse {
         let Setup { kind, request, value, index, length } = setup;
         let send = |content| ControlResponse::Send(content, usize::from(length));
@@ -274,7 +274,7 @@ impl Default for UsbSerial {
     }
 }
 
-/// Handles a request of the class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
+/// Handles a request of the CDC class: SET_LINE_CODING, GET_LINE_CODING, SET_CONTROL_LINE_STATE.
 fn answer_class(request: u8, to_host: bool, length: usize) -> ControlResponse {
     match (to_host, request) {
         (false, 0x20) if length == CODING.len() => ControlResponse::TakeCoding,

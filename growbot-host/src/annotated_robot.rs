@@ -11,14 +11,15 @@ use toml_edit::{DocumentMut, Item};
 
 use crate::schema;
 
-/// A robot with its explanation.
+/// A robot, and an explanation of each field of its description.
 #[derive(Debug)]
 pub struct AnnotatedRobot {
     /// The robot.
     pub robot: Robot,
     /// Comment at the start of the file, as one line.
     pub about: String,
-    /// Sections in the order of the description. The first one has no name.
+    /// Sections of the description, in its order. The first section contains the fields outside all tables, and its
+    /// name is empty.
     pub sections: Vec<Section>,
 }
 
@@ -27,7 +28,7 @@ pub struct AnnotatedRobot {
 pub struct Section {
     /// Name of the section.
     pub name: String,
-    /// Description of the section.
+    /// Meaning of the section, from the schema.
     pub description: String,
     /// Fields of the section.
     pub fields: Vec<AnnotatedField>,
@@ -44,19 +45,19 @@ pub struct AnnotatedField {
     pub description: String,
     /// True if the file sets the field. False if the value is the default.
     pub in_file: bool,
-    /// Comment in the file. Empty if there is none.
+    /// Comment after the field in the file. Empty if there is none.
     pub comment: String,
 }
 
 impl AnnotatedField {
-    /// Returns whether the file marks the value as assumed.
+    /// Returns true if the field's comment begins with "assumed", which marks a value that has not been measured.
     #[must_use]
     pub fn is_assumed(&self) -> bool {
         is_assumed(&self.comment)
     }
 }
 
-/// Returns whether a comment marks a value as assumed.
+/// Returns true if a field's comment begins with "assumed", which marks a value that has not been measured.
 #[must_use]
 pub fn is_assumed(remark: &str) -> bool {
     remark.starts_with("assumed")
@@ -89,13 +90,13 @@ impl AnnotatedRobot {
         Ok(Self { robot, about: opening_comment(&text), sections })
     }
 
-    /// Returns all fields.
+    /// Returns the fields of all sections.
     pub fn fields(&self) -> impl Iterator<Item = &AnnotatedField> {
         self.sections.iter().flat_map(|section| &section.fields)
     }
 
-    /// Returns a short description of the robot and its source. They are the first sentence of its file and the first
-    /// other sentence that cites a publication.
+    /// Returns the first sentence of the comment at the start of the file, which describes the robot, and the next
+    /// sentence that cites a publication ("et al."). If the first sentence already cites one, it is returned alone.
     #[must_use]
     pub fn what_and_source(&self) -> String {
         let sentences = sentences(&self.about);
@@ -108,7 +109,7 @@ impl AnnotatedRobot {
     }
 }
 
-/// Collects the fields below an item.
+/// Adds the fields of a TOML item, and of all tables in the item, to `fields`. `path` is the item's full name.
 fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Value, fields: &mut Vec<AnnotatedField>) {
     if let Some(table) = item.as_table_like() {
         for (key, item) in table.iter() {
@@ -129,7 +130,8 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
     fields.push(AnnotatedField { path: path.to_owned(), value, description, in_file, comment: remark });
 }
 
-/// Returns whether a file has this field, and the comment after it or after its inline table.
+/// Returns true if the file sets the field at `path`, and the comment after the field or after the inline table
+/// around it.
 fn trailing_comment(file: &DocumentMut, path: &str) -> (bool, String) {
     let mut item = file.as_item();
     let mut remark = String::new();

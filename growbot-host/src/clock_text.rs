@@ -3,7 +3,7 @@
 
 use time::{Duration, OffsetDateTime, UtcOffset};
 
-/// Returns the local time. If the system does not provide its offset, UTC is used.
+/// Returns the present time in the local time zone, or in UTC if the system does not provide the offset of the zone.
 #[must_use]
 pub fn now_here() -> OffsetDateTime {
     here(OffsetDateTime::now_utc())
@@ -20,8 +20,8 @@ pub fn local_clock_text(finish: OffsetDateTime) -> String {
     clock_text(now_here(), here(finish))
 }
 
-/// Formats a finish time, for example `14:05`. The day is added if it is not today: `tomorrow 02:10`, `2026-11-26
-/// 02:10`.
+/// Formats a finish time, for example `14:05`. The day is added if the finish is not today: `tomorrow 02:10`,
+/// `2026-11-26 02:10`.
 #[must_use]
 pub fn clock_text(now: OffsetDateTime, finish: OffsetDateTime) -> String {
     // The time is rounded to the nearest minute, as durations are.

@@ -15,12 +15,13 @@ type DwarfSlice = EndianArcSlice<RunTimeEndian>;
 /// Maximum length of an ELF image, bytes. growbot's own images have about 3 MB with debug information.
 const LONGEST_IMAGE: u64 = 64 << 20;
 
-/// An image in which addresses can be looked up.
+/// A firmware image (ELF file) in which the function and the source line of an address can be looked up.
 pub struct FirmwareImage {
     context: Context<DwarfSlice>,
-    /// Address ranges of its code.
+    /// Address ranges of the image's code.
     code: Vec<std::ops::Range<u64>>,
-    /// CRC that the image has with its seal. `None` if it cannot be sealed.
+    /// CRC-32C that the image has after `growbot flash` has added its checksum (the seal). `None` if the image has no
+    /// place for a seal.
     crc: Option<u32>,
 }
 
@@ -51,13 +52,15 @@ impl FirmwareImage {
         Ok(Self { context, code, crc })
     }
 
-    /// Returns the CRC-32C of the image with its seal. `None` if it cannot be sealed.
+    /// Returns the CRC-32C of the image with its seal, the checksum that `growbot flash` adds. `None` if the image
+    /// has no place for a seal.
     #[must_use]
     pub fn crc(&self) -> Option<u32> {
         self.crc
     }
 
-    /// Returns the functions that contain an address, the innermost first. Empty if the address is not in known code.
+    /// Returns the function at an address and the functions into which it is inlined, the innermost first. Empty if
+    /// the address is not in the image's code.
     #[must_use]
     pub fn frames_at(&self, address: u32) -> Vec<CodeLocation> {
         let address = u64::from(address & !1);
@@ -76,7 +79,8 @@ impl FirmwareImage {
         places
     }
 
-    /// Returns the functions that contain the call with this return address.
+    /// Returns the function that contains the call with this return address, and the functions into which it is
+    /// inlined, the innermost first. Empty if the value is not a return address in the image's code.
     #[must_use]
     pub fn callers(&self, return_address: u32) -> Vec<CodeLocation> {
         // Return addresses of Thumb code are odd, so an even value is not a return address.
@@ -93,7 +97,7 @@ fn shortened(file: &str) -> String {
     from.map_or(file, |at| &file[at + 1..]).to_string()
 }
 
-/// A crash with the image that crashed.
+/// The crash record of a board, with the firmware image that crashed.
 pub struct CrashReport<'a> {
     /// Crash record of the board.
     pub record: CrashRecord,
@@ -102,7 +106,8 @@ pub struct CrashReport<'a> {
 }
 
 impl<'a> CrashReport<'a> {
-    /// Creates a crash from the words that a board reports. The image is used only if it can be the one that crashed.
+    /// Creates the report of a crash from the data that a board sends. `image` is ignored if its CRC shows that
+    /// another image crashed.
     #[must_use]
     pub fn new(words: &CrashWords, image: Option<&'a FirmwareImage>) -> Self {
         let record = CrashRecord::from(words);
@@ -110,7 +115,8 @@ impl<'a> CrashReport<'a> {
         Self { record, image: image.filter(is_that) }
     }
 
-    /// Returns the functions that contain the program counter of the crash.
+    /// Returns the function that contains the program counter of the crash, and the functions into which it is
+    /// inlined, the innermost first.
     fn at(&self) -> Vec<CodeLocation> {
         let (Some(image), Some(frame)) = (self.image, self.record.frame) else { return Vec::new() };
         image.frames_at(frame.pc)

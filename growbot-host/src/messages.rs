@@ -59,7 +59,7 @@ pub fn set(level: Verbosity, colour: ColorChoice) {
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);
 }
 
-/// Returns whether notes and progress are suppressed.
+/// Returns true if notes and progress are suppressed.
 #[must_use]
 pub fn is_quiet() -> bool {
     LEVEL.load(Ordering::Relaxed) == Verbosity::Quiet as u8

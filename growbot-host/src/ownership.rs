@@ -10,14 +10,14 @@ use rustix::process::geteuid;
 
 /// User number of the administrator, whose files every user trusts.
 const ROOT: u32 = 0;
-/// Permission bits of a mode.
+/// Mask of the permission bits in the mode of a file.
 const PERMISSIONS: u32 = 0o7777;
 /// Mode bit of a folder in which users can rename and remove their own files only.
 const STICKY: u32 = 0o1000;
 /// Maximum number of symbolic links that are followed one after another, as in Linux.
 const MAX_LINKS: usize = 40;
 
-/// Actions from which other users have to be kept.
+/// Protection that a file or folder must have from other users.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Protection {
     /// Others cannot write.
@@ -43,7 +43,7 @@ pub enum OwnershipError {
         /// User number of this process.
         user: u32,
     },
-    /// The permissions give others too much.
+    /// The permissions of the file or folder let other users read or write more than the protection allows.
     #[error(
         "{path} has mode {mode:04o}, so other users can {}: check its content, then run `chmod {} {path}`",
         match .protection { Protection::Write => "change it", Protection::Access => "access it" },
@@ -74,7 +74,7 @@ struct Ownership {
     owner: u32,
     mode: u32,
     is_folder: bool,
-    /// True if no user but the own one and root is in its group.
+    /// True if the group of the file has no members except the user of this process and root.
     has_private_group: bool,
 }
 
@@ -85,8 +85,9 @@ enum Weakness {
     Mode,
 }
 
-/// Returns what is wrong with a file or folder for this user. A folder with the sticky bit, such as `/tmp`, protects
-/// the files of its users from each other. So does a group of the user alone, which many systems give each user.
+/// Returns the property that makes a file or folder unsafe for this user. `None` if it is safe. In a folder with the
+/// sticky bit, such as `/tmp`, users can write but cannot change each other's files, so it is safe. A group whose
+/// only member is the user, which many systems create, may have write permission.
 fn weakness(user: u32, found: Ownership, protection: Protection) -> Option<Weakness> {
     let forbidden = match protection {
         Protection::Write if found.is_folder && found.mode & STICKY != 0 => 0,
@@ -100,8 +101,8 @@ fn weakness(user: u32, found: Ownership, protection: Protection) -> Option<Weakn
     (found.mode & forbidden != 0).then_some(Weakness::Mode)
 }
 
-/// Returns whether a group has no member but this user and root, by the texts of `/etc/passwd` and `/etc/group`. A group
-/// that is not in the text may have others.
+/// Returns true if a group has no members except this user and root, according to the texts of `/etc/passwd` and
+/// `/etc/group`. Returns false for a group that `/etc/group` does not contain, because its members are unknown.
 fn is_private_group(group: u32, user: u32, passwd: &str, groups: &str) -> bool {
     let users: Vec<(&str, Option<u32>, Option<u32>)> = passwd
         .lines()
@@ -120,12 +121,12 @@ fn is_private_group(group: u32, user: u32, passwd: &str, groups: &str) -> bool {
     by_default && members.is_some_and(|names| names.split(',').filter(|name| !name.is_empty()).all(is_trusted_name))
 }
 
-/// Returns whether processes of this user trust another one.
+/// Returns true if processes of `user` trust processes of the user `other`.
 fn is_trusted_user(user: u32, other: u32) -> bool {
     other == user || other == ROOT
 }
 
-/// Returns whether this process trusts the processes of another user: of the same user, or of root.
+/// Returns true if this process trusts processes of the user `other`, which must be its own user or root.
 #[must_use]
 pub fn trusts_user(other: u32) -> bool {
     is_trusted_user(geteuid().as_raw(), other)

@@ -8,7 +8,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::messages::is_quiet;
 
-/// Time between two lines.
+/// Minimum time between two lines about the progress, if no bar is shown.
 const BETWEEN_LINES: Duration = Duration::from_secs(10);
 
 /// Time at which the results of the work are printed.

@@ -54,7 +54,7 @@ pub struct Setting {
     pub origin: SettingOrigin,
 }
 
-/// Prefix of growbot's variables of the environment.
+/// Prefix of growbot's environment variables.
 const PREFIX: &str = "GROWBOT_";
 
 /// Variables that growbot reads, or that it sets for the command of a notification.
@@ -81,7 +81,7 @@ pub enum SettingsError {
         /// Value of the variable.
         text: OsString,
     },
-    /// An environment variable has the prefix of growbot's variables, but growbot has no such variable.
+    /// An environment variable has the prefix `GROWBOT_`, but growbot has no such variable.
     #[error(
         "unknown environment variable {name:?}{}: unset it, or rename it; growbot reads {}",
         did_you_mean(.name, VARIABLES),
@@ -102,7 +102,7 @@ pub enum SettingsError {
         /// Unsafe file or folder.
         error: OwnershipError,
     },
-    /// A project's file has receivers of notifications.
+    /// A `growbot.toml` that is not the user's own names receivers of notifications.
     #[error(
         "{file}: [serve.notify] is for your own settings only, because it names a command to run or an address to \
          call: move it to {user_file}"
@@ -166,7 +166,7 @@ impl Key {
         }
     }
 
-    /// Returns the variable of the environment that sets it.
+    /// Returns the environment variable that sets this setting.
     #[must_use]
     pub fn variable(self) -> &'static str {
         match self {
@@ -184,7 +184,8 @@ impl Key {
         }
     }
 
-    /// Returns the value in a file in this directory. Paths are relative to the directory.
+    /// Returns the value of this setting in the contents of a file. A relative path is resolved from `directory`,
+    /// which contains the file.
     fn value_from(self, written: &SettingsToml, directory: &Path) -> Option<String> {
         match self {
             Self::Robot => written.robot.as_ref().map(|robot| robot_from(robot, directory)),
@@ -206,13 +207,14 @@ pub fn check_environment() -> Result<(), SettingsError> {
     unknown.map_or(Ok(()), |name| Err(SettingsError::UnknownVariable { name }))
 }
 
-/// Returns the robot that a file in this directory refers to.
+/// Returns the robot that a settings file names: a built-in name, or a path, which is resolved from the file's
+/// directory.
 #[must_use]
 pub fn robot_from(robot: &str, directory: &Path) -> String {
     if robot_file::is_built_in(robot) { robot.to_owned() } else { resolve_path(directory, robot) }
 }
 
-/// Returns the port that a file in this directory refers to.
+/// Returns the port that a settings file names. A path in it is resolved from the file's directory.
 #[must_use]
 pub fn port_from(port: &str, directory: &Path) -> String {
     match port.split_once(':') {
@@ -236,7 +238,7 @@ impl Setting {
         Self::load_from_files(key, InvalidFiles::Refuse)
     }
 
-    /// Like [`Setting::load`], but with this treatment of invalid files.
+    /// Like [`Setting::load`], but invalid files are treated as `invalid` requires.
     ///
     /// # Errors
     /// [`SettingsError`] of a variable, or of a file that had to be read.
@@ -260,7 +262,7 @@ impl Setting {
     }
 }
 
-/// Returns whether the name of a robot is allowed. It is a part of addresses and file names.
+/// Returns true if a robot may have this name, which becomes a part of addresses and file names.
 fn is_name(name: &str) -> bool {
     let is_letter = |letter: u8| letter.is_ascii_alphanumeric() || matches!(letter, b'-' | b'_');
     (1..=MAX_NAME).contains(&name.len()) && name.bytes().all(is_letter)
@@ -273,7 +275,7 @@ pub struct ServiceSettings {
     pub robots: BTreeMap<String, RobotEntry>,
     /// Settings of the service itself.
     pub serve: ServeEntry,
-    /// File that they come from.
+    /// File from which the robots and the settings come.
     pub origin: SettingOrigin,
 }
 
@@ -330,12 +332,13 @@ fn service_in(file: &Path) -> Result<(BTreeMap<String, RobotEntry>, ServeEntry),
 pub enum InvalidFiles<'a> {
     /// The command fails.
     Refuse,
-    /// The file is left out, and its error is collected. This is for stops, which no file may prevent.
+    /// The file is skipped, and its error is collected. This is for stop commands, which an invalid file must not
+    /// prevent.
     Skip(&'a mut Vec<SettingsError>),
 }
 
 impl InvalidFiles<'_> {
-    /// Returns the same treatment for another search.
+    /// Returns the same treatment, for another search through the files.
     pub fn reborrow(&mut self) -> InvalidFiles<'_> {
         match self {
             Self::Refuse => InvalidFiles::Refuse,
@@ -344,7 +347,8 @@ impl InvalidFiles<'_> {
     }
 }
 
-/// Returns what `pick` finds in the nearest file, otherwise in the user's file.
+/// Returns the result of `pick` for the nearest `growbot.toml`, or else for the user's file. `None` if it returns
+/// `None` for both files.
 fn find_in_files<T>(
     mut invalid: InvalidFiles,
     pick: impl Fn(&Path, &SettingOrigin) -> Result<Option<T>, SettingsError>,

@@ -88,7 +88,7 @@ fn suggestion(name: &str) -> String {
     did_you_mean(name, COLUMNS.into_iter().flatten())
 }
 
-/// Reads poses, and positions from lines without a direction.
+/// Reads the poses and positions in a CSV text. A line without heading and pitch is a position.
 ///
 /// ```
 /// use growbot_host::via_csv::read;
@@ -122,7 +122,8 @@ fn record(line: &str) -> Result<StringRecord, ViaError> {
     Ok(record)
 }
 
-/// Returns the position of each of the [`COLUMNS`]. `None` for a missing angle.
+/// Returns the index of each of the [`COLUMNS`] in the header. The index of an angle is `None` if the header does not
+/// have it.
 fn columns(header: &StringRecord) -> Result<[Option<usize>; 5], ViaError> {
     let mut found = [None; 5];
     for (index, name) in header.iter().enumerate() {

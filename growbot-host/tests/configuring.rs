@@ -1,4 +1,4 @@
-//! `growbot configure` on a simulated robot that keeps running. The robot gets and keeps another description.
+//! Tests of `growbot configure` on a simulated robot that keeps running: the board stores another robot description.
 
 use crate::running;
 
@@ -18,7 +18,7 @@ fn json(ran: &running::Ran) -> Value {
     serde_json::from_str(&ran.out).unwrap()
 }
 
-/// A simulated robot of this test, which is switched off at the end.
+/// A simulated robot of one test. It is switched off when the value is dropped.
 struct Robot {
     port: String,
     directory: tempfile::TempDir,
@@ -43,7 +43,7 @@ impl Robot {
         growbot(&[args, &["--port", &self.port]].concat())
     }
 
-    /// Returns name and hash of the board's description.
+    /// Returns the name and the hash of the robot description that the board stores.
     fn described(&self) -> (String, String) {
         let status = json(&self.run(&["status", "--json"]));
         let text = |key: &str| status[key].as_str().unwrap_or_default().to_owned();
@@ -75,7 +75,7 @@ fn a_description_is_sent_stored_and_reported() {
     assert_eq!(configured.0, "mine");
     assert!(done.out.contains(&configured.1), "{}", done.out);
 
-    // The description outlasts a loss of power.
+    // The board keeps the description over a loss of power.
     robot.run(&["power", "off"]);
     let on = growbot(&["power", "on", "--pace", "1000", "--robot", mine, "--port", &robot.port]);
     assert_eq!(on.code, Some(0), "{}", on.err);
@@ -112,7 +112,7 @@ fn failed_configuration_is_reported_and_changes_nothing() {
     assert_eq!(robot.described(), before);
 }
 
-/// Opens a port again that disappears while the board restarts, like a board over USB.
+/// The port of a board over USB disappears while the board restarts. The command opens the port again.
 #[test]
 fn a_port_that_disappears_during_the_restart_is_reopened() {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();

@@ -1,10 +1,10 @@
-//! The console in a pipe, on the simulated robot.
+//! Tests of `growbot console` with piped input, on a simulated robot.
 
 use crate::running;
 
 use running::{Ran, growbot, growbot_reading, growbot_reading_bytes, growbot_unread};
 
-/// Checks for exit code 2 and one message of one line that contains `parts`.
+/// Checks that the command ended with exit code 2 and printed one message of one line that contains `parts`.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     for part in parts {
@@ -69,7 +69,7 @@ fn a_script_ends_at_the_first_failing_line() {
         ("stop now", "`stop` takes no arguments: remove \"now\""),
         ("grow 0,0,9,0,95", "pitch is 95"),
     ] {
-        // The next line would heat.
+        // The line after the faulty line would heat the nozzle.
         let ran = growbot_reading(&["console"], &format!("help\n{line}\ngrow 0,0,3,0,90\n"));
         assert_eq!(ran.code, Some(1), "{line}: {}", ran.err);
         for part in [part, "line 2 failed"] {
@@ -126,7 +126,8 @@ fn a_script_fails_if_standard_output_is_closed() {
     ] {
         assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
     }
-    // Without commands nothing is left undone, so this is not an error, as with other commands.
+    // Without commands the console has nothing to do, so a closed standard output is not an error, as with other
+    // commands.
     let ran = growbot_unread(&["console"], "");
     assert_eq!((ran.code, ran.err.as_str()), (Some(0), ""));
 }

@@ -1,4 +1,4 @@
-//! `growbot robots`, `new-robot`, `completions` and `man` as users and scripts run them.
+//! Tests of `growbot robots`, `new-robot`, `completions` and `man`, as users and scripts run them.
 
 use crate::running;
 
@@ -13,7 +13,7 @@ fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
-/// Returns the commands that the help lists.
+/// Returns the names of the commands that `growbot --help` lists.
 fn commands() -> Vec<String> {
     let help = growbot(&["--help"]).out;
     let listed = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
@@ -21,7 +21,7 @@ fn commands() -> Vec<String> {
     names.map(|line| line.split(' ').next().unwrap().to_owned()).filter(|name| name != "help").collect()
 }
 
-/// The command warns of properties that matter for the robot's use and are easy to miss in the file.
+/// `growbot new-robot` warns of properties of the robot that are important but easy to overlook in the robot file.
 #[test]
 fn new_robot_reports_a_test_bench_or_excess_speed() {
     let folder = tempfile::tempdir().unwrap();
@@ -114,8 +114,8 @@ fn robots_explains_a_robot() {
     assert!(unknown.err.contains("did you mean growbot-b?"), "{}", unknown.err);
 }
 
-/// Returns the places where a value violates the schema. It covers only the keywords that [`growbot_host::schema`]
-/// uses.
+/// Returns the places where a value violates a JSON Schema. Only the keywords that [`growbot_host::schema`] uses are
+/// checked. `at` is the path of the value.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (keyword, answer) in schema.as_object().unwrap() {
@@ -268,7 +268,7 @@ fn each_command_has_a_man_page_with_examples_and_exit_codes() {
     assert_eq!(growbot(&["man", "-o", &format!("{path}/none/deeper")]).code, Some(2));
 }
 
-/// Returns the completions of bash for the last of these words.
+/// Returns the completions of bash for the last of these words of a command line, with this completion script.
 fn completed(script: &str, words: &[&str]) -> Vec<String> {
     let (last, before) = (words[words.len() - 1], words[words.len() - 2]);
     let line = format!(

@@ -12,7 +12,7 @@ use growbot_host::settings;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in, runs};
 
-/// Marks of code blocks in the documents that this test does not run: each names what the block needs.
+/// Words after the language of a code block that this test does not run. Each word names a need of the block.
 const NEEDS: [&str; 6] = ["robot", "emulator", "build", "install", "terminal", "long"];
 
 fn assert_nothing_wrong(wrong: &[String]) {
@@ -25,8 +25,8 @@ fn test_of(document: &Document) -> String {
     path.to_str().unwrap().to_lowercase().replace(['/', '-'], "_")
 }
 
-/// Defines a test for each document with commands that run, in its own directory. This runs one of them alone: `cargo
-/// test -p growbot-host --test it documents::chapters::see_it`.
+/// Defines a test for each of these documents, which runs the commands of the document in a directory of its own. A
+/// single test is run by `cargo test -p growbot-host --test it documents::chapters::see_it`.
 macro_rules! chapters {
     ($($test:ident),*) => {
         mod chapters {
@@ -55,7 +55,7 @@ fn every_document_with_commands_has_a_test() {
     assert_eq!(names, CHAPTERS);
 }
 
-/// Returns README.md and the chapters in the order of the book.
+/// Returns README.md, then the chapters in the order of the book.
 fn in_order() -> Vec<Document> {
     let mut documents = for_users();
     let summary = documents.iter().find(|document| document.path.ends_with("SUMMARY.md")).unwrap();
@@ -127,7 +127,7 @@ fn every_block_has_a_known_language_and_known_needs() {
     assert_nothing_wrong(&wrong);
 }
 
-/// Copies the values of `from` into `into`.
+/// Copies the values of the table `from` into the table `into`, also those of nested tables.
 fn merge(into: &mut toml::Table, from: toml::Table) {
     for (key, value) in from {
         match (into.get_mut(&key), value) {
@@ -187,8 +187,8 @@ fn every_link_target_exists() {
     assert_nothing_wrong(&wrong);
 }
 
-/// Returns the repository's files and directories that a document names in code but that do not exist. Names that
-/// .gitignore lists may be missing, because a build makes them.
+/// Returns a message for each file or directory of the repository that a document names in inline code but that does
+/// not exist. Names that .gitignore lists may be missing, because a build creates them.
 fn names_without_a_file(document: &Document) -> Vec<String> {
     let made: Vec<_> = include_str!("../../.gitignore").lines().filter_map(|line| line.strip_prefix('/')).collect();
     let missing = |(event, line)| {

@@ -1,6 +1,6 @@
-//! The emergency stop from the host: over a serial line that `grow` holds, through noise, over a line that is cut in
-//! the middle of a frame, and by a second Ctrl-C. It stops the board within 1 s (six attempts) after the line works.
-//! Otherwise the host prints that the power has to be cut.
+//! Tests of the emergency stop from the host: over a serial line that `grow` holds, through noise, over a line that is
+//! cut in the middle of a frame, and by a second Ctrl-C. The stop must reach the board within 1 s (six attempts) after
+//! the line works. Otherwise the host must print that the power has to be cut.
 
 use crate::emergency;
 use crate::fake_board::FakeBoard;
@@ -27,10 +27,11 @@ use serialport::{SerialPort, TTYPort};
 use emergency::{Bench, Growing, until, without_privilege};
 use running::{Ran, growbot};
 
-/// Attempts per second.
+/// Number of emergency stops that the host sends per second.
 const A_SECOND: u32 = 6;
 
-/// Checks that the board did not confirm: exit code 1, and a message to cut the power that contains `parts`.
+/// Checks that the command reported an unconfirmed emergency stop: exit code 1, and a message to cut the power that
+/// contains `parts`.
 fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     assert!(ran.out.is_empty(), "{}", ran.out);
@@ -39,13 +40,14 @@ fn assert_power_to_be_cut(ran: &Ran, parts: &[&str]) {
     }
 }
 
-/// A simulated board on a line with a virtual clock. Noise reaches the host at the full rate of the line. Half of its
-/// bytes are zeros, which end as many incomplete frames. Nothing reaches the board until the line is usable.
+/// A simulated board on a line with a virtual clock. Noise reaches the host at the full rate of the line. Half of the
+/// bytes of the noise are zeros, each of which ends an incomplete frame. Bytes of the host do not reach the board until
+/// the line is usable.
 struct Noisy {
     sim: Rc<RefCell<Sim>>,
     random: Rng,
     usable_at: Duration,
-    /// Number of stops sent, and number of these that were carried.
+    /// Number of emergency stops that the host sent, and number of those that reached the board.
     sent: Rc<Cell<(u32, u32)>>,
 }
 
@@ -85,8 +87,8 @@ impl Port for Noisy {
     }
 }
 
-/// Sends an emergency stop to a board behind noise, on a line that is usable after this time. Returns the result, the
-/// board's state, the numbers of stops sent and carried, and the duration of the attempts, s.
+/// Sends an emergency stop to a board behind a noisy line that is usable after this time. Returns the result, the
+/// board's state, the numbers of stops that were sent and that reached the board, and the duration of the attempts, s.
 fn stop_behind_noise(usable_after: Duration) -> (Result<(), ClientError>, State, (u32, u32), f64) {
     let sim = Rc::new(RefCell::new(Sim::new(robot_file::load("growbot-a".as_ref()).unwrap())));
     sim.borrow_mut().run_for(Duration::from_secs(5));
@@ -122,7 +124,8 @@ fn an_emergency_stop_is_retried_until_its_timeout() {
     assert!((attempts - 2..=attempts + 1).contains(&sent), "{sent} of {attempts} stops");
 }
 
-/// A broken line. Each attempt to send takes a second of its virtual clock.
+/// A broken line, which loses everything. Each attempt to send takes 1 s of its virtual clock. The counter is the
+/// number of attempts.
 struct Broken(Rc<Cell<u32>>);
 
 impl Port for Broken {

@@ -1,5 +1,5 @@
-//! `growbot export` as users and scripts run it: formats, results, exit codes, messages. tests/exports/run checks its
-//! files with other programs.
+//! Tests of `growbot export` as users and scripts run it: formats, results, exit codes, messages. tests/exports/run
+//! checks the exported files with other programs.
 
 use crate::running;
 
@@ -10,7 +10,7 @@ use running::{growbot, growbot_reading};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A directory with a plan of 100 mm and the log of a growth of 5 mm.
+/// A directory with a plan of 100 mm and the run log of a growth of 5 mm.
 struct Bodies(TempDir);
 
 impl Bodies {
@@ -26,7 +26,7 @@ impl Bodies {
         self.0.path().join(name).to_str().unwrap().to_string()
     }
 
-    /// Exports a file of the directory to another.
+    /// Exports the file `from` of the directory to the file `to`, and returns the content of `to`.
     #[track_caller]
     fn export(&self, from: &str, to: &str, more: &[&str]) -> Vec<u8> {
         let to = self.path(to);

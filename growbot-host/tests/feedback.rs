@@ -1,5 +1,5 @@
-//! Growths with feedback on simulated robots that lay imperfectly. They arrive nevertheless, also over bad lines and
-//! after interruptions.
+//! Tests of growths with feedback on simulated robots that lay layers imperfectly. The growths must reach their goals
+//! nevertheless, also over bad lines and after interruptions.
 
 use crate::running;
 
@@ -31,7 +31,7 @@ use serde_json::Value;
 
 use running::growbot;
 
-/// Returns the result of a growth to a nearby pose.
+/// Runs `growbot grow` to a nearby pose with these additional options, and returns the result in JSON.
 fn grown(more: &[&str]) -> Value {
     let ran = growbot(&[&["grow", "--to", "100,50,300,0,45", "--json"], more].concat());
     assert_eq!(ran.code, Some(0), "{more:?}: {}", ran.err);
@@ -162,7 +162,7 @@ fn invalid_requests_are_refused_before_the_job() {
     }
 }
 
-/// The line to a simulated robot. It is cut while the second field is true.
+/// The line to a simulated robot, which is the first field. The line is cut while the second field is true.
 struct Line(Rc<RefCell<Sim>>, Rc<Cell<bool>>);
 
 impl Line {
@@ -187,7 +187,7 @@ impl Port for Line {
     }
 }
 
-/// A disturbed robot with its plan, and the directory of its log.
+/// A simulated robot that lays layers imperfectly, with a plan, and the directory of its run log.
 struct Try {
     robot: Robot,
     plan: Plan,
@@ -215,7 +215,8 @@ impl Try {
         Job::of_plan(&self.robot, &self.plan)
     }
 
-    /// Grows, and calls `at` after the layer of index 60. `at` may cut the line and give orders.
+    /// Grows the plan with feedback, and calls `at` after the layer of index 60. `at` can cut the line and give
+    /// commands.
     fn grow(&self, mut at: impl FnMut(&Cell<bool>, &CommandQueue)) -> Result<GrowthReport, GrowthError> {
         let job = self.job();
         let mut log = RunLog::create(&self.folder.path().join("run"), &self.plan, &job, Some(NOISE), "sim").unwrap();
@@ -235,7 +236,7 @@ impl Try {
         grown
     }
 
-    /// Resumes the growth from its log.
+    /// Resumes the growth from its run log.
     fn resume(&self) -> GrowthReport {
         let mut client = Client::new(Box::new(Rc::clone(&self.sim)), "sim");
         let hello = client.open_session().unwrap();
@@ -256,7 +257,7 @@ impl Try {
         resume_job(&mut client, &job, known, OnInterrupted::Redo, manner, &orders, &mut |_| {}).unwrap()
     }
 
-    /// Returns the true distance of the tip from the goal, relative to the length.
+    /// Returns the true distance of the tip from the goal, divided by the length of the plan.
     fn miss(&self) -> f64 {
         let there = self.sim.borrow_mut().simulated_tip().base_from_tip();
         (there.translation.vector - self.plan.goal.position()).norm() / self.plan.requirements.length

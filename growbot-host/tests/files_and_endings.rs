@@ -1,6 +1,6 @@
-//! Files that commands read and write. No input is overwritten under any name, each extension matches its format, and
-//! no command waits forever. Content of files does not control a terminal, and a log that cannot be written is reported
-//! at once.
+//! Tests of the files that commands read and write. No input is overwritten under any name, each extension matches its
+//! format, and no command waits forever. The content of files cannot control a terminal, and a run log that cannot be
+//! written is reported at once.
 #![cfg(unix)]
 
 use crate::running;
@@ -14,7 +14,8 @@ use running::{PROGRAM, Ran, command, growbot, growbot_reading, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// A directory with a plan, the log of its growth on a disturbed tip, a robot and queries.
+/// A directory with a plan, the run log of its growth with a simulated tip that lays layers imperfectly, a robot file
+/// and a batch of goals.
 struct Files(TempDir);
 
 impl Files {
@@ -53,7 +54,8 @@ fn assert_plain(ran: &Ran) {
 fn no_command_overwrites_its_input_under_any_path() {
     let files = Files::new();
     let [plan, run, robot] = ["plan.json", "run.jsonl", "robot.toml"].map(|name| files.path(name));
-    // Each command, the input that it shall overwrite, the option for its output, and the extension of its output.
+    // Each command, the input that the test tries to overwrite, the option for the output, and the extension of the
+    // output.
     let table: [(Vec<&str>, &str, &str, &str); 16] = [
         (vec!["plan", "--to", "0,0,50,0,90", "--robot", &robot], &robot, "-o", "json"),
         (vec!["view", &plan], &plan, "-o", "html"),
@@ -97,7 +99,7 @@ fn no_command_overwrites_its_input_under_any_path() {
         assert_eq!(through.status.code(), Some(2), "{args:?}: {}", String::from_utf8_lossy(&through.stderr));
         assert_eq!(fs::read(input).unwrap(), before, "{args:?} through a descriptor");
     }
-    // Standard input may also be that file.
+    // The file that must not be overwritten can also be the standard input.
     let through = command(PROGRAM)
         .args(["export", "-", "--format", "csv", "-o", &plan])
         .stdin(fs::File::open(&plan).unwrap())
@@ -185,7 +187,7 @@ fn endless_and_oversized_inputs_are_refused() {
     assert_eq!(growbot_reading(&["replay", "-", "--json"], &fs::read_to_string(&run).unwrap()).out, direct.out);
 }
 
-/// Runs growbot in a shell. Variables hold the names of files.
+/// Runs this shell script, in which `$0` is growbot. Environment variables contain the names of files.
 fn in_shell(script: &str, files: &[(&str, &str)]) -> Ran {
     let ran = command("bash").args(["-c", script, PROGRAM]).envs(files.iter().copied()).output().unwrap();
     let text = |bytes: Vec<u8>| String::from_utf8_lossy(&bytes).into_owned();
@@ -420,7 +422,8 @@ fn control_characters_from_files_and_arguments_are_removed() {
     assert_plain(&growbot_reading(&["console"], &format!("{hostile}\nplan {hostile}\n")));
 }
 
-/// Grows with a limit on the length of files, in blocks of 512 bytes. Writing beyond it fails as on a full disk.
+/// Runs `growbot grow` with a limit on the length of files, in blocks of 512 bytes. A write beyond the limit fails as
+/// on a full disk. Returns the result of the command and the path of its run log.
 fn grow_on_a_full_disk(files: &Files, blocks: u32, more: &str) -> (Ran, String) {
     let log = files.path(&format!("full{blocks}.jsonl"));
     let script = format!("trap '' XFSZ; ulimit -f {blocks}; exec \"$0\" grow --to 0,0,120,0,90 --log \"$LOG\" {more}");

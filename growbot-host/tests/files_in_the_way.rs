@@ -1,5 +1,5 @@
-//! Existing and missing files. A run log can replace another or gets its own name, `-` is standard input or output in
-//! all commands, and directories are created.
+//! Tests of existing and missing files. A run log replaces an existing file only with `--overwrite`. `-` is standard
+//! input or output in all commands, and missing directories are created.
 #![cfg(unix)]
 
 use crate::running;
@@ -22,7 +22,7 @@ impl Place {
         self.0.path().join(name).to_str().unwrap().to_owned()
     }
 
-    /// Runs growbot in the directory.
+    /// Runs growbot in the directory. Returns its exit code, standard output and standard error.
     fn run(&self, args: &[&str]) -> (Option<i32>, String, String) {
         let ran = command(PROGRAM).args(args).current_dir(self.0.path()).output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();

@@ -1,4 +1,4 @@
-//! `growbot flash` with tools that only record how they were called.
+//! Tests of `growbot flash` with fake flashing tools, which only record how they were called.
 #![cfg(unix)]
 
 use crate::running;
@@ -12,14 +12,15 @@ use std::thread;
 use running::{PROGRAM, command};
 use tempfile::TempDir;
 
-/// Result of a run.
+/// Result of a run of `growbot flash`.
 struct Ran {
     code: Option<i32>,
     out: String,
     err: String,
 }
 
-/// A directory with a source tree, a path with tools, and the record of their calls.
+/// A directory with a source tree, a directory `bin` of fake tools, and the file `calls`, in which the tools record
+/// their calls.
 struct Bench(TempDir);
 
 impl Bench {
@@ -42,7 +43,7 @@ impl Bench {
         self.path(name).into_os_string().into_string().unwrap()
     }
 
-    /// Adds a tool that records its call and then runs `then`.
+    /// Adds a fake tool that records its call and then runs the shell script `then`.
     fn tool(&self, name: &str, then: &str) {
         let script = format!(
             "#!/bin/sh\necho \"${{GROWBOT_ROBOT:+robot $GROWBOT_ROBOT: }}{name} $*\" >> '{}'\n{then}\n",
@@ -53,7 +54,7 @@ impl Bench {
         fs::set_permissions(&tool, Permissions::from_mode(0o755)).unwrap();
     }
 
-    /// Adds a cargo that creates an image in the same place as the real one.
+    /// Adds a fake `cargo` that creates a firmware image at the same path as the real `cargo`.
     fn cargo(&self) {
         self.tool("cargo", "d=target/thumbv7em-none-eabihf/firmware; /bin/mkdir -p $d && echo image > $d/stm32f405");
     }
@@ -77,9 +78,8 @@ impl Bench {
     }
 }
 
-/// Checks for exit code 2 and a last line that begins with "error: " and contains `parts`.
+/// Checks for exit code 2, no output, and a last line of the messages that begins with "error: " and contains `parts`.
 #[track_caller]
-/// Asserts that the command was refused before the board was given anything to do.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_error(ran, 2, parts);
 }
@@ -137,7 +137,7 @@ fn firmware_is_built_for_the_robot_in_the_source_tree() {
     }
 }
 
-/// `cargo run-stm32f405` flashes like `growbot flash`.
+/// `cargo run-stm32f405` calls the flashing tool with the same arguments as `growbot flash`.
 #[test]
 fn the_cargo_runner_makes_the_same_call() {
     let config = include_str!("../../.cargo/config.toml");

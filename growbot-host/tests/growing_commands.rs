@@ -1,4 +1,5 @@
-//! grow, status and stop, run as by a user: on the simulated robot, over TCP and over a serial line.
+//! Tests of `growbot grow`, `status` and `stop`, as a user runs them: on a simulated robot, over TCP and over a serial
+//! line.
 
 use crate::fake_board;
 use crate::lab;
@@ -19,7 +20,7 @@ fn number(value: &Value, field: &str) -> f64 {
     value[field].as_f64().unwrap_or_else(|| panic!("no {field} in {value}"))
 }
 
-/// Checks for exit code 2 and one message of one line that contains `parts`.
+/// Checks that the command ended with exit code 2 and printed one message of one line that contains `parts`.
 fn assert_refused(ran: &Ran, parts: &[&str]) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     for part in parts {
@@ -271,7 +272,8 @@ fn lost_reports_are_sent_again() {
     assert!(number(&result, "position_error_mm") < 0.05, "{result}");
 }
 
-/// Runs a growth and kills its program after this many layers are in its log. After them the board's time almost stops.
+/// Starts a growth, and kills its program when the run log contains this number of layers. After these layers the
+/// board's time almost stops.
 fn grow_and_kill(board: &FakeBoard, log: &std::path::Path, layers: usize, on_silence: &str) {
     board.pause_after(layers as u32);
     let mut child = command(PROGRAM)
@@ -504,7 +506,7 @@ fn tests_ignore_the_users_settings() {
     }
 }
 
-/// Runs a command with a configured port.
+/// Runs a growbot command with this port as the configured port.
 fn growbot_configured(port: &str, args: &[&str]) -> Ran {
     let output =
         command(PROGRAM).args(args).env("GROWBOT_PORT", port).stdin(std::process::Stdio::null()).output().unwrap();
@@ -550,7 +552,8 @@ mod serial {
     use super::*;
     use serialport::{SerialPort, TTYPort};
 
-    /// Returns the far end of a serial line, the near end's name, and a handle that prevents a hang-up.
+    /// Returns the board's end of a serial line, the name of the host's end, and an open handle that prevents a hang-up
+    /// of the line.
     fn line() -> (TTYPort, String, std::fs::File) {
         let (master, slave) = TTYPort::pair().unwrap();
         let name = slave.name().unwrap();

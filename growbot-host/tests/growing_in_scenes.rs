@@ -1,4 +1,4 @@
-//! `grow`, `simulate` and `resume` in a scene.
+//! Tests of `growbot grow`, `simulate` and `resume` in a scene with obstacles.
 
 use crate::running;
 
@@ -10,10 +10,11 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [0, 0, 300]\nradius_mm = 60\n";
-/// Sensor noise as feedback assumes it.
+/// Options for noise of the growth, and for the sensor noise that feedback assumes.
 const SENSORS: [&str; 6] = ["--noise", "10", "--odometry-noise", "1", "--direction-noise", "0.5"];
 
-/// A directory with `room.toml`, `straight.json`, which runs into its ball, and `past.json`, which avoids it.
+/// A directory with the scene `room.toml` and two plans: `straight.json`, whose path hits the ball of the scene, and
+/// `past.json`, whose path avoids the ball.
 struct Fixture {
     directory: TempDir,
 }
@@ -37,12 +38,12 @@ impl Fixture {
     }
 }
 
-/// Returns the line of JSON at the end of a command's output.
+/// Returns the JSON in the last line of a command's output.
 fn json(ran: &Ran) -> Value {
     serde_json::from_str(ran.out.lines().last().unwrap()).unwrap()
 }
 
-/// Returns the events of a log with this name.
+/// Returns the events with this name from a run log.
 fn events(log: &str, name: &str) -> Vec<Value> {
     let text = fs::read_to_string(Path::new(log)).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
@@ -175,8 +176,8 @@ fn without_a_detour_a_start_is_refused_and_an_active_growth_pauses() {
     assert!(laid < 776 && laid <= too_near[0]["layer"].as_u64().unwrap(), "{laid} {too_near:?}");
 }
 
-/// Writes a scene without a margin: a wall above a body that ends level at a height of 300 mm. `spare` is the distance
-/// between the wall and the outside of the tube.
+/// Writes a scene without a margin, and returns its path. Its only obstacle is a horizontal wall above a tube that ends
+/// horizontally at a height of 300 mm. `spare` is the distance between the wall and the outside of the tube, mm.
 fn wall_above(fixture: &Fixture, spare: f64) -> String {
     let (wall, top) = (fixture.path("wall.toml"), 300.0 + 22.8 + spare);
     let plane = format!("[[halfspace]]\npoint_mm = [0, 0, {top}]\nnormal = [0, 0, -1]\n");

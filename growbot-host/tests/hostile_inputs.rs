@@ -1,4 +1,4 @@
-//! Runs the command on hostile inputs: changed plans, run logs, robot files, batches and scripts, and boards that send
+//! Runs growbot on hostile inputs: changed plans, run logs, robot files, batches and scripts, and boards that send
 //! nonsense. There must be no panic, no hang, no character that controls a terminal, no partial file, and a documented
 //! exit code.
 //!
@@ -23,7 +23,8 @@ fn limit() -> Duration {
     Duration::from_secs(number("GROWBOT_HOSTILE_SECONDS", 60))
 }
 
-/// A kind of input: its text, and commands with `IN` for the file and `OUT.` for the output.
+/// A kind of input: its valid text, and the commands that read it. In the commands, `IN` stands for the input file and
+/// `OUT.` for the output file.
 struct Kind {
     name: &'static str,
     text: Vec<u8>,
@@ -78,7 +79,7 @@ fn done(directory: &Path, command: &str) {
     assert_eq!(ran.code, Some(0), "{command}: {}", String::from_utf8_lossy(&ran.err));
 }
 
-/// Returns each kind of input with the commands that read it.
+/// Creates valid inputs in the directory, and returns each kind of input with the commands that read it.
 fn kinds(directory: &Path) -> Vec<Kind> {
     done(directory, "plan --robot growbot-a2 --to 0,60,120,90,30 -o plan.json");
     done(directory, "plan --to 0,0,20,0,90 -o short.json");
@@ -104,7 +105,7 @@ fn kinds(directory: &Path) -> Vec<Kind> {
     ]
 }
 
-/// Tries one file. Returns the exit code and the faults.
+/// Runs a command on one randomly changed input. Returns the exit code, and descriptions of the faults of the command.
 fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let mut random = Rng::new(&[seed, index]);
     let text = mutated(&kind.text, &mut random);
@@ -131,10 +132,10 @@ fn try_file(kind: &Kind, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     (ran.code, wrong)
 }
 
-/// Number of occurrences of each exit code.
+/// Number of runs by exit code. `None` stands for runs without an exit code.
 type Codes = BTreeMap<Option<i32>, u64>;
 
-/// Stores a file that caused a fault for inspection, and returns its path.
+/// Stores an input that caused a fault, so that it can be inspected, and returns its path.
 fn keep(text: &[u8], kind: &str, seed: u64, index: u64) -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("hostile");
     fs::create_dir_all(&folder).unwrap();
@@ -164,7 +165,7 @@ fn corrupted_files_cause_no_crash() {
     assert!(codes.get(&Some(0)).is_some_and(|done| *done > files / 10), "{codes:?}");
 }
 
-/// Commands that communicate with a board.
+/// Commands that communicate with a hostile board.
 const TO_BOARDS: [&str; 9] = [
     "grow --robot growbot-a2 --to 0,0,8,0,90 --json --log OUT.jsonl",
     "grow --robot growbot-a2 --to 0,0,8,0,90 --feedback --log OUT.jsonl",
@@ -177,7 +178,8 @@ const TO_BOARDS: [&str; 9] = [
     "resume run.jsonl --yes",
 ];
 
-/// Runs a command on a board with this run log. Returns the exit code and the faults.
+/// Runs a command on a hostile board, with this run log as input. Returns the exit code, and descriptions of the faults
+/// of the command.
 fn try_board(log: &Path, seed: u64, index: u64) -> (Option<i32>, Vec<String>) {
     let script = "status\nplan 0,0,6,0,90\nstart\nwait 600\nlayers\nstatus\nquit\n";
     let mut random = Rng::new(&[seed, index]);

@@ -1,4 +1,4 @@
-//! Tests of the `growbot` command. Each runs the program as a user would.
+//! Tests of the `growbot` command. Each test runs the program as a user would.
 
 mod configuring;
 mod console_commands;

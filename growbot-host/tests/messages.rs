@@ -1,4 +1,5 @@
-//! All messages have one style. The tests use every subcommand wrongly in many ways, and with simulated robots.
+//! Tests that all messages have one style. The tests use every subcommand wrongly in many ways, and run commands with
+//! simulated robots.
 
 use crate::running;
 
@@ -10,10 +11,10 @@ use std::thread;
 
 use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 
-/// Columns of a terminal.
+/// Number of columns of a terminal, which messages must not exceed.
 const WIDTH: usize = 80;
 
-/// Returns all subcommands, from the pages of the manual.
+/// Returns the names of all subcommands, read from the pages of the manual.
 fn subcommands() -> Vec<String> {
     let directory = tempfile::tempdir().unwrap();
     assert_eq!(growbot(&["man", "-o", directory.path().to_str().unwrap()]).code, Some(0));
@@ -24,7 +25,7 @@ fn subcommands() -> Vec<String> {
     names
 }
 
-/// Returns the options of a subcommand that take a value.
+/// Returns the names of the options of a subcommand that take a value.
 fn options_with_values(subcommand: &str) -> Vec<String> {
     let help = growbot(&[subcommand, "--help"]);
     assert_eq!(help.code, Some(0));
@@ -36,7 +37,8 @@ fn options_with_values(subcommand: &str) -> Vec<String> {
     options.collect()
 }
 
-/// Returns a description of a wrong response to a wrong use. `None` if the response is right.
+/// Runs growbot with these wrong arguments. Returns a description of the fault if the message or the exit code is not
+/// as it should be, otherwise `None`. Lines that contain `path` may be longer than a terminal's line.
 fn faults(args: &[&str], path: &str) -> Option<String> {
     let output = command(PROGRAM).args(args).stdin(Stdio::null()).output().unwrap();
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
@@ -134,7 +136,7 @@ fn every_command_with_a_port_marks_a_simulated_robot() {
     }
 }
 
-/// Runs growbot with these environment variables.
+/// Runs growbot with these arguments and environment variables.
 fn in_environment(args: &[&str], variables: &[(&str, &str)]) -> Ran {
     let output = command(PROGRAM).args(args).envs(variables.iter().copied()).stdin(Stdio::null()).output().unwrap();
     let text = |bytes| String::from_utf8(bytes).unwrap();

@@ -1,4 +1,4 @@
-//! `growbot rmin`, `plan` and `layers` as users and scripts run them: results, exit codes, messages.
+//! Tests of `growbot rmin`, `plan` and `layers` as users and scripts run them: results, exit codes, messages.
 
 use crate::running;
 
@@ -8,7 +8,8 @@ use std::path::Path;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
 
-/// A plan with known figures. Better planners do not change the path in two planes.
+/// Arguments for a plan with known results. The planner `two-plane` is given, so that improvements of other planners do
+/// not change the results.
 const TO: [&str; 5] = ["plan", "--to", "200,100,600,0,45", "--planner", "two-plane"];
 const HEADER: &str = "id,from_x_mm,from_y_mm,from_z_mm,from_heading_deg,from_pitch_deg,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 const ROBOT_A: &str = include_str!("../../robots/growbot-a.toml");
@@ -21,7 +22,8 @@ fn with<'a>(args: &[&'a str], more: &[&'a str]) -> Vec<&'a str> {
     args.iter().chain(more).copied().collect()
 }
 
-/// Checks for this exit code, an empty standard output, and a message with all these parts.
+/// Checks that a command ended with this exit code, an empty standard output and a message that contains all these
+/// parts.
 #[track_caller]
 fn assert_refused(ran: &Ran, code: i32, parts: &[&str]) {
     assert_eq!((ran.code, ran.out.as_str()), (Some(code), ""), "{}", ran.err);
@@ -31,7 +33,7 @@ fn assert_refused(ran: &Ran, code: i32, parts: &[&str]) {
     assert!(!ran.err.contains("panicked"), "{}", ran.err);
 }
 
-/// Like [`assert_refused`], but the message must also be one line that begins with its label.
+/// Like [`assert_refused`], but the message must also be one line that begins with `error: `.
 #[track_caller]
 fn assert_refused_in_a_line(ran: &Ran, code: i32, parts: &[&str]) {
     assert_refused(ran, code, parts);
@@ -144,12 +146,13 @@ fn plans_of_older_versions_are_accepted() {
     assert_eq!((layers.code, layers.out.lines().count()), (Some(0), 834), "{}", layers.err);
 }
 
-/// Returns the codes of a plan's warnings.
+/// Returns the codes of the warnings of a plan in JSON.
 fn codes(plan: &Value) -> Vec<&str> {
     plan["warnings"].as_array().unwrap().iter().map(|warning| warning["code"].as_str().unwrap()).collect()
 }
 
-/// A goal behind the start with the same direction, for which the path in two planes loops over itself.
+/// Options for a goal behind the start with the same direction. The path of the planner `two-plane` to this goal
+/// intersects itself.
 const LOOP: [&str; 6] = ["--to", "0,0,-40,0,90", "--planner", "two-plane", "--radius", "100"];
 
 #[test]

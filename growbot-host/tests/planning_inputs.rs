@@ -1,4 +1,4 @@
-//! Forms of goals for `growbot plan`: positions alone, lists of them, batches, units.
+//! Tests of the forms of goals for `growbot plan`: positions without a direction, lists of positions, batches, units.
 
 use crate::running;
 

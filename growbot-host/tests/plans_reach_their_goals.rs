@@ -1,5 +1,5 @@
-//! Checks plans and layers from their published format alone. Eq 4 is implemented here independently, from the
-//! corrected form of Del Dottore et al. 2019 and with separate matrices, and shares nothing with growbot-core.
+//! Checks that plans and layers in their published format reach their goals. Eq 4 of Del Dottore et al. 2019 is
+//! implemented here independently, from its corrected form and with separate matrices, without code of growbot-core.
 
 #![expect(clippy::disallowed_methods, reason = "an independent check computes with another library")]
 
@@ -20,7 +20,8 @@ fn product(a: &Matrix, b: &Matrix) -> Matrix {
     c
 }
 
-/// Returns one step of growth (Eq 4): bend direction `alpha + pi`, bend `phi`, arc length `s`, angles in degrees.
+/// Returns the transform of one step of growth by Eq 4: an arc of length `s`, mm, that bends by `phi_deg` in the
+/// direction `alpha_deg` + 180 deg.
 fn eq_4(alpha_deg: f64, phi_deg: f64, s: f64) -> Matrix {
     let (b, phi) = (alpha_deg.to_radians() + std::f64::consts::PI, phi_deg.to_radians());
     let (sb, cb) = b.sin_cos();
@@ -43,7 +44,7 @@ fn number(value: &Value, field: &str) -> f64 {
     value[field].as_f64().unwrap_or_else(|| panic!("no number {field} in {value}"))
 }
 
-/// Returns `Rz(heading) Ry(90 deg - pitch)` at the position.
+/// Returns the frame of a pose in JSON: the rotation `Rz(heading) Ry(90 deg - pitch)` at the position.
 fn frame(pose: &Value) -> Matrix {
     let (sh, ch) = number(pose, "heading_deg").to_radians().sin_cos();
     let (sp, cp) = (90.0 - number(pose, "pitch_deg")).to_radians().sin_cos();
@@ -56,7 +57,7 @@ fn frame(pose: &Value) -> Matrix {
     frame
 }
 
-/// Returns the distance of two frames, mm, and the angle between their directions of growth, rad.
+/// Returns the distance between two frames, mm, and the angle between their directions of growth, rad.
 fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
     let column = |m: &Matrix, j: usize| [m[0][j], m[1][j], m[2][j]];
     let norm = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -65,10 +66,11 @@ fn apart(a: &Matrix, b: &Matrix) -> (f64, f64) {
     (norm(minus(column(a, 3), column(b, 3))), norm(minus(column(a, 2), column(b, 2))))
 }
 
-/// Tolerance at the goal for a chain of lines, arcs or layers by Eq 4, mm.
+/// Tolerance at the goal for a chain of straight lines, arcs or layers that are computed by Eq 4, mm.
 const ARRIVED: f64 = 1e-6;
-/// Tolerance at the goal for the segments of plans with a helicoidal arc, mm. Such an arc may pass a second narrow
-/// neck, where it amplifies the last digits of an integration. Layers of such plans have the usual tolerance.
+/// Tolerance at the goal for the segments of plans with a helicoidal arc, mm. A helicoidal arc may pass a narrow neck,
+/// near which the plane of its bend turns within a short length. There the rounding errors of the integration grow. The
+/// layers of these plans have the tolerance [`ARRIVED`].
 const INTEGRATED: f64 = 1e-5;
 
 fn assert_arrives(frame_at_end: &Matrix, plan: &Value, what: &str, limit: f64) {
@@ -99,8 +101,8 @@ fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
-/// Returns the frame at the end of a helicoidal arc: `x'' = w x x'`, `w = m/|m|`, `m = m0 + p x x`, by the classical
-/// Runge-Kutta method. All three axes turn about w.
+/// Returns the frame at the end of a helicoidal arc, integrated by the classical Runge-Kutta method: `x'' = w x x'`
+/// with `w = m/|m|` and `m = m0 + p x x`, in units of `radius`. All three axes of the frame turn about w.
 fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix {
     let (m0, p) = (three(&segment["m0"]), three(&segment["p"]));
     type State = [[f64; 3]; 4];
@@ -140,7 +142,7 @@ fn helicoid(start: &Matrix, segment: &Value, length: f64, radius: f64) -> Matrix
     end
 }
 
-/// Chains the segments and checks that they pass every pose on the path.
+/// Chains the segments of a plan, and checks that they pass the end of every leg and reach the goal.
 fn check_segments(plan: &Value, radius: f64) {
     let mut at = frame(&plan["start"]);
     let mut length = 0.0;
@@ -239,7 +241,7 @@ fn check_layers(plan: &Value, csv: &str, robot: &Robot) {
     }
 }
 
-/// Random numbers for queries: splitmix64, which depends only on its seed.
+/// Generator of random poses (splitmix64), which depends only on its seed.
 struct Random(u64);
 
 impl Random {
@@ -264,7 +266,7 @@ impl Random {
         [x, y, z, self.between(-180.0, 180.0), self.between(-90.0, 90.0)]
     }
 
-    /// Returns two poses, up to 40 radii apart in any direction.
+    /// Returns a start and a goal pose, at most 40 `radius` apart in any direction.
     fn pair(&mut self, radius: f64) -> [[f64; 5]; 2] {
         let start = self.pose();
         let (up, round) = (self.between(-1.0, 1.0), self.between(0.0, std::f64::consts::TAU));
@@ -277,7 +279,7 @@ impl Random {
         [start, goal]
     }
 
-    /// Returns a pose for which planes, lines or circles coincide exactly or nearly.
+    /// Returns a pose for which planes, lines or circles of the path coincide exactly or nearly.
     fn special_pose(&mut self) -> [f64; 5] {
         let mut coordinate = || self.one_of(&[0.0, 0.0, 1e-9, -1e-3, 100.0, -200.0, 400.0, 800.0]);
         let (x, y, z) = (coordinate(), coordinate(), coordinate());
@@ -299,7 +301,7 @@ fn queries(seed: u64, radius: f64, random: usize, special: usize) -> String {
     text
 }
 
-/// One plan in this number also has its layers checked.
+/// Interval of the plans whose layers are checked too: one in 40 plans.
 const LAYERS_OF_ONE_IN: usize = 40;
 
 #[test]

@@ -1,4 +1,4 @@
-//! `growbot reproduce` as researchers and scripts run it: files, exit codes, messages.
+//! Tests of `growbot reproduce` as researchers and scripts run it: files, exit codes, messages.
 
 use crate::running;
 

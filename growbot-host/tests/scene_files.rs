@@ -1,8 +1,8 @@
-//! `growbot plan --scene` on changed scene files, meshes and clouds. They are read, or refused with one message and
-//! exit code 2, within 2 GiB of memory and without a panic.
+//! Tests of `growbot plan --scene` with randomly changed scene files, meshes and point clouds. The files must be read,
+//! or refused with one message and exit code 2, within 2 GiB of memory and without a panic.
 //!
-//! The test tries a hundred. `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test it scene_files::` tries a
-//! thousand.
+//! The test tries a hundred files. `GROWBOT_SCENE_FILES=1000 cargo test -p growbot-host --test it scene_files::` tries
+//! a thousand files.
 #![cfg(target_os = "linux")]
 
 use crate::running;
@@ -37,7 +37,7 @@ fn stl() -> Vec<u8> {
     bytes
 }
 
-/// Changes some bytes or numbers, or truncates, repeats or removes a part.
+/// Applies one to four random changes: changes some bytes or numbers, or truncates, repeats or removes a part.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;
@@ -58,7 +58,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     }
 }
 
-/// Plans through this scene. Checks that a refusal is one message, and returns the exit code.
+/// Plans a path in this scene of the directory. Checks that a refusal is one message, and returns the exit code.
 fn plan(directory: &Path, scene: &str) -> i32 {
     let limited = format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\"");
     let args = ["plan", "--to", "0,0,300", "--effort", "1", "--scene", scene];

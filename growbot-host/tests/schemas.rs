@@ -1,4 +1,5 @@
-//! JSON Schemas of `growbot schema`. Real plans, run logs and results are valid, and changed ones are not.
+//! Tests of the JSON Schemas of `growbot schema`. Real plans, run logs and results must be valid, and changed ones
+//! invalid.
 
 use crate::running;
 
@@ -7,7 +8,8 @@ use std::fs;
 use running::growbot;
 use serde_json::{Value, json};
 
-/// Returns the places where a value violates the schema, by the keywords that growbot's schemas use.
+/// Returns the places where a value violates a JSON Schema. Only the keywords that growbot's schemas use are checked.
+/// `at` is the path of the value.
 fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (keyword, answer) in schema.as_object().unwrap() {
@@ -91,7 +93,7 @@ fn printed(args: &[&str]) -> Value {
     serde_json::from_str(&ran.out).unwrap_or_else(|_| panic!("{args:?}: {}{}", ran.out, ran.err))
 }
 
-/// Fails if the schema allows this change of a value.
+/// Applies a change to a copy of a value, and fails if the schema accepts the changed value.
 fn assert_slip(schema: &Value, value: &Value, change: impl FnOnce(&mut Value)) {
     let mut changed = value.clone();
     change(&mut changed);

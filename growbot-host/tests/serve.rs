@@ -1,4 +1,5 @@
-//! The service as its users meet it: the program itself, killed and restarted, with valid and invalid requests.
+//! Tests of the service as its users meet it: the running program, killed and restarted, with valid and invalid
+//! requests.
 
 use crate::fake_board::FakeBoard;
 use crate::lab;
@@ -19,14 +20,15 @@ use lab::{GOAL, LAYERS, Lab, http, wait_for};
 use running::command;
 use serde_json::{Value, json};
 
-/// Returns the indices of the layers that a log reports as laid, in order.
+/// Returns the indices of the layers that a run log reports as laid, in the order of the log.
 fn laid(log: &Path) -> Vec<u64> {
     let text = fs::read_to_string(log).unwrap();
     let events = text.lines().filter_map(|line| serde_json::from_str::<Value>(line).ok());
     events.filter(|event| event["event"] == "laid").map(|event| event["layer"].as_u64().unwrap()).collect()
 }
 
-/// Kills the service repeatedly at random moments. GROWBOT_KILLS=200 runs the complete campaign.
+/// Kills and restarts the service repeatedly at random moments during growths. GROWBOT_KILLS=200 sets the number of
+/// kills of the complete campaign.
 #[test]
 fn a_killed_service_resumes_and_lays_each_layer_once() {
     let kills: usize = std::env::var("GROWBOT_KILLS").map_or(6, |kills| kills.parse().unwrap());
@@ -79,7 +81,7 @@ fn lab_log(lab: &Lab, job: &Value) -> PathBuf {
     lab.log(job["id"].as_str().unwrap())
 }
 
-/// A body is begun while the service still searches for the robot.
+/// Jobs are ordered while the service is still connecting to the robot.
 #[test]
 fn a_job_begun_right_after_startup_is_grown() {
     let mut lab = Lab::new(1000.0);

@@ -1,4 +1,4 @@
-//! Access to the service: files, folders and sockets of other users, and tokens of the pages.
+//! Tests of the access to the service: files, folders and sockets of other users, and tokens of the pages.
 
 use crate::lab;
 use crate::running;
@@ -15,7 +15,7 @@ use lab::{GOAL, Lab};
 use running::{PROGRAM, in_lines};
 use serde_json::{Value, json};
 
-/// User number that no process of the tests has.
+/// Numeric identifier of another user, which no process of the tests has.
 const OTHER_USER: u32 = 54_321;
 const STOP: &str = r#"{"command":"stop"}"#;
 
@@ -23,7 +23,8 @@ fn set_mode(path: &Path, mode: u32) {
     fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
 }
 
-/// Starts another service, which ends even if it does not refuse its files: its port is in use.
+/// Starts a second service, and returns its exit code and output. Its port is in use, so the service ends even if it
+/// does not refuse its files.
 fn serve_again(lab: &Lab) -> (Option<i32>, String) {
     let occupied = TcpListener::bind(("127.0.0.1", 0)).unwrap();
     let port = occupied.local_addr().unwrap().port();
@@ -31,7 +32,8 @@ fn serve_again(lab: &Lab) -> (Option<i32>, String) {
     (code, in_lines(&text))
 }
 
-/// Checks that commands do not use the service for this reason, and that the emergency stop goes to the robot itself.
+/// Checks that commands refuse to use the service for this reason, and that the emergency stop is then sent to the
+/// robot directly.
 fn check_not_asked(lab: &Lab, reason: &str) {
     for args in [&["status"][..], &["pause"], &["grow", "--to", GOAL]] {
         let (code, text) = lab.run(args);
@@ -70,7 +72,8 @@ fn a_runtime_folder_that_others_can_access_is_refused_by_commands_and_service() 
     }
 }
 
-/// A program that gives up its rights before it listens, as one that another user has started. It prints what it hears.
+/// Python program that listens on the service's socket as another user, and prints what it receives. It changes to that
+/// user before it listens.
 const FALSE_SERVICE: &str = "
 import os, socket, sys
 listener = socket.socket(socket.AF_UNIX)
@@ -122,7 +125,7 @@ fn a_data_folder_has_one_service_whatever_its_socket() {
     assert_eq!(lab.run(&["status"]).0, Some(0));
 }
 
-/// Returns a folder with everything in it.
+/// Returns the paths of a folder and of everything in it.
 fn tree(path: PathBuf) -> Vec<PathBuf> {
     let inside = fs::read_dir(&path).into_iter().flatten().flatten().flat_map(|entry| tree(entry.path())).collect();
     [vec![path], inside].concat()
@@ -151,7 +154,7 @@ fn files_are_for_the_user_alone_and_others_are_refused() {
     lab.start();
 }
 
-/// Sends a request without a body. Returns the head of the response.
+/// Sends an HTTP request without a body. Returns the head of the response.
 fn head(lab: &Lab, request: &str, headers: &[&str]) -> String {
     let headers: String = headers.iter().map(|header| format!("{header}\r\n")).collect();
     let mut stream = lab.page();
@@ -165,7 +168,8 @@ fn header<'a>(head: &'a str, name: &str) -> Option<&'a str> {
     head.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(": "))
 }
 
-/// Opens the address with a token as a browser does. Returns where it leads, and the cookie.
+/// Opens a path with a token as a browser does. Returns the location to which the browser is redirected, and the
+/// cookie.
 fn visit(lab: &Lab, path: &str, host: &str) -> (String, String) {
     let head = head(lab, &format!("GET {path}"), &[&format!("host: {host}"), "accept: text/html,*/*;q=0.8"]);
     assert!(head.starts_with("HTTP/1.1 303 "), "{head}");
@@ -240,7 +244,8 @@ fn tokens_of_a_service_that_has_lost_its_port_are_void() {
     assert_eq!(lab.ask_page(&lab.at("/robots/lab/commands"), &[], "POST", STOP), 200);
 }
 
-/// Returns the service's command with these sockets, as systemd hands them over.
+/// Returns a command that starts the service with handed-over sockets, as systemd does. `sockets` is the number of
+/// sockets.
 fn handed_over(lab: &Lab, sockets: &str, listener: &TcpListener) -> Command {
     // The service closes those that it takes when it starts a robot. One more would stay open in the robot.
     let second = if sockets == "1" { "" } else { "4<&0" };

@@ -1,7 +1,7 @@
-//! Thousands of invalid requests to the service, drawn from a seed. Each is refused with the right status, and none
-//! moves a robot. Afterwards the state of the service is unchanged.
+//! Sends thousands of invalid requests, drawn from a seed, to the service. Each must be refused with the right status,
+//! and must not move a robot. Afterwards the state of the service must be unchanged.
 //!
-//! GROWBOT_ATTACKS=50000 sends more than the default 5,000.
+//! The default number of requests is 5,000. GROWBOT_ATTACKS=50000 sets another number.
 
 use crate::lab;
 
@@ -11,13 +11,14 @@ use growbot_core::random::Rng;
 use lab::{GOAL, Lab, http};
 use serde_json::json;
 
-/// An invalid request and its expected statuses. 0 stands for a connection that is closed without a response.
+/// An invalid request, and the HTTP statuses that are allowed in the response. 0 stands for a connection that is closed
+/// without a response.
 struct Attack {
     request: Vec<u8>,
     statuses: &'static [u16],
 }
 
-/// Generator of attacks.
+/// Generator of random invalid requests.
 struct Attacker<'a> {
     random: Rng,
     lab: &'a Lab,
@@ -54,7 +55,8 @@ impl Attacker<'_> {
         }
     }
 
-    /// Returns an order that would be executed if it came from an allowed origin.
+    /// Returns path and body of an order that would be carried out if it were sent with a valid token and an allowed
+    /// origin.
     fn order(&mut self) -> (String, &'static str) {
         match self.below(3) {
             0 => ("robots/lab/commands".to_owned(), r#"{"command":"emergency-stop"}"#),
@@ -80,7 +82,7 @@ impl Attacker<'_> {
         Attack { request: post(&format!("/{token}/api/v1/{path}"), &["host: localhost"], body), statuses: &[404] }
     }
 
-    /// Draws a request with another origin, or with a host name that only resolves to this machine.
+    /// Returns an order with the origin of another page, or with a host name that is not a name of this machine.
     fn wrong_origin(&mut self) -> Attack {
         let (path, body) = self.order();
         let headers: &[&str] = self.of(&[
@@ -220,7 +222,7 @@ fn post(path: &str, headers: &[&str], body: &str) -> Vec<u8> {
     ask("POST", path, &[headers, &[JSON]].concat(), body)
 }
 
-/// Returns the status of the response. 0 if the connection is closed without one.
+/// Sends a request, and returns the status of the response. 0 if the connection is closed without a response.
 fn status(lab: &Lab, request: &[u8]) -> u16 {
     let mut stream = lab.page();
     // The service may refuse and close before it has received everything.

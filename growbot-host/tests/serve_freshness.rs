@@ -1,4 +1,5 @@
-//! Age of the service's data and of orders: heartbeats, a silent board, late orders, and the socket for commands.
+//! Tests of the age of the service's data and of orders: heartbeats, a silent board, late orders, and the WebSocket for
+//! commands.
 
 use crate::lab;
 use crate::running::command;
@@ -10,7 +11,7 @@ use std::os::unix::net::UnixStream;
 use lab::{Lab, http, wait_for};
 use serde_json::{Value, json};
 
-/// Opens a path of the page's address. Returns the status of the response, and its reader after the head.
+/// Requests a path from the address of the pages. Returns the status of the response, and a reader of its body.
 fn open(lab: &Lab, path: &str, headers: &str) -> (u16, BufReader<TcpStream>) {
     let mut stream = lab.page();
     stream.write_all(format!("GET {path} HTTP/1.1\r\nhost: localhost\r\n{headers}\r\n").as_bytes()).unwrap();
@@ -24,7 +25,7 @@ fn open(lab: &Lab, path: &str, headers: &str) -> (u16, BufReader<TcpStream>) {
     (head.split(' ').nth(1).unwrap().parse().unwrap(), reader)
 }
 
-/// Returns the content of the next heartbeats of a stream of server-sent events.
+/// Returns the content of the next `number` heartbeats of a stream of server-sent events.
 fn heartbeats(reader: BufReader<TcpStream>, number: usize) -> Vec<Value> {
     let mut lines = reader.lines().map(Result::unwrap);
     let (mut found, mut others) = (Vec::new(), 0);
@@ -92,7 +93,7 @@ fn a_silent_board_is_reported_as_stale_with_its_age() {
     wait_for("its data are current", || (robot(&lab)["stale"] == false).then_some(()));
 }
 
-/// Only orders that stop or pause are carried out however late they arrive.
+/// Orders that stop, pause or cool down are carried out however late they arrive. All other late orders are refused.
 #[test]
 fn late_orders_are_refused_unless_they_stop_or_pause() {
     let lab = Lab::new(100.0);
@@ -134,7 +135,7 @@ fn late_orders_are_refused_unless_they_stop_or_pause() {
     state("emergency-stop");
 }
 
-/// Sends a text in a masked frame, as clients do. The mask is 0.
+/// Sends a text in a masked WebSocket frame, as clients do. The mask is 0.
 fn send_text(stream: &mut impl Write, text: &str) {
     let mut frame = vec![0x81, 0x80 | 126];
     frame.extend_from_slice(&u16::try_from(text.len()).unwrap().to_be_bytes());
@@ -143,7 +144,7 @@ fn send_text(stream: &mut impl Write, text: &str) {
     stream.write_all(&frame).unwrap();
 }
 
-/// Reads the next message of the server.
+/// Reads the next WebSocket message of the server, and returns its JSON.
 fn read_text(reader: &mut impl Read) -> Value {
     let mut head = [0; 2];
     reader.read_exact(&mut head).unwrap();

@@ -1,4 +1,4 @@
-//! The list of jobs of the service, and its run logs, after the disk was full.
+//! Tests of the service's list of jobs and run logs after the disk was full.
 
 use std::process::Stdio;
 
@@ -9,13 +9,14 @@ use serde_json::{Value, json};
 use crate::lab::{Lab, wait_for};
 use crate::running::{PROGRAM, command};
 
-/// Limits the size of all files that a process writes, as a full disk does.
+/// Limits the size of all files that a process can write, so that writes fail as on a full disk. `None` removes the
+/// limit.
 fn limit_files(pid: u32, bytes: Option<u64>) {
     let pid = Pid::from_raw(i32::try_from(pid).unwrap());
     prlimit(pid, Resource::Fsize, Rlimit { current: bytes, maximum: None }).unwrap();
 }
 
-/// Starts the service such that a write beyond the limit is an error, instead of the end of the process.
+/// Restarts the service so that a write beyond the limit on file sizes is an error and does not end the process.
 fn restart_with_errors(lab: &mut Lab) {
     lab.kill();
     let port = lab.pages.as_ref().unwrap().0.to_string();

@@ -1,6 +1,6 @@
-//! Time until a robot on a serial line (a pty) obeys while it grows: orders by commands in another terminal and from
-//! the page, and the emergency stop while the service is frozen. Prints a table. GROWBOT_ORDERS=50 repeats each
-//! measurement 50 times.
+//! Measures the time until a growing robot on a serial line (a pty) carries out an order: from a command in another
+//! terminal, from the page, and the emergency stop while the service is frozen. Prints a table. GROWBOT_ORDERS=50
+//! repeats each measurement 50 times.
 
 #[allow(dead_code, reason = "no test needs all of it")]
 use crate::emergency;
@@ -15,14 +15,14 @@ use lab::{Lab, wait_for};
 use running::command;
 use serde_json::json;
 
-/// A growth on a serial line that a service owns.
+/// A growth on a simulated board on a serial line, which a service drives.
 struct Growth {
     lab: Lab,
     bench: Bench,
 }
 
 impl Growth {
-    /// Begins a body that takes hours, and waits until it grows.
+    /// Starts a growth that takes hours, and waits until the board grows.
     fn begin() -> Self {
         let bench = Bench::warm();
         let port = &bench.name;
@@ -63,7 +63,8 @@ impl Growth {
         self.page("POST", "/robots/lab/commands", &json!({ "command": order }).to_string())
     }
 
-    /// Returns the time until the emergency stop has switched everything off, and the time until the sender knows it.
+    /// Calls `send`, which sends an emergency stop. Returns the time until everything is switched off, and the duration
+    /// of `send`, after which the sender knows the result.
     fn emergency_stop(&self, send: impl FnOnce() -> Duration + Send) -> (Duration, Duration) {
         let (off, told) = std::thread::scope(|scope| {
             let began = Instant::now();
@@ -78,7 +79,7 @@ impl Growth {
     }
 }
 
-/// Prints median and max.
+/// Prints the median and the maximum of these times as a row of the table.
 fn print(what: &str, mut times: Vec<Duration>) {
     times.sort();
     let ms = |time: &Duration| time.as_secs_f64() * 1e3;

@@ -1,5 +1,5 @@
-//! Limits for a client of the service. Too many connections, slow requests and long requests do not prevent orders to a
-//! robot.
+//! Tests of the limits for clients of the service. Too many connections, slow requests and long requests must not
+//! prevent orders to a robot.
 
 use crate::lab;
 
@@ -13,14 +13,15 @@ use std::time::Duration;
 use lab::{GOAL, Lab, http, wait_for};
 use serde_json::{Value, json};
 
-/// Number of half-open connections.
+/// Number of connections that send only a part of a request.
 const MANY: usize = 1500;
-/// Limits of growbot-host/src/serve/connections.rs and limits.rs.
+/// Maximum number of open connections, as in growbot-host/src/serve/connections.rs. `STREAMS` is the maximum number of
+/// open event streams, as in limits.rs.
 const CONNECTIONS: usize = 256;
 const STREAMS: usize = 64;
 const STOP: &str = r#"{"command":"emergency-stop"}"#;
 
-/// Raises the number of files that this process may open.
+/// Raises the limit on the number of files that this process may open.
 fn raise_limit() {
     use rustix::process::{Resource, getrlimit, setrlimit};
     let mut limit = getrlimit(Resource::Nofile);
@@ -79,7 +80,7 @@ fn authenticated_connections_are_limited_and_commands_get_through() {
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
 }
 
-/// Returns the status of the response to a request that starts like this and then arrives slowly, without an end. 0 if
+/// Sends this start of a request, then one byte after another without an end. Returns the status of the response. 0 if
 /// the connection is closed without a response.
 fn status_of(mut stream: TcpStream, request: &str) -> u16 {
     // The service may close the connection before the request is written.
@@ -107,7 +108,7 @@ fn status_of(mut stream: TcpStream, request: &str) -> u16 {
     answer.split(' ').nth(1).and_then(|status| status.parse().ok()).unwrap_or(0)
 }
 
-/// Returns the head of a request for a job.
+/// Returns the head of a request for a job. `length` is the header with the length of the body.
 fn post(lab: &Lab, length: &str) -> String {
     let path = lab.at("/robots/lab/jobs");
     format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{length}\r\n\r\n")
@@ -135,7 +136,8 @@ fn long_requests_are_refused_and_do_not_block_commands() {
     let chunk = format!("100000\r\n{}\r\n", "0".repeat(1 << 20)).repeat(17);
     assert_eq!(status_of(lab.page(), &(post(&lab, "transfer-encoding: chunked") + &chunk)), 413);
     assert_eq!(status_of(lab.page(), &post(&lab, "content-length: 17000000")), 413);
-    // The service handles two long requests at a time and refuses the next one. Commands are short, so they do not wait.
+    // The service handles two long requests at a time and refuses further ones. Commands are short, so they do not
+    // wait.
     let long = post(&lab, "transfer-encoding: chunked\r\nexpect: 100-continue");
     let read: Vec<_> = (0..2).map(|_| status_of_kept(&lab, &long)).collect();
     assert!(read.iter().all(|(_, status)| *status == 100));
@@ -168,7 +170,7 @@ fn status_of_kept(lab: &Lab, request: &str) -> (TcpStream, u16) {
     (stream, String::from_utf8_lossy(&answer[9..]).parse().unwrap())
 }
 
-/// Several clients begin a job at the same time.
+/// Several clients order a job at the same time.
 #[test]
 fn only_one_of_several_simultaneous_jobs_begins() {
     let lab = Lab::new(100.0);
@@ -213,7 +215,8 @@ fn only_one_of_several_simultaneous_jobs_begins() {
     assert_eq!((of("grow"), of("cancel")), (9, 4), "four that began, and five answered with the job of the fourth");
 }
 
-/// A plan that no board can store is refused before its layers are computed, also by force. A key is for one request.
+/// A plan with more layers than a board can store is refused before its layers are computed, even with `force`. An
+/// idempotency key can be used for one request only.
 #[test]
 fn too_many_layers_and_reused_keys_are_refused() {
     let lab = Lab::new(100.0);

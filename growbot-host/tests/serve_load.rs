@@ -1,6 +1,6 @@
-//! The service under load: eight simulated robots that grow one body after another, twenty pages that follow them, half
-//! of them on WebSockets, and two hundred requests per second. GROWBOT_LOAD_S=60 sets a duration of a minute, 600 of
-//! ten. The test prints the duration of requests, which is meaningful on a machine without other work.
+//! Tests the service under load: eight simulated robots grow one tube after another, twenty pages follow the growths,
+//! half of them on WebSockets, and clients send two hundred requests per second. GROWBOT_LOAD_S=60 sets a duration of
+//! 60 s. The test prints the duration of requests, which is meaningful on a machine without other work.
 
 use crate::lab;
 
@@ -18,26 +18,27 @@ use serde_json::{Value, json};
 
 const ROBOTS: usize = 8;
 const PAGES: usize = 20;
-/// Requests per second, by this many clients.
+/// Number of requests per second of all `CLIENTS` together.
 const RATE: usize = 200;
 const CLIENTS: usize = 10;
 
-/// State that all threads share.
+/// State that all threads of the test share.
 struct Load<'a> {
     lab: &'a Lab,
     until: Instant,
-    /// Latest job of each robot.
+    /// Identifier of the latest job of each robot.
     jobs: Vec<Mutex<Option<String>>>,
-    /// Number of robots that have not ended.
+    /// Number of robots that still grow or will grow another tube.
     growing: AtomicUsize,
-    /// Number of finished bodies.
+    /// Number of finished jobs.
     grown: AtomicUsize,
 }
 
-/// Events of a job that a page received: the number and the text of each line.
+/// Identifier of a job, and the events of the job that a page received: the number and the text of each line of the run
+/// log.
 type Told = (String, Vec<(u64, String)>);
 
-/// Decrements the number of growing robots when it is dropped, for any reason.
+/// Guard of a robot that grows. When it is dropped, also by a panic, it decrements the number of growing robots.
 struct Ended<'a>(&'a AtomicUsize);
 
 impl Drop for Ended<'_> {
@@ -47,7 +48,7 @@ impl Drop for Ended<'_> {
 }
 
 impl Load<'_> {
-    /// Grows one body after another on a robot. Returns their number.
+    /// Runs one job after another on a robot until the duration of the test is over. Returns the number of jobs.
     fn grow(&self, robot: usize) -> usize {
         let _ended = Ended(&self.growing);
         let mut grown = 0;
@@ -71,7 +72,7 @@ impl Load<'_> {
         grown
     }
 
-    /// Follows the jobs of a robot, each from its beginning to its end.
+    /// Follows the jobs of a robot like a page, each from its beginning to its end. Returns the events of each job.
     fn follow(&self, page: usize) -> Vec<Told> {
         let mut told: Vec<Told> = Vec::new();
         loop {
@@ -101,7 +102,7 @@ impl Load<'_> {
         reader
     }
 
-    /// Returns the server-sent events of a job. Their chunks contain whole lines.
+    /// Returns the server-sent events of a job until the stream ends. The chunks of the response contain whole lines.
     fn events(&self, job: &str) -> Vec<(u64, String)> {
         let reader = self.open(&format!("/jobs/{job}/events"), "connection: close\r\n");
         let (mut lines, mut data) = (Vec::new(), None);
@@ -117,7 +118,7 @@ impl Load<'_> {
         lines
     }
 
-    /// Returns the messages on a WebSocket until the frame that closes it.
+    /// Returns the events of a job from a WebSocket until the frame that closes it.
     fn socket(&self, job: &str) -> Vec<(u64, String)> {
         let headers = "connection: upgrade\r\nupgrade: websocket\r\nsec-websocket-version: 13\r\n\
                        sec-websocket-key: dGhlIHNhbXBsZSBub25jZQ==\r\n";
@@ -139,8 +140,8 @@ impl Load<'_> {
         }
     }
 
-    /// Sends requests at a steady rate on one connection. Returns the duration of each response, and how many came
-    /// before any body was finished.
+    /// Sends requests at a constant rate on one connection. Returns the duration of each request, and the number of
+    /// requests before the first job was finished.
     fn ask(&self, client: usize) -> (Vec<Duration>, usize) {
         let paths = ["/robots", "/jobs?limit=20", "/robots/lab", "/openapi.json"].map(|path| self.lab.at(path));
         let (mut took, mut early) = (Vec::new(), 0);
@@ -161,7 +162,7 @@ impl Load<'_> {
     }
 }
 
-/// Reads a frame of a server. Returns its kind and content.
+/// Reads a WebSocket frame of the server. Returns the frame's opcode and content.
 fn frame(reader: &mut impl Read) -> (u8, Vec<u8>) {
     let mut head = [0; 2];
     reader.read_exact(&mut head).unwrap();
@@ -184,7 +185,7 @@ fn frame(reader: &mut impl Read) -> (u8, Vec<u8>) {
     (head[0] & 0xf, bytes)
 }
 
-/// Reads a whole response and returns its status.
+/// Reads a whole HTTP response, and returns its status.
 fn answer(reader: &mut impl BufRead) -> u16 {
     let (mut status, mut length) = (0, 0);
     loop {

@@ -1,4 +1,4 @@
-//! Notices of the service by a webhook and by a command. No receiver can delay a robot.
+//! Tests of the notices that the service sends to a webhook and to a command. No receiver may delay a robot.
 
 use crate::lab;
 use crate::running;
@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 /// Goal of a growth that lasts long enough for the test to pause and stop it.
 const LONG_GOAL: &str = "100,100,600,0,45";
 
-/// A request that a receiver got.
+/// An HTTP request that a webhook of the test received.
 struct Got {
     head: String,
     body: String,
@@ -37,7 +37,8 @@ impl Got {
         serde_json::from_str(&self.body).unwrap()
     }
 
-    /// Returns true if the request is signed with this secret, at `since_s` or later.
+    /// Returns true if the request has a valid signature with this secret, whose time is `since_s`, s since 1970, or
+    /// later.
     fn is_signed(&self, secret: &str, since_s: u64) -> bool {
         let key = STANDARD.decode(secret.trim().strip_prefix("whsec_").unwrap()).unwrap();
         let time = self.header("webhook-timestamp");
@@ -58,7 +59,7 @@ fn now_s() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).unwrap().as_secs()
 }
 
-/// Reads one request.
+/// Reads one HTTP request.
 fn read_request(stream: &mut TcpStream) -> Got {
     let mut bytes = Vec::new();
     let mut part = [0; 4096];
@@ -76,7 +77,8 @@ fn read_request(stream: &mut TcpStream) -> Got {
     }
 }
 
-/// Receives requests on a listener, and responds with these statuses in turn. The last status is repeated.
+/// Starts a thread that receives HTTP requests on a listener, and responds with these statuses in turn. The last status
+/// is repeated. Returns a channel of the requests.
 fn receive(listener: TcpListener, statuses: &'static [u16]) -> Receiver<Got> {
     let (sender, receiver): (Sender<Got>, _) = mpsc::channel();
     thread::spawn(move || {
@@ -119,7 +121,8 @@ fn wait_for_board(lab: &Lab, state: &str) {
     wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board_state"] == state).then_some(()));
 }
 
-/// Waits until no notice is pending. A service that is killed before it has recorded a delivery repeats it.
+/// Waits until the service has no queued notice. This is needed before the service is killed, because a service that is
+/// killed before it has recorded a delivery repeats the delivery.
 fn wait_until_all_is_told(lab: &Lab) {
     let database = lab.directory.path().join("state/growbot/serve/jobs.sqlite");
     let database = rusqlite::Connection::open(database).unwrap();
@@ -129,7 +132,8 @@ fn wait_until_all_is_told(lab: &Lab) {
     });
 }
 
-/// Checks that the secrets of the address and the key appear in no output.
+/// Checks that neither the secret part of the webhook's address nor the webhook's secret appears in an output of the
+/// service.
 fn nothing_is_given_away(lab: &Lab) {
     let secret = fs::read_to_string(lab.directory.path().join("state/growbot/serve/webhook-secret")).unwrap();
     let outputs = [lab.heard(), lab.ask("GET", "/robots", "").1.to_string(), lab.ask("GET", "/jobs", "").1.to_string()];
@@ -227,7 +231,7 @@ fn restarts_a_lost_robot_and_an_emergency_stop_are_each_notified_once() {
     assert_eq!(next()["event"], "emergency-stop", "nothing comes twice");
 }
 
-/// A receiver without TLS gets nothing of a notice.
+/// A receiver without TLS receives no part of a notice for an `https` address.
 #[test]
 fn https_sends_nothing_before_the_certificate_is_verified() {
     let (listener, port) = local();

@@ -1,8 +1,9 @@
-//! Read-only clients take all that they can get: connections, streams, bodies, downloads, sockets and computations.
-//! Operators and stops are served all the same, and the service's memory stays small.
+//! Tests the service while read-only clients use as much as they can: connections, streams, bodies, downloads,
+//! WebSockets and computations. Clients that can send commands, and stops, must be served nevertheless, and the
+//! service's memory must stay small.
 //!
 //! Prints for each load the longest time of a stop and of an emergency stop, ms, and the memory of the service, MB.
-//! GROWBOT_STOPS=25 sends 25 of each.
+//! GROWBOT_STOPS=25 repeats these stops 25 times.
 
 use crate::lab;
 use crate::running;
@@ -21,19 +22,19 @@ use serde_json::{Value, json};
 const CONNECTIONS: usize = 256;
 /// Maximum number of open connections of read-only clients, as in growbot-host/src/serve/connections.rs.
 const VIEW_CONNECTIONS: usize = 128;
-/// Maximum number of open event streams of a role, as in growbot-host/src/serve/limits.rs.
+/// Maximum number of open event streams for each role, as in growbot-host/src/serve/limits.rs.
 const STREAMS: usize = 64;
 /// Maximum number of long responses that are sent to read-only clients at a time, as in
 /// growbot-host/src/serve/limits.rs.
 const VIEW_DOWNLOADS: usize = 8;
 /// Maximum memory of the service after each load, kB.
 const MAX_MEMORY_KB: u64 = 100_000;
-/// Number of points of a scene of almost the greatest length.
+/// Number of points of a scene whose file has almost the maximum length of a request.
 const POINTS: usize = 1_000_000;
-/// Number of waypoints of a plan that takes seconds.
+/// Number of waypoints of a plan whose computation takes seconds.
 const MANY_WAYPOINTS: usize = 100;
 
-/// Returns a path of the interface with the read-only token.
+/// Returns a path of the API, with the read-only token in front.
 fn view_at(lab: &Lab, path: &str) -> String {
     format!("/{}/api/v1{path}", lab.pages.as_ref().unwrap().1[1])
 }
@@ -46,7 +47,8 @@ fn post(path: &str, headers: &str) -> String {
     format!("POST {path} HTTP/1.1\r\nhost: localhost\r\ncontent-type: application/json\r\n{headers}\r\n\r\n")
 }
 
-/// Sends a request and reads the status of its response. The connection stays open, and the rest is not read.
+/// Sends a request, and reads the status of its response. Returns the open connection, from which the rest of the
+/// response is not read, and the status.
 fn begin(lab: &Lab, request: &str) -> (TcpStream, u16) {
     let mut stream = lab.page();
     stream.write_all(request.as_bytes()).unwrap();
@@ -59,7 +61,8 @@ fn count(kept: &[(TcpStream, u16)], status: u16) -> usize {
     kept.iter().filter(|(_, of)| *of == status).count()
 }
 
-/// Returns stops in all their forms: in a body, in a body of unknown length, and with a body that never ends.
+/// Returns requests to stop in three forms: a command in a body, a command in a body of unknown length, and a stop with
+/// a body that never ends.
 fn stops(lab: &Lab) -> [String; 3] {
     let stop = r#"{"command":"stop"}"#;
     [
@@ -70,7 +73,8 @@ fn stops(lab: &Lab) -> [String; 3] {
     ]
 }
 
-/// Checks that stops and an operator's page are served. Prints the longest time of a stop.
+/// Checks that stops and emergency stops are served under this load. Prints the longest time of each, ms, and the
+/// service's memory, MB.
 fn check_service(lab: &Lab, load: &str) {
     let repeats: usize = std::env::var("GROWBOT_STOPS").map_or(1, |count| count.parse().unwrap());
     let send = |request: &str| {
@@ -89,7 +93,7 @@ fn check_service(lab: &Lab, load: &str) {
     println!("| {load} | {stop:.1} | {emergency:.1} | {} |", lab.memory_kb() / 1000);
 }
 
-/// Grows a body, and returns its job.
+/// Runs a job to its end, and returns its identifier.
 fn grown(lab: &Lab) -> String {
     let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     assert_eq!(status, 201, "{job}");
@@ -131,7 +135,7 @@ fn a_stop_is_served_beyond_all_limits() {
     drop(long);
 }
 
-/// A log on a disk that does not respond is stood for by a pipe without a writer.
+/// A disk that does not respond is simulated: the run log is replaced by a pipe without a writer.
 #[test]
 fn a_stop_is_served_while_the_disk_hangs() {
     let lab = Lab::new(100.0);
@@ -247,7 +251,7 @@ fn computations_of_readers_do_not_hold_up_an_operators_job() {
     wait_for("the plans end with their clients", || (computations(&lab) == 0).then_some(()));
 }
 
-/// Returns the number of plans and pages that the service computes now.
+/// Returns the number of plans and pages that the service is computing.
 fn computations(lab: &Lab) -> usize {
     let tasks = fs::read_dir(format!("/proc/{}/task", lab.service.as_ref().unwrap().id())).unwrap().flatten();
     // A thread may have ended.
@@ -255,7 +259,8 @@ fn computations(lab: &Lab) -> usize {
     names.filter(|name| name.trim_end() == "computation").count()
 }
 
-/// JSON and scenes, as long as the service reads them, from several clients at a time.
+/// The service's memory stays small after long requests: JSON of 1 MB from two clients at a time, and a scene of 15 MB
+/// in which four plans at a time are computed.
 #[test]
 fn memory_of_long_bodies_is_released() {
     let lab = Lab::new(100.0);

@@ -1,4 +1,4 @@
-//! Jobs of the service among obstacles.
+//! Tests of jobs of the service in scenes with obstacles.
 
 use crate::lab;
 
@@ -8,12 +8,12 @@ use growbot_client::run_log::RecordedRun;
 use lab::{Lab, http};
 use serde_json::{Value, json};
 
-/// A ball beside the straight path upwards.
+/// Scene with a ball beside the straight path upwards.
 const BALL: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [70, 0, 40]\nradius_mm = 40\n";
-/// A ball in that path.
+/// Scene with a ball in the straight path upwards.
 const IN_THE_WAY: &str = "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [0, 0, 90]\nradius_mm = 40\n";
 
-/// Additional robot with sensors.
+/// Entry in `growbot.toml` of an additional robot, which has sensors.
 const SENSED: &str = "[robots.sensed]\nport = \"sim:sensed\"\nrobot = \"growbot-a\"\npace = 3000.0\n";
 
 fn lab() -> Lab {

@@ -1,5 +1,5 @@
-//! Stops of the service as its users meet them: while the robot is silent, over a restart, during planning, and without
-//! a port.
+//! Tests of stops by the service as its users meet them: while the robot is silent, over a restart, during planning,
+//! and without a port.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -58,7 +58,8 @@ fn a_stop_of_a_silent_robot_is_delivered_when_it_is_back_also_after_a_restart() 
     }
 }
 
-/// Opens a connection, sends the head of a request, and waits until the service has received it.
+/// Opens a connection, sends the head of a POST request, and waits until the service has received the head. `length` is
+/// the announced length of the body.
 fn send_head(lab: &Lab, path: &str, length: usize) -> UnixStream {
     let mut stream = UnixStream::connect(lab.socket()).unwrap();
     stream.set_read_timeout(Some(Duration::from_secs(60))).unwrap();

@@ -1,5 +1,5 @@
-//! Robot and port of commands without the options: from the environment, growbot.toml, and plans that contain their
-//! robot.
+//! Tests of the robot and the port of commands without the options `--robot` and `--port`: from the environment, from
+//! growbot.toml, and from plans that contain their robot.
 
 use crate::running;
 
@@ -10,7 +10,7 @@ use running::{PROGRAM, Ran, command, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Directories of a project within a laboratory, and a user's configuration.
+/// Directories for settings: `lab/project/deep`, in which commands run, and `conf`, the user's configuration.
 struct Place {
     root: TempDir,
     environment: Vec<(&'static str, String)>,
@@ -51,7 +51,7 @@ impl Place {
         serde_json::from_str(&ran.out).unwrap()
     }
 
-    /// Returns the robot of a command without `--robot`.
+    /// Returns the name of the robot that a command without `--robot` uses.
     fn robot(&self) -> String {
         let ran = self.run(&["rmin", "--json"]);
         assert_eq!(ran.code, Some(0), "{}", ran.err);
@@ -59,7 +59,7 @@ impl Place {
     }
 }
 
-/// Returns a robot file with a name that no built-in robot has.
+/// Returns the text of a robot file with a name that no built-in robot has.
 fn own_robot() -> String {
     include_str!("../../robots/growbot-a.toml").replacen("\"growbot-a\"", "\"ours\"", 1)
 }

@@ -1,4 +1,4 @@
-//! Settings files that another user can have written: no command uses them, and no stop depends on them.
+//! Tests of settings files that another user may have written: no command uses them, and no stop depends on them.
 
 use crate::fake_board::FakeBoard;
 use crate::running;
@@ -11,14 +11,16 @@ use std::path::PathBuf;
 use running::{PROGRAM, Ran, command, in_lines};
 use tempfile::TempDir;
 
-/// User number that no process of the tests has.
+/// Numeric identifier of another user, which no process of the tests has.
 const OTHER_USER: u32 = 54_321;
 
-/// A project within a laboratory, and the configuration of a user who has a robot.
+/// Directories for settings: `lab`, with a settings file that another user may have written; `lab/project`, in which
+/// commands run; and `conf`, with the settings of the user, who has a robot.
 struct Place {
     root: TempDir,
     users_robot: FakeBoard,
-    /// Port of the robot in the project's file. No program has connected to it if nothing waits to be accepted.
+    /// Listener at the port of the robot in the settings file `lab/growbot.toml`. If no connection is pending, no
+    /// program has used that file.
     projects_robot: TcpListener,
 }
 
@@ -70,7 +72,8 @@ impl Place {
         Ran { code: output.status.code(), out: text(output.stdout), err: in_lines(&text(output.stderr)) }
     }
 
-    /// Checks that commands refuse the project's file with these words, and that a stop goes to the user's robot.
+    /// Checks that commands refuse `lab/growbot.toml` with messages that contain these texts, and that stops are sent
+    /// to the user's robot.
     fn check_refused(&self, words: &[&str]) {
         for args in
             [&["rmin"][..], &["settings"], &["status"], &["serve", "--page-port", "0"], &["pause", "--port", "lab"]]
@@ -101,7 +104,7 @@ fn a_file_that_others_can_write_is_refused_but_prevents_no_stop() {
     place.set_mode("lab/growbot.toml", 0o644);
     place.set_mode("lab", 0o777);
     place.check_refused(&["lab has mode 0777", "`chmod go-w "]);
-    // A file without weakness is used, and named.
+    // A file that only its user can write is used, and its path is shown.
     place.set_mode("lab", 0o755);
     let status = place.run(&["status"]);
     let file = place.path("lab/growbot.toml").display().to_string();
@@ -113,7 +116,7 @@ fn a_file_that_others_can_write_is_refused_but_prevents_no_stop() {
 #[test]
 fn a_file_of_another_user_is_refused_but_prevents_no_stop() {
     let place = Place::new();
-    // Only root can give a file away. Other users check the owner by the function alone (src/ownership.rs).
+    // Only root can change the owner of a file. Without root, only the unit tests of src/ownership.rs check the owner.
     if chown(place.path("lab/growbot.toml"), Some(OTHER_USER), None).is_ok() {
         place.check_refused(&["belongs to user 54321", "(chown)"]);
     }
@@ -135,7 +138,7 @@ fn only_the_users_file_names_commands_and_webhooks() {
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
         assert!(ran.err.contains(expected) && ran.err.contains(&format!("move it to {users_file}")), "{}", ran.err);
     }
-    // The user's receivers apply to the robots of a project. An invalid one shows that they are read.
+    // The user's settings of notices apply to the robots of a project. An invalid setting shows that they are read.
     place.write("lab/growbot.toml", "[robots.lab]\nport = \"sim:lab\"\n");
     place.write("conf/growbot/growbot.toml", "[serve.notify]\nevents = [\"dance\"]\n");
     let ran = place.run(&["serve", "--page-port", "0"]);

@@ -1,13 +1,14 @@
-//! `growbot simulate` as users and scripts run it: results, exit codes, messages.
+//! Tests of `growbot simulate` as users and scripts run it: results, exit codes, messages.
 
 use crate::running;
 
 use running::growbot;
 use serde_json::Value;
 
-/// A body of 643 mm of robot A. Better planners do not change the path in two planes.
+/// Arguments to simulate a tube of 643 mm of robot A. The planner `two-plane` is given, so that improvements of other
+/// planners do not change the path.
 const GOAL: [&str; 5] = ["simulate", "--to", "200,100,600,0,45", "--planner", "two-plane"];
-/// A horizontal body.
+/// Arguments to simulate a straight horizontal tube of 1000 mm.
 const LEVEL: [&str; 5] = ["simulate", "--from", "0,0,0,0,0", "--to", "1000,0,0,0,0"];
 
 const ROBOTS: [&str; 11] = [

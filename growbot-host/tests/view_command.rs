@@ -1,4 +1,4 @@
-//! view, run as by a user: a page from a plan or a growth, and refusals of all other files.
+//! Tests of `growbot view` as a user runs it: pages of plans and run logs, and refusals of all other files.
 
 use crate::running;
 
@@ -13,7 +13,7 @@ fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
-/// Returns the data of a page.
+/// Returns the JSON data that an HTML page contains.
 fn data(page: &Path) -> Value {
     let page = fs::read_to_string(page).unwrap();
     let (_, rest) = page.split_once("<script type=\"application/json\" id=\"data\">").unwrap();
@@ -28,7 +28,8 @@ fn number<'a>(data: &'a Value, heading: &str, name: &str) -> &'a str {
     rows.iter().find(|row| row[0] == name).unwrap_or_else(|| panic!("no {name}: {rows:?}"))[1].as_str().unwrap()
 }
 
-/// Checks for exit code 2, one message of one line that contains `parts`, and no page.
+/// Checks that the command ended with exit code 2, printed one message of one line that contains `parts`, and wrote no
+/// page.
 fn assert_refused(ran: &Ran, parts: &[&str], page: &Path) {
     assert_eq!(ran.code, Some(2), "{}", ran.err);
     assert_eq!(ran.err.lines().count(), 1, "{}", ran.err);

@@ -1,5 +1,5 @@
-//! view --svg, --png and --plot, run as by a user. The picture at the head of README.md is compared with the output of
-//! the commands below it.
+//! Tests of `growbot view --svg`, `--png` and `--plot` as a user runs them. The picture at the head of README.md is
+//! compared with the output of the commands below the picture.
 
 use crate::running;
 
@@ -18,7 +18,8 @@ fn done(args: &[&str]) -> Ran {
     ran
 }
 
-/// Checks for exit code 2, one message of one line that contains `parts`, and no file.
+/// Runs growbot, and checks that it ended with exit code 2, printed one message of one line that contains `parts`, and
+/// wrote no file.
 fn assert_refused(args: &[&str], parts: &[&str], file: &Path) {
     let ran = growbot(args);
     assert_eq!((ran.code, ran.err.lines().count()), (Some(2), 1), "{args:?}: {}", ran.err);
@@ -28,7 +29,8 @@ fn assert_refused(args: &[&str], parts: &[&str], file: &Path) {
     assert!(ran.out.is_empty() && !file.exists(), "{args:?}");
 }
 
-/// Returns a directory, a plan with a bend in it, and the log of its growth with noise.
+/// Returns a directory, and the paths of two files in it: a plan with a bend, and the run log of a growth of the plan
+/// with noise.
 fn plan_and_run() -> (tempfile::TempDir, PathBuf, PathBuf) {
     let directory = tempfile::tempdir().unwrap();
     let (plan, run) = (directory.path().join("plan.json"), directory.path().join("run.jsonl"));
@@ -37,7 +39,7 @@ fn plan_and_run() -> (tempfile::TempDir, PathBuf, PathBuf) {
     (directory, plan, run)
 }
 
-/// Returns width, height and colours.
+/// Returns the width and the height of a PNG file, pixels, and its RGB values.
 fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
     let decoder = png::Decoder::new(std::io::BufReader::new(fs::File::open(file).unwrap()));
     let mut reader = decoder.read_info().unwrap();
@@ -49,8 +51,8 @@ fn pixels(file: &Path) -> (u32, u32, Vec<u8>) {
 
 /// Checks that a new picture equals the committed picture of this name in the book.
 fn assert_same_picture(name: &str, made: &Path) {
-    /// Colour difference above which a pixel counts as different. `MAX_OTHERS` is the max fraction of different pixels,
-    /// because edges and letters move slightly with each release of the drawing libraries.
+    /// Difference of a colour value above which a pixel counts as different. Up to a fraction `MAX_OTHERS` of the
+    /// pixels may differ, because edges and letters move slightly with each release of the drawing libraries.
     const OTHER: u8 = 48;
     const MAX_OTHERS: f64 = 0.005;
     let committed = Path::new(env!("CARGO_MANIFEST_DIR")).join("../book/src/pictures").join(name);

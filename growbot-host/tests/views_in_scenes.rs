@@ -1,5 +1,5 @@
-//! `view` and `export` of bodies among obstacles: pages, pictures and GLB with the scene and the narrowest place. The
-//! pages of growths show them too.
+//! Tests of `growbot view` and `export` in scenes with obstacles: pages, pictures and GLB files show the scene and the
+//! narrowest clearance. The live pages of growths show them too.
 
 use crate::fake_board;
 use crate::lab;
@@ -20,8 +20,8 @@ const ROOM: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncen
                     [[box]]\ncenter_mm = [150, 0, 100]\nsize_mm = [20, 200, 200]\n[[capsule]]\nfrom_mm = [-200, 90, 200]\n\
                     to_mm = [200, 90, 200]\nradius_mm = 15\n[[halfspace]]\npoint_mm = [0, 0, -40]\nnormal = [0, 0, 1]\n";
 
-/// A directory with `room.toml`, `straight.json`, which runs into its ball and does not name the scene, `past.json`,
-/// which avoids the ball, and `run.jsonl`, the log of its growth.
+/// A directory with the scene `room.toml` and two plans: `straight.json`, which hits the ball of the scene and does not
+/// name the scene, and `past.json`, which avoids the ball. Tests add `run.jsonl`, the run log of a growth.
 struct Fixture(TempDir);
 
 impl Fixture {
@@ -54,28 +54,28 @@ impl Fixture {
         ran
     }
 
-    /// Runs a command on a file of the directory, and returns its output file.
+    /// Runs a command on the file `from` of the directory, and returns the content of its output file `to`.
     #[track_caller]
     fn made(&self, command: &str, from: &str, to: &str, more: &[&str]) -> Vec<u8> {
         self.done(&[&[command, &self.path(from), "-o", &self.path(to)], more].concat());
         fs::read(self.path(to)).unwrap()
     }
 
-    /// Returns the clearance in the plan that avoids the ball.
+    /// Returns the clearance that `past.json` contains, mm.
     fn clearance(&self) -> f64 {
         let plan: Value = serde_json::from_slice(&fs::read(self.path("past.json")).unwrap()).unwrap();
         plan["scene"]["clearance_mm"].as_f64().unwrap()
     }
 }
 
-/// Returns the data of a page.
+/// Returns the JSON data that an HTML page contains.
 fn data(page: &[u8]) -> Value {
     let page = std::str::from_utf8(page).unwrap();
     let data = page.split_once("id=\"data\">").unwrap().1.split_once("</script>").unwrap().0;
     serde_json::from_str(data).unwrap()
 }
 
-/// Returns the rows of the numbers under `Scene`.
+/// Returns the names and values that a page lists under `Scene`.
 fn scene_numbers(data: &Value) -> Vec<(String, String)> {
     let groups = data["numbers"].as_array().unwrap().iter();
     let scene = groups.clone().find(|group| group[0] == "Scene").map(|group| group[1].clone());
@@ -86,7 +86,7 @@ fn value<'a>(rows: &'a [(String, String)], name: &str) -> &'a str {
     &rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("no {name} in {rows:?}")).1
 }
 
-/// Returns the JSON of a GLB.
+/// Returns the JSON part of a GLB file.
 fn document(glb: &[u8]) -> Value {
     let length = u32::from_le_bytes(glb[12..16].try_into().unwrap()) as usize;
     serde_json::from_slice(&glb[20..20 + length]).unwrap()
@@ -268,7 +268,7 @@ fn scene_shows_what_was_read_from_a_file() {
     assert!(with_seed.code == Some(2) && with_seed.err.contains("remove them"), "{}", with_seed.err);
 }
 
-/// Returns the page of a growth, from the address that the growth prints.
+/// Requests the live page of a growth from the address that the growth prints, and returns the page.
 fn page_of(growing: &mut Child) -> String {
     let answer = BufReader::new(growing.stderr.as_mut().unwrap());
     let address = answer.lines().find_map(|line| {

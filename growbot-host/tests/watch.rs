@@ -1,5 +1,5 @@
-//! The page of a growth in progress, requested over HTTP by all kinds of clients. It responds only to clients on this
-//! machine that know the secret.
+//! Tests of the live page of a growth, requested over HTTP by all kinds of clients. The server must respond only to
+//! clients on this machine that know the secret token.
 
 use crate::running;
 
@@ -17,7 +17,7 @@ use serde_json::{Value, json};
 
 use running::{PATIENCE, growbot};
 
-/// Returns a page of a body of 40 mm.
+/// Starts the live page of a growth of 40 mm. The page can send commands only if `orders` is given.
 fn watch(orders: Option<Arc<CommandQueue>>) -> WatchPage {
     let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
@@ -28,7 +28,7 @@ fn watch(orders: Option<Arc<CommandQueue>>) -> WatchPage {
     WatchPage::start(&subject, &job, &[], orders, 0).unwrap()
 }
 
-/// Returns the server's address, and the path with the secret.
+/// Returns the address of the page's server, and the path with the secret token.
 fn parts(watch: &WatchPage) -> (SocketAddr, String) {
     let (address, path) = watch.address().strip_prefix("http://").unwrap().split_once('/').unwrap();
     (address.parse().unwrap(), format!("/{path}"))
@@ -49,7 +49,7 @@ fn send(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)])
     stream
 }
 
-/// Returns status and body of a response.
+/// Sends a request, and returns the status and the body of the response.
 fn ask(address: SocketAddr, method: &str, path: &str, headers: &[(&str, &str)]) -> (u16, String) {
     let mut answer = String::new();
     send(address, method, path, headers).read_to_string(&mut answer).unwrap();

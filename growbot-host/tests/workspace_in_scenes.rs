@@ -1,4 +1,5 @@
-//! `growbot workspace --scene`. Each goal has one of three results, and a goal within reach has a plan.
+//! Tests of `growbot workspace --scene`: each goal has one of three results, and a goal with the result `path` can be
+//! planned.
 
 use crate::running;
 
@@ -7,7 +8,7 @@ use std::fs;
 use running::growbot;
 use serde_json::Value;
 
-/// Returns a scene with a ball ahead, and with six walls that enclose a space behind it.
+/// Returns the text of a scene with a ball, and with six walls that enclose a space which no path can enter.
 fn scene() -> String {
     let walls = (0..6).map(|side| {
         let (mut centre, mut size) = ([0.0, 0.0, 450.0], [260.0; 3]);

@@ -1,7 +1,7 @@
 //! Durations as text.
 
-/// Formats a duration in its two largest relevant units. `durationText` of growbot-pictures/viewer/src/text.js is
-/// equal.
+/// Formats a duration in its two largest relevant units. `durationText` in growbot-pictures/viewer/src/text.js gives
+/// the same texts.
 #[must_use]
 pub fn duration_text(seconds: f64) -> String {
     if seconds < 0.995 {

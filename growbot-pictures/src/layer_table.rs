@@ -11,10 +11,11 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
 use crate::figures::shortest;
 
-/// Columns of a layer's own fields, in the order of [`fields`].
+/// Header of the columns of a layer's values, in the order of [`fields`].
 pub const LAYER_COLUMNS: &str = "alpha_deg,height_mm,tilt_deg";
 
-/// Formats a layer's own fields in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
+/// Formats the values of a layer as CSV, in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is
+/// straight.
 #[must_use]
 pub fn fields(layer: &Layer) -> String {
     let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };

@@ -7,7 +7,7 @@
 //! - [`layer_table`]: the layers of a plan as CSV
 //! - [`figures`], [`duration`]: numbers and times as text
 //!
-//! Lengths are in mm. Angles are in radians inside, and in degrees in texts and files.
+//! Lengths are in mm. Angles are in radians in computations, and in degrees in texts and files.
 #![forbid(unsafe_code)]
 
 pub mod drawing;

@@ -1,4 +1,4 @@
-//! Checked values from Python. Each error names the argument.
+//! Conversion and checks of arguments from Python. Each error contains the name of the argument.
 
 use std::fs;
 use std::io::Read;
@@ -10,27 +10,28 @@ use pyo3::types::{PyAnyMethods, PyDict, PyFloat, PyInt};
 
 use crate::error::{Error, ErrorKind, outside};
 
-/// Greatest number of rows of an array, given or returned.
+/// Maximum number of rows of an array that is an argument or a result.
 pub const MAX_ROWS: usize = 1_000_000;
 
-/// Returns the name of an object's type.
+/// Returns the name of a Python object's type.
 pub fn type_name(value: &Bound<PyAny>) -> String {
     value.get_type().name().map_or_else(|_| "?".to_owned(), |name| name.to_string())
 }
 
-/// Returns the error for a value of a wrong type.
+/// Returns the error for an argument of a wrong type. `wanted` describes valid values.
 pub fn wrong_type(name: &str, value: &Bound<PyAny>, wanted: &str) -> Error {
     let kind = type_name(value);
     Error::with(ErrorKind::Type, format!("{name} is of type {kind}: give {wanted}"), kind, wanted)
 }
 
-/// Returns a real number. `None` for complex numbers, which NumPy would convert with no more than a warning.
+/// Converts a Python object to a real number. `None` if it is not a number. Complex numbers are excluded, because NumPy
+/// would convert them with only a warning.
 pub fn real_number(value: &Bound<PyAny>) -> Option<f64> {
     let known = value.is_exact_instance_of::<PyFloat>() || value.is_exact_instance_of::<PyInt>();
     (known || !type_name(value).contains("complex")).then(|| value.extract().ok()).flatten()
 }
 
-/// Returns a number, which may be infinite but not NaN.
+/// Converts an argument to a number, which may be infinite but not NaN.
 pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Error> {
     let number = real_number(value).ok_or_else(|| wrong_type(name, value, "a number"))?;
     if number.is_nan() {
@@ -39,13 +40,13 @@ pub fn number(name: &str, value: &Bound<PyAny>) -> Result<f64, Error> {
     Ok(number)
 }
 
-/// Returns a number within limits.
+/// Converts an argument to a number within these limits. `unit` is used in the error message.
 pub fn within(name: &str, value: &Bound<PyAny>, [min, max]: [f64; 2], unit: &str) -> Result<f64, Error> {
     let number = number(name, value)?;
     if (min..=max).contains(&number) { Ok(number) } else { Err(outside(name, number, [min, max], unit)) }
 }
 
-/// Returns an integer within limits.
+/// Converts an argument to an integer within these limits.
 pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u64, Error> {
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
@@ -70,7 +71,7 @@ pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u
     }
 }
 
-/// Returns a number of threads. The default is one for each core.
+/// Converts the argument `threads`, 1 to 1024. The default is one thread for each core.
 pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Error> {
     match value {
         None => Ok(std::thread::available_parallelism().map_or(1, usize::from)),
@@ -78,29 +79,29 @@ pub fn threads(value: Option<&Bound<PyAny>>) -> Result<usize, Error> {
     }
 }
 
-/// Returns a boolean.
+/// Converts an argument to a boolean.
 pub fn flag(name: &str, value: &Bound<PyAny>) -> Result<bool, Error> {
     value.extract().map_err(|_| wrong_type(name, value, "True or False"))
 }
 
-/// Returns a text.
+/// Converts an argument to a string.
 pub fn text(name: &str, value: &Bound<PyAny>) -> Result<String, Error> {
     value.extract().map_err(|_| wrong_type(name, value, "a str"))
 }
 
-/// Greatest length of a file name, bytes, as in operating systems.
+/// Maximum length of a file name, bytes, as in operating systems.
 const LONGEST_NAME: usize = 4096;
-/// Greatest length of a word, such as the name of a planner, bytes.
+/// Maximum length of a short string, such as the name of a planner, bytes.
 const LONGEST_WORD: usize = 400;
 
-/// Returns a short text.
+/// Converts an argument to a string of at most 400 bytes.
 pub fn word(name: &str, value: &Bound<PyAny>) -> Result<String, Error> {
     let word = text(name, value)?;
     check_length(name, word.len(), LONGEST_WORD)?;
     Ok(word)
 }
 
-/// Returns the name of a file.
+/// Converts an argument to the path of a file.
 pub fn path(name: &str, value: &Bound<PyAny>) -> Result<PathBuf, Error> {
     let path: PathBuf = value.extract().map_err(|_| wrong_type(name, value, "a str or a pathlib.Path"))?;
     check_length(name, path.as_os_str().len(), LONGEST_NAME)?;
@@ -115,11 +116,12 @@ fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Error> 
     Err(Error::with(ErrorKind::Input, message, length as f64, longest as f64))
 }
 
-/// Greatest length of a plan or of a robot's description, bytes (64 MiB).
+/// Maximum length of a plan file or of a robot file, bytes (64 MiB).
 const LONGEST_TEXT: u64 = 64 << 20;
 
-/// Returns the text of a file and its name for messages. The reader of growbot-client would record the file as an
-/// input, so that a command does not overwrite it. A Python program may overwrite its input.
+/// Reads a text file. Returns its text, and its name for messages. This function replaces
+/// `growbot_client::input::read_text`, which records the file as an input that may not be overwritten. A Python program
+/// may overwrite its input.
 pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
     let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;
     let text = String::from_utf8(bytes)
@@ -127,7 +129,7 @@ pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
     Ok((text, name))
 }
 
-/// Returns the bytes of a file of at most `longest` bytes, with its name for messages.
+/// Reads a file of at most `longest` bytes. Returns its bytes, and its name for messages.
 pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Error> {
     let name = path.display().to_string();
     let failed = |error: std::io::Error| {
@@ -146,7 +148,7 @@ pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Err
     Ok((bytes, name))
 }
 
-/// Rows of numbers, from anything that NumPy converts to an array.
+/// A two-dimensional array of numbers, from anything that NumPy converts to an array.
 pub struct Rows {
     /// Number of rows.
     pub count: usize,
@@ -157,7 +159,7 @@ pub struct Rows {
 }
 
 impl Rows {
-    /// Reads an array of shape `(n, width)` for one of the given widths.
+    /// Converts an argument to an array of shape `(n, width)`, where `width` is one of these widths.
     pub fn read(name: &str, value: &Bound<PyAny>, widths: &[usize]) -> Result<Self, Error> {
         let wanted = widths.iter().map(|width| format!("(n, {width})")).collect::<Vec<_>>().join(" or ");
         let wanted = format!("an array of shape {wanted}");
@@ -172,7 +174,7 @@ impl Rows {
         }
     }
 
-    /// Reads a flat array or a single number.
+    /// Converts an argument that is a one-dimensional array or a single number.
     pub fn flat(name: &str, value: &Bound<PyAny>) -> Result<Self, Error> {
         let wanted = "a number or an array of shape (n,)";
         let array = array_of(name, value, wanted)?;
@@ -187,7 +189,7 @@ impl Rows {
     }
 }
 
-/// Reads an array of exactly this shape.
+/// Converts an argument to an array of exactly this shape, with finite numbers.
 pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) -> Result<[f64; N], Error> {
     let wanted = format!("numbers of shape {}", describe(shape));
     let array = array_of(name, value, &wanted)?;
@@ -202,7 +204,7 @@ pub fn fixed<const N: usize>(name: &str, value: &Bound<PyAny>, shape: &[usize]) 
     numbers.try_into().map_err(|_| wrong_shape(name, shape, &wanted))
 }
 
-/// Returns an error if there are too many rows.
+/// Checks that the number of rows of an argument is not above the maximum.
 pub fn check_rows(name: &str, count: usize) -> Result<(), Error> {
     if count <= MAX_ROWS {
         return Ok(());
@@ -211,7 +213,7 @@ pub fn check_rows(name: &str, count: usize) -> Result<(), Error> {
     Err(Error::with(ErrorKind::Input, message, count as f64, MAX_ROWS as f64))
 }
 
-/// Returns an array of any type. A value that is an array already is not copied.
+/// Converts an argument to a NumPy array of any type. An argument that is an array already is not copied.
 fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<Bound<'py, PyUntypedArray>, Error> {
     if let Ok(array) = value.cast::<PyUntypedArray>() {
         return Ok(array.clone());
@@ -221,7 +223,7 @@ fn array_of<'py>(name: &str, value: &Bound<'py, PyAny>, wanted: &str) -> Result<
     array.cast_into().map_err(|_| wrong_type(name, value, wanted))
 }
 
-/// Returns the numbers of an array in order. The caller has checked its size.
+/// Returns the numbers of an array in row-major order. The caller must have checked its size.
 fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Vec<f64>, Error> {
     let py = array.py();
     let kind: String = array.dtype().getattr("kind")?.extract()?;
@@ -241,7 +243,7 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
         .to_vec())
 }
 
-/// Returns the error for an array of the wrong shape.
+/// Returns the error for an argument of the wrong shape. `wanted` describes valid values.
 pub fn wrong_shape(name: &str, shape: &[usize], wanted: &str) -> Error {
     let shape = describe(shape);
     Error::with(ErrorKind::Type, format!("{name} has shape {shape}: give {wanted}"), shape, wanted)

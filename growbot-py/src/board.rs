@@ -1,7 +1,7 @@
-//! Growths on a board. `python/growbot/_board.py` wraps them in context managers and typed events.
+//! Growths on a board. `python/growbot/_board.py` wraps these classes in context managers and typed events.
 //!
-//! A thread owns the connection and receives requests as messages. So Python threads can run, and Ctrl-C has an effect,
-//! while a body grows.
+//! A thread owns the connection to the board and receives requests as messages. Python threads can therefore run, and
+//! Ctrl-C has an effect, while a body grows.
 
 use std::fmt::Display;
 use std::path::PathBuf;
@@ -34,12 +34,13 @@ use crate::run::json_of;
 use crate::scene::PyScene;
 use crate::simulate::seed_of;
 
-/// Interval at which Ctrl-C is polled.
+/// Interval at which a waiting call polls whether the user has pressed Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
-/// Number of events by which a simulated robot may be ahead of its reader. A real robot does not wait for its reader.
+/// Maximum number of unread events of a simulated robot. The simulation then waits until Python reads some. The events
+/// of a real robot are not limited.
 const AHEAD: usize = 10_000;
 
-/// A request to the thread that owns the connection.
+/// A request to the thread that owns the connection to the board, with the sender for its response.
 enum WorkerRequest {
     Hello(Sender<Result<String, Error>>),
     Status(Sender<Result<String, Error>>),
@@ -48,13 +49,13 @@ enum WorkerRequest {
     Grow(Box<GrowTask>),
 }
 
-/// A requested growth.
+/// A growth that the thread of the connection shall execute.
 struct GrowTask {
     plan: PyPlan,
     conditions: Conditions,
-    /// Scene from which corrections stay clear.
+    /// Scene of the growth, from which the corrections of feedback stay clear. `None` without a scene.
     scene: Option<PyScene>,
-    /// True if the plan or the caller gives a scene and the growth ignores it.
+    /// True if there is a scene, of the plan or of the call, and the growth ignores it.
     ignores_scene: bool,
     seed: u64,
     log: Option<PathBuf>,
@@ -63,21 +64,21 @@ struct GrowTask {
     commands: Arc<CommandQueue>,
 }
 
-/// A message from a growth.
+/// A message from the thread of a growth to Python.
 enum GrowthMessage {
     Event(String),
-    /// The end: the result as JSON, and the error unless the growth ended as requested.
+    /// The end of the growth: the result as JSON, and the error unless the growth is done or was stopped.
     End(Option<String>, Option<Error>),
 }
 
-/// Sender of a growth's messages.
+/// Sender of the messages of a growth to Python.
 enum EventSender {
     Bounded(mpsc::SyncSender<GrowthMessage>),
     Unbounded(Sender<GrowthMessage>),
 }
 
 impl EventSender {
-    /// Sends a message. Returns false if the receiver is gone.
+    /// Sends a message. Returns false if Python has dropped the receiver.
     fn send(&self, message: GrowthMessage) -> bool {
         match self {
             Self::Bounded(sender) => sender.send(message).is_ok(),
@@ -86,13 +87,13 @@ impl EventSender {
     }
 }
 
-/// A port with a client.
+/// An open connection: the client, and the access to the tip of a simulated robot.
 struct BoardLink {
     client: Client,
     simulated_tip: Option<Box<dyn SimulatedTip>>,
 }
 
-/// The thread that owns the connection.
+/// State of the thread that owns the connection to the board.
 struct BoardWorker {
     robot: Arc<Described>,
     port: PortName,
@@ -166,7 +167,7 @@ impl BoardWorker {
         events.send(GrowthMessage::End(result, error));
     }
 
-    /// Grows a body. Returns the result, and the error unless the growth ended as requested.
+    /// Grows a body. Returns the result, and the error unless the growth is done or was stopped.
     fn grow_body(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
         let GrowTask { plan: PyPlan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
         let simulated = self.port.is_simulated();
@@ -254,7 +255,8 @@ impl BoardWorker {
     }
 }
 
-/// Returns the error if a growth ended in another way than done or stopped, or if its log is incomplete.
+/// Returns the error for a growth that ended in another way than done or stopped, or whose log is incomplete. `None`
+/// otherwise.
 fn outcome_error(result: &GrowthResult) -> Option<Error> {
     let outcome = result.outcome.name();
     let why = match (result.outcome, result.log_lines_missing) {
@@ -291,7 +293,7 @@ impl PyBoard {
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
-    /// Sends a request and waits for the response. Ctrl-C ends the wait.
+    /// Sends a request to the thread of the connection and waits for the response. Ctrl-C ends the wait.
     fn request(
         &self,
         py: Python<'_>,
@@ -416,7 +418,7 @@ impl PyBoard {
         drop(lock(&self.requests).take());
         let thread = lock(&self.thread).take();
         if let Some(thread) = thread {
-            // A panic of the thread has been printed already.
+            // A panic of the thread was printed already.
             py.detach(|| drop(thread.join()));
         }
     }
@@ -431,7 +433,7 @@ pub struct Growth {
 }
 
 impl Growth {
-    /// Records the end.
+    /// Records the end of the growth, and returns its error.
     fn end(&self, result: Option<String>, error: Option<Error>) -> Result<(), Error> {
         drop(lock(&self.messages).take());
         *lock(&self.result) = result;

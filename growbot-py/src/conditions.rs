@@ -1,5 +1,5 @@
-//! Errors of simulated layers and measurements, and feedback: `growbot.Conditions`, with the names and limits of the
-//! command's options.
+//! Reading of `growbot.Conditions`: errors of simulated layers and measurements, and feedback. Names and limits are
+//! those of the options of the command `growbot`.
 
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_core::angle::radians;
@@ -16,15 +16,16 @@ use crate::arguments::{flag, within, word, wrong_type};
 use crate::error::{Error, ErrorKind};
 use crate::plan::PyPlan;
 
-/// Limits of shares, percent, and of angles, degrees, equal to the command's.
+/// Limits of biases, in percent or degrees, equal to those of the command `growbot`. `UNSIGNED` are the limits of
+/// noises.
 const SIGNED: [f64; 2] = [-90.0, 90.0];
 const UNSIGNED: [f64; 2] = [0.0, 90.0];
-/// Limits of the height of whole steps, mm.
+/// Limits of the layer height for whole slicing (`step_mm`), mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
-/// Greatest number of layers of a simulated body. More would take minutes.
+/// Maximum number of layers of a simulated body. More layers would take minutes.
 const MAX_LAYERS: usize = 50_000_000;
 
-/// Conditions of a growth without a board.
+/// Conditions of a growth: errors of layers and sensors, feedback, sag and slicing.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Conditions {
     disturbance: Disturbance,
@@ -36,7 +37,7 @@ pub struct Conditions {
 }
 
 impl Conditions {
-    /// Reads a `growbot.Conditions`. `None` stands for no errors.
+    /// Converts a Python object of class `growbot.Conditions`. `None` stands for conditions without errors.
     pub fn read(value: Option<&Bound<PyAny>>) -> Result<Self, Error> {
         static CLASS: PyOnceLock<Py<PyType>> = PyOnceLock::new();
         let Some(value) = value else { return Ok(Self::default()) };
@@ -102,17 +103,17 @@ impl Conditions {
         Ok(Self { disturbance, noise: odometry, direction, sensors, sag: is("sag")?, whole_steps })
     }
 
-    /// Returns the errors of layers.
+    /// Returns the errors of simulated layers.
     pub fn disturbance(&self) -> Disturbance {
         self.disturbance
     }
 
-    /// Returns the noise of a simulated tip's sensors. The default is 0.
+    /// Returns the noise of the sensors of a simulated robot on a board. The default is 0.
     pub fn sensor_noise(&self) -> SensorNoise {
         SensorNoise { odometry: self.noise.unwrap_or(0.0), direction: self.direction.unwrap_or(0.0) }
     }
 
-    /// Returns the assumed noise of a robot's sensors.
+    /// Returns the noise that feedback assumes for the sensors of a real robot.
     pub fn assumed_noise(&self) -> SensorNoise {
         SensorNoise {
             odometry: self.noise.unwrap_or(DEFAULT_SENSOR_NOISE.odometry),
@@ -120,12 +121,12 @@ impl Conditions {
         }
     }
 
-    /// Returns true with feedback.
+    /// Reports whether the growth uses feedback.
     pub fn feedback(&self) -> bool {
         self.sensors.is_some()
     }
 
-    /// Returns true if a condition applies only to growths without a board.
+    /// Reports whether a condition is set that applies only to growths without a board.
     pub fn needs_simulation(&self) -> bool {
         let scaled = self
             .sensors
@@ -133,7 +134,7 @@ impl Conditions {
         self.sag || self.whole_steps.is_some() || scaled
     }
 
-    /// Returns the simulation of a plan under these conditions.
+    /// Creates the simulation of a plan under these conditions, without a board.
     pub fn simulation<'a>(&self, plan: &'a PyPlan) -> Result<Simulation<'a>, Error> {
         let robot: &Robot = &plan.robot;
         let layers = plan.inner.requirements.layers;

@@ -1,4 +1,5 @@
-//! Exceptions with a message, the value, the limit and the remedy. The classes are in `python/growbot/_errors.py`.
+//! Conversion of errors to Python exceptions, which contain a message with a remedy, the value and the limit. Their
+//! classes are in `python/growbot/_errors.py`.
 
 use std::fmt::Display;
 
@@ -12,27 +13,27 @@ use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
 
-/// Class of the exception.
+/// Class of the Python exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ErrorKind {
-    /// A value that is not possible.
+    /// `InputError`: the value of an argument is not valid.
     Input,
-    /// A value of a wrong type or shape.
+    /// `InputTypeError`: an argument has a wrong type or shape.
     Type,
-    /// A file that is missing or not valid.
+    /// `FileError`: a file is missing or not valid.
     File,
-    /// The planner found no path.
+    /// `NoPathError`: the planner found no path.
     NoPath,
-    /// A board that does not respond, rejects a request, or has a fault.
+    /// `BoardError`: a board does not respond, rejects a request, or has a fault.
     Board,
 }
 
-/// A value or a limit.
+/// The value of an error, or the limit that it violates.
 #[derive(Debug, Clone)]
 pub enum ErrorValue {
-    /// A number in the unit of the message.
+    /// A number, in the unit that the message names.
     Number(f64),
-    /// A text.
+    /// A string.
     Text(String),
 }
 
@@ -54,31 +55,31 @@ impl From<String> for ErrorValue {
     }
 }
 
-/// Reason why a request failed.
+/// Error of a call from Python.
 #[derive(Debug)]
 pub enum Error {
-    /// An error of growbot.
+    /// An error that growbot has detected.
     Growbot {
-        /// Class of the exception.
+        /// Class of the Python exception.
         kind: ErrorKind,
-        /// Message with the failure, the value, the limit and the remedy.
+        /// Message with the cause, the value, the limit and a remedy.
         message: String,
-        /// Value, if there is one.
+        /// Value that caused the error. `None` if there is none.
         value: Option<ErrorValue>,
-        /// Limit, if there is one.
+        /// Limit that the value violates. `None` without a limit.
         limit: Option<ErrorValue>,
     },
-    /// An exception of Python, such as Ctrl-C.
+    /// An exception that Python has raised, such as `KeyboardInterrupt` for Ctrl-C.
     Python(PyErr),
 }
 
 impl Error {
-    /// Returns an error without value and limit.
+    /// Creates an error without a value and a limit.
     pub fn new(kind: ErrorKind, message: impl Display) -> Self {
         Self::Growbot { kind, message: message.to_string(), value: None, limit: None }
     }
 
-    /// Returns an error with value and limit.
+    /// Creates an error with a value and the limit that it violates.
     pub fn with(
         kind: ErrorKind,
         message: impl Display,
@@ -88,7 +89,7 @@ impl Error {
         Self::Growbot { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
     }
 
-    /// Adds the number of the row to the error.
+    /// Adds the index of an array's row to the message.
     pub fn of_row(self, row: usize) -> Self {
         match self {
             Self::Growbot { kind, message, value, limit } => {
@@ -99,7 +100,7 @@ impl Error {
     }
 }
 
-/// Returns the exception of an error.
+/// Creates the Python exception for the parts of an error.
 fn exception(
     py: Python<'_>,
     kind: ErrorKind,
@@ -189,7 +190,7 @@ impl From<ScenePlanError> for Error {
     }
 }
 
-/// Returns the error for a number outside of these limits.
+/// Returns the error for an argument that is outside these limits.
 pub fn outside(name: &str, value: f64, [min, max]: [f64; 2], unit: &str) -> Error {
     let limit = if value < min { min } else { max };
     let message =

@@ -1,17 +1,18 @@
-//! The module `growbot._growbot`: growbot's crates for Python. Users import the package `growbot`, in `python/`.
+//! The Python extension module `growbot._growbot`. Users import the Python package `growbot` in `python/`, which is
+//! based on it.
 //!
 //! - `robot`, `pose`, `scene`, `plan`: the inputs and plans
 //! - `path_frames`: positions along a path
 //! - `conditions`, `simulate`, `summary`: growths without a board, one or many, and their statistics
 //! - `run`: logs of growths
 //! - `board`, `preconditions`: growths on a board
-//! - `arguments`: checked values from Python
-//! - `pickle`: plans for pickle
-//! - `error`: exceptions
+//! - `arguments`: conversion and checks of arguments
+//! - `pickle`: state of plans for Python's pickle
+//! - `error`: conversion of errors to Python exceptions
 //!
 //! Long computations release the interpreter for other threads, and Ctrl-C ends them.
 
-// Tuples of arrays and arguments have long types, which names would hide.
+// Return types are tuples of arrays. Aliases would hide them.
 #![allow(clippy::type_complexity)]
 
 mod arguments;

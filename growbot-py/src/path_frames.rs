@@ -1,25 +1,26 @@
-//! Positions along a path.
+//! Frames of the tip at lengths along a path.
 
 use growbot_core::helicoid::HelicoidIntegrator;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 
-/// Returns the tip's frames (base from tip, mm) at lengths along a path. The lengths are in mm and within the path.
-/// Lengths in ascending order are fastest.
+/// Returns the tip's frames (base from tip, mm) at lengths along a path that begins at the frame `start`. The lengths
+/// (mm) must be within the path, and are processed fastest in ascending order.
 pub fn frames(path: &[Segment], start: &Frame, lengths: &[f64]) -> Vec<Frame> {
     let mut cursor = PathCursor { path, index: 0, begun: 0.0, base: *start, start: *start, walk: None };
     lengths.iter().map(|length| cursor.at(*length)).collect()
 }
 
-/// A tip that moves along a path.
+/// Position on a path, which is moved to increasing lengths.
 struct PathCursor<'a> {
     path: &'a [Segment],
-    /// The current segment, the length at which it begins (mm), and the frame there.
+    /// Index of the current segment. `begun` is the length at which this segment begins (mm), and `base` is the frame
+    /// there.
     index: usize,
     begun: f64,
     base: Frame,
     start: Frame,
-    /// State of a walk along a helicoidal arc, and its length so far, radii.
+    /// Integrator of the current helicoidal arc, and the length that it has reached, radii. `None` in other segments.
     walk: Option<(HelicoidIntegrator, f64)>,
 }
 
@@ -41,7 +42,7 @@ impl PathCursor<'_> {
         self.base
     }
 
-    /// Returns `start_from_tip` after `within` mm of a segment.
+    /// Returns the frame of the tip after `within` mm of a segment, relative to the frame at the segment's start.
     fn part(&mut self, segment: &Segment, within: f64) -> Frame {
         match *segment {
             Segment::Arc { alpha, bend, length } => {

@@ -1,4 +1,5 @@
-//! A plan as plain values, exact to the bit, for pickle. (In a plan's JSON, angles are in degrees.)
+//! State of a plan for Python's pickle: tuples of plain values that restore the plan bit for bit. The JSON of a plan
+//! cannot, because its angles are in degrees.
 
 use growbot_client::plan::{Plan, SceneClearance, SearchSummary};
 use growbot_client::warning::Warning;
@@ -12,16 +13,18 @@ use crate::error::{Error, ErrorKind};
 use crate::pose::{pose_from, state_of};
 
 type Numbers = (f64, f64, f64, f64, f64);
-/// Goal of a leg, number of its segments, statistics of its search, and whether its direction was free.
+/// State of a leg: its goal, number of segments, search statistics (candidates, rejected, two-plane length in mm), and
+/// true if the direction of the goal was free.
 type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
-/// File, hash, clearance and margin of a scene.
+/// State of a plan's scene: name of the file, hash, clearance (mm) and margin (mm).
 type SceneState = (String, u64, f64, f64);
-/// Code, message, value and limit of a warning.
+/// State of a warning: code, message, value and limit.
 type WarningState = (String, String, f64, f64);
-/// Planner, radius, start, legs, the numbers of each segment, the scene, and the warnings.
+/// State of a plan: true for the planner `shortest`, radius (mm), start, legs, numbers of each segment, scene, and
+/// warnings.
 pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<SceneState>, Vec<WarningState>);
 
-/// Returns the values of a plan.
+/// Returns the state of a plan.
 pub fn of(plan: &Plan) -> PlanState {
     let legs = plan.legs.iter().zip(&plan.choices).zip(&plan.free_directions).map(|((leg, choice), free)| {
         let choice = choice.map(|choice| (choice.candidates, choice.rejected, choice.two_plane_length));
@@ -41,7 +44,7 @@ pub fn of(plan: &Plan) -> PlanState {
     (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene, warnings.collect())
 }
 
-/// Returns the plan of these values.
+/// Restores a plan from its state.
 pub fn plan(
     robot: &Robot,
     (shortest, radius, start, legs, segments, scene, warnings): PlanState,

@@ -1,4 +1,4 @@
-//! Plans.
+//! Classes `growbot.Plan`, `growbot.Segment` and `growbot.PlanWarning`, and the functions that plan.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -31,7 +31,7 @@ use crate::robot::{PyRobot, robot_of};
 use crate::scene::PyScene;
 use crate::simulate::{PySimulationResult, interruptible};
 
-/// Greatest number of rows of a table of layers.
+/// Maximum number of rows of an array of layers.
 const MAX_LAYERS: usize = 20_000_000;
 
 /// A path that has been checked to end at its goal, with its properties.
@@ -79,7 +79,7 @@ impl From<&SegmentJson> for PySegment {
     }
 }
 
-/// Fields of a segment.
+/// Fields of a segment for pickle, in the order of [`PySegment`].
 type SegmentState = (String, f64, Option<f64>, Option<f64>, Option<[f64; 3]>, Option<[f64; 3]>);
 
 #[pymethods]
@@ -144,7 +144,7 @@ impl PlanWarning {
     }
 }
 
-/// Returns a planner by its name.
+/// Converts the argument `planner`, the name of a planner. The default is the shortest path.
 fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Error> {
     let Some(value) = value else { return Ok(Planner::Shortest) };
     let name = word("planner", value)?;
@@ -155,7 +155,7 @@ fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Error> {
     })
 }
 
-/// Returns the search options of these arguments.
+/// Converts the arguments of a plan's search. The default radius is the robot's planning radius.
 fn search_of(
     robot: &Described,
     radius_mm: Option<&Bound<PyAny>>,
@@ -172,7 +172,7 @@ fn search_of(
     })
 }
 
-/// A scene, with the effort of the search through it.
+/// A scene to plan through, with the limits of the search.
 struct SceneSearchOptions {
     scene: PyScene,
     effort: u64,
@@ -306,7 +306,7 @@ pub fn plan_many<'py>(
     Ok(PyList::new(py, plans)?)
 }
 
-/// Returns one start for all goals, or one for each.
+/// Converts the argument `starts`: one start for all goals, or a start for each goal. `goals` is the number of goals.
 fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error> {
     if starts.is_instance_of::<PyPose>() {
         return Ok(vec![as_pose("starts", starts)?]);
@@ -332,7 +332,7 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error
         .collect()
 }
 
-/// Returns layers as a structured array.
+/// Returns layers as a structured array. `layers` yields the index of each layer's segment and the layer.
 pub fn layer_array<'py>(
     py: Python<'py>,
     count: usize,
@@ -361,14 +361,14 @@ pub fn layer_array<'py>(
     Ok(array)
 }
 
-/// Returns a structured array whose values are still to be set.
+/// Creates a NumPy structured array with these fields (name, type). Its values are not initialized.
 pub fn structured<'py>(py: Python<'py>, rows: usize, fields: &[(&str, &str)]) -> PyResult<Bound<'py, PyAny>> {
     let arguments = PyDict::new(py);
     arguments.set_item("dtype", fields.to_vec())?;
     py.import("numpy")?.call_method("empty", (rows,), Some(&arguments))
 }
 
-/// Returns a page in a frame of its own, for a notebook.
+/// Returns an `iframe` element that contains an HTML page, for display in a notebook.
 pub fn framed(page: &str) -> String {
     let page = page.replace('&', "&amp;").replace('"', "&quot;");
     format!(
@@ -376,7 +376,7 @@ pub fn framed(page: &str) -> String {
     )
 }
 
-/// Writes a whole file, or leaves it unchanged.
+/// Writes a file atomically. If that fails, an existing file stays unchanged.
 pub fn write_whole(file: &Path, contents: &[u8]) -> Result<(), Error> {
     write_atomic(file, contents).map_err(|error| Error::new(ErrorKind::File, error))
 }

@@ -1,4 +1,4 @@
-//! Poses.
+//! Class `growbot.Pose`, and conversion of arguments to poses and goals.
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
 use growbot_client::plan::Goal;
@@ -12,7 +12,8 @@ use pyo3::types::{PyList, PyString, PyTuple, PyType};
 use crate::arguments::{Rows, fixed, number, real_number, wrong_shape, wrong_type};
 use crate::error::{Error, ErrorKind};
 
-/// Tolerance of a rotation matrix, and smallest length of a direction.
+/// Maximum deviation of a matrix from a rigid transform. The square of this number is the minimum length of a
+/// direction.
 const ROTATION: f64 = 1e-6;
 
 /// The position of a tip and its direction of growth.
@@ -31,13 +32,13 @@ impl From<Inner> for PyPose {
     }
 }
 
-/// Returns a pose of five numbers, as the command reads them.
+/// Creates a pose from x, y, z in mm, heading and pitch in degrees, as the command `growbot` does.
 pub fn pose_of(numbers: [f64; 5]) -> Result<Inner, Error> {
     // -0 becomes 0, as in typed numbers.
     Ok(pose_of_numbers(numbers.map(|number| number + 0.0))?)
 }
 
-/// Returns a goal of three or five numbers.
+/// Creates a goal from three numbers (a position, mm) or five (a pose, mm and degrees).
 pub fn goal_of(numbers: &[f64]) -> Result<Goal, Error> {
     match *numbers {
         [x, y, z] => Ok(Goal::Position(Position::new(Vector3::new(x + 0.0, y + 0.0, z + 0.0))?)),
@@ -46,8 +47,9 @@ pub fn goal_of(numbers: &[f64]) -> Result<Goal, Error> {
     }
 }
 
-/// Returns the numbers of a sequence of one of these lengths, in order. NumPy is not needed for lists and tuples. It
-/// reads everything else, because a sequence such as a pandas Series may find items by a label.
+/// Converts an argument that is a sequence of numbers to a vector, whose length must be one of `counts`. Lists and
+/// tuples are read without NumPy, which need not be installed for them. Other sequences are read by NumPy, because the
+/// index of some, such as a pandas Series, is a label.
 fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, Error> {
     let wanted = if counts.contains(&3) {
         "a growbot.Pose, (x_mm, y_mm, z_mm, heading_deg, pitch_deg), or (x_mm, y_mm, z_mm) for any direction"
@@ -72,7 +74,7 @@ fn few(name: &str, value: &Bound<PyAny>, counts: &[usize]) -> Result<Vec<f64>, E
     items.iter().enumerate().map(number).collect()
 }
 
-/// Converts a pose or five numbers to a pose.
+/// Converts an argument to a pose: a `growbot.Pose` or five numbers.
 pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Error> {
     if let Ok(pose) = value.cast::<PyPose>() {
         return Ok(pose.get().inner);
@@ -83,7 +85,7 @@ pub fn as_pose(name: &str, value: &Bound<PyAny>) -> Result<Inner, Error> {
     }
 }
 
-/// Converts a pose, five numbers, or three for a position, to a goal.
+/// Converts an argument to a goal: a `growbot.Pose`, five numbers, or three numbers for a position.
 pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Error> {
     match value.cast::<PyPose>() {
         Ok(pose) => Ok(Goal::Pose(pose.get().inner)),
@@ -91,7 +93,7 @@ pub fn as_goal(name: &str, value: &Bound<PyAny>) -> Result<Goal, Error> {
     }
 }
 
-/// Returns a frame as rows of a 4x4 matrix.
+/// Returns a frame as a 4x4 matrix, row by row.
 pub fn rows_of(frame: &Frame) -> [f64; 16] {
     let matrix = frame.to_homogeneous();
     std::array::from_fn(|index| matrix[(index / 4, index % 4)])
@@ -222,7 +224,7 @@ impl PyPose {
     }
 }
 
-/// Returns a pose at a position with a direction.
+/// Creates a pose from a position (mm) and a direction of any length.
 fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<PyPose, Error> {
     let direction = Vector3::from(direction);
     let norm = direction.norm();
@@ -239,13 +241,13 @@ fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<PyPose, Error> {
     Ok(Inner::new(Vector3::from(position), free.heading(), free.pitch())?.into())
 }
 
-/// Returns x, y, z in mm, and heading and pitch in radians.
+/// Returns the numbers of a pose for pickle: x, y, z in mm, and heading and pitch in radians.
 pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64) {
     let at = pose.position();
     (at.x, at.y, at.z, pose.heading(), pose.pitch())
 }
 
-/// Returns the pose of such a state.
+/// Creates a pose from the numbers that [`state_of`] returns: x, y, z in mm, and heading and pitch in radians.
 pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Error> {
     Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?)
 }

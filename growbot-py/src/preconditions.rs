@@ -1,4 +1,4 @@
-//! Checks before a growth, and the scene around a plan.
+//! Checks before a growth, and loading of the scene of a plan.
 
 use std::ffi::CString;
 use std::path::PathBuf;
@@ -20,8 +20,8 @@ use crate::error::{Error, ErrorKind};
 use crate::plan::PyPlan;
 use crate::scene::PyScene;
 
-/// Returns the scene for the growth of a plan. If a scene is given, the plan must be clear in it. Otherwise it is the
-/// scene through which the plan was made.
+/// Returns the scene for the growth of a plan: the argument `scene`, of which the plan must be clear, or else the scene
+/// through which the plan was made. `None` without a scene.
 pub fn scene_for_growth(plan: &PyPlan, scene: Option<&Bound<PyAny>>) -> Result<Option<PyScene>, Error> {
     if let Some(given) = scene {
         let scene = PyScene::given(given)?;
@@ -36,13 +36,13 @@ pub fn scene_for_growth(plan: &PyPlan, scene: Option<&Bound<PyAny>>) -> Result<O
     through(&plan.inner)
 }
 
-/// Issues a warning of Python.
+/// Issues a Python `UserWarning`.
 fn warn(py: Python<'_>, message: &str) -> Result<(), Error> {
     let message = CString::new(message.replace('\0', "")).map_err(|error| Error::new(ErrorKind::Input, error))?;
     Ok(PyErr::warn(py, &py.get_type::<PyUserWarning>(), &message, 1)?)
 }
 
-/// Returns the scene through which a plan was made.
+/// Loads the scene through which a plan was made. `None` for a plan in empty space.
 fn through(plan: &client::Plan) -> Result<Option<PyScene>, Error> {
     let Some(through) = &plan.scene else { return Ok(None) };
     let found = PyScene::read(PathBuf::from(&through.file), Some(through.margin))
@@ -55,8 +55,8 @@ fn through(plan: &client::Plan) -> Result<Option<PyScene>, Error> {
     Err(Error::with(ErrorKind::File, message, format_hash(found.loaded.hash), format_hash(through.hash)))
 }
 
-/// Returns the page of a body, with the scene through which it was planned. The page has no scene if the files have
-/// changed.
+/// Returns an HTML page that shows a body and the scene of its plan. The page has no scene if the scene's files are
+/// missing or have changed.
 pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
     py.detach(|| {
         let scene = match subject.run {
@@ -70,7 +70,7 @@ pub fn page_of(py: Python<'_>, subject: &Subject) -> Result<String, Error> {
     .map_err(|error| Error::new(ErrorKind::Input, error))
 }
 
-/// Returns an error if the plan cannot be grown under these conditions.
+/// Checks that a plan can be grown on a board under these conditions. `force` ignores the warnings of the plan.
 pub fn check_growable(plan: &PyPlan, conditions: &Conditions, simulated: bool, force: bool) -> Result<(), Error> {
     let warnings = plan.inner.warnings.iter();
     let preventing: Vec<&str> =

@@ -1,4 +1,4 @@
-//! Robots.
+//! Class `growbot.Robot`.
 
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
@@ -12,7 +12,7 @@ use crate::arguments::{path, text, text_of_file, wrong_type};
 use crate::error::{Error, ErrorKind};
 use growbot_core::robot::Robot as Described;
 
-/// Greatest number of letters of a quoted reason.
+/// Maximum number of letters of a quoted reason in an error message.
 const MAX_REASON: usize = 300;
 
 /// A robot with its checked description.
@@ -25,7 +25,7 @@ pub struct PyRobot {
     pub inner: Arc<Described>,
 }
 
-/// Returns the default robot, which is read only once.
+/// Returns the default robot. Its description is parsed only once.
 pub fn default_robot() -> Result<Arc<Described>, Error> {
     static DEFAULT: OnceLock<Arc<Described>> = OnceLock::new();
     if let Some(robot) = DEFAULT.get() {
@@ -41,12 +41,13 @@ fn load(name_or_file: &Path) -> Result<Described, Error> {
         Ok((text, file)) if name_or_file.to_str().is_none_or(|name| !robot_file::is_built_in(name)) => {
             robot_file::parse(&text, &file).map_err(failed)
         }
-        // Loads a built-in robot. If the name is unknown, the error lists the names.
+        // Loads a built-in robot. If its name is unknown, the error lists the built-in names.
         _ => robot_file::load(name_or_file).map_err(failed),
     }
 }
 
-/// Returns a robot from a Robot, a name or a file. `None` stands for the default.
+/// Converts an argument to a robot: a `growbot.Robot`, the name of a built-in robot, or a robot file. `None` stands for
+/// the default robot.
 pub fn robot_of(value: Option<&Bound<PyAny>>) -> Result<Arc<Described>, Error> {
     let Some(value) = value else { return default_robot() };
     if let Ok(robot) = value.cast::<PyRobot>() {

@@ -1,4 +1,4 @@
-//! Logs of growths.
+//! Class `growbot._growbot.RunLog`: logs of growths.
 
 use std::sync::Arc;
 
@@ -26,7 +26,7 @@ pub struct PyRunLog {
     robot: Arc<Described>,
 }
 
-/// Returns an event as JSON.
+/// Returns an event of a run log as JSON, without a time of day.
 pub fn json_of(event: RunEvent) -> String {
     serde_json::to_string(&RunLine { event, utc: None }).unwrap_or_default()
 }

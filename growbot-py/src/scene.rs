@@ -1,4 +1,4 @@
-//! Scenes of obstacles.
+//! Class `growbot.Scene`: scenes of obstacles.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -25,12 +25,12 @@ pub struct PyScene {
 }
 
 impl PyScene {
-    /// Returns the scene in an argument.
+    /// Converts an argument, which must be a `growbot.Scene`.
     pub fn given(scene: &Bound<PyAny>) -> Result<Self, Error> {
         Ok(scene.cast::<Self>().map_err(|_| wrong_type("scene", scene, "a growbot.Scene"))?.get().clone())
     }
 
-    /// Reads a scene. A margin (mm) replaces that of the file.
+    /// Reads a scene from a file. `margin` (mm) replaces the margin of the file.
     pub fn read(file: PathBuf, margin: Option<f64>) -> Result<Self, SceneError> {
         let mut loaded = load(&file)?;
         loaded.margin = margin.or(loaded.margin);

@@ -1,4 +1,4 @@
-//! Growths without a board: one, or many at once.
+//! Simulated growths without a board: class `growbot.SimulationResult`, and `simulate_many`.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,10 +22,11 @@ use crate::plan::{PyPlan, framed, layer_array, structured};
 use crate::pose::PyPose;
 use crate::preconditions::page_of;
 
-/// Interval at which Ctrl-C is polled.
+/// Interval at which a computation polls whether the user has pressed Ctrl-C.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// Calls `work` for many items, on this number of threads, without the interpreter. Ctrl-C ends the work soon.
+/// Calls `work` for each item, on this number of threads, and returns the results in order. The Python interpreter is
+/// released meanwhile. Ctrl-C ends the computation with an error.
 pub fn interruptible<T: Sync, U: Send>(
     py: Python<'_>,
     threads: usize,
@@ -56,7 +57,8 @@ pub fn interruptible<T: Sync, U: Send>(
     }
 }
 
-/// Does all work on the calling thread. A new thread would have to request memory from the system first.
+/// Calls `work` for each item on the calling thread, and `look` at intervals. This is faster than a new thread, which
+/// would have to request memory from the system first.
 fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> Vec<U> {
     let mut looked = Instant::now();
     let mut one = |item: &T| {
@@ -83,7 +85,7 @@ pub struct PySimulationResult {
 }
 
 impl PySimulationResult {
-    /// Grows a plan once.
+    /// Simulates one growth of a plan.
     pub fn grow(
         py: Python<'_>,
         plan: &PyPlan,
@@ -102,7 +104,7 @@ impl PySimulationResult {
     }
 }
 
-/// Returns the seed of the random errors. The default is 1.
+/// Converts the argument `seed`, the seed of random errors. The default is 1.
 pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Error> {
     value.map_or(Ok(1), |value| integer("seed", value, 0, u64::MAX))
 }
@@ -258,7 +260,7 @@ impl PySimulationResult {
     }
 }
 
-/// Fields of a row of [`simulate_many`].
+/// Names and NumPy types of the fields of a row that [`simulate_many`] returns.
 const FIELDS: [(&str, &str); 14] = [
     ("plan", "<i8"),
     ("seed", "<u8"),
@@ -302,7 +304,8 @@ pub fn simulate_many<'py>(
     rows(py, &tasks, &grown)
 }
 
-/// Returns the outcomes as a structured array.
+/// Returns outcomes of growths as a structured array with the fields `FIELDS`. `tasks` are the index of the plan and
+/// the seed of each growth.
 pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[CoreResult]) -> Result<Bound<'py, PyAny>, Error> {
     let array = structured(py, grown.len(), &FIELDS)?;
     let set = |name: &str, of: &dyn Fn(&CoreResult) -> f64| {
@@ -326,7 +329,7 @@ pub fn rows<'py>(py: Python<'py>, tasks: &[(usize, u64)], grown: &[CoreResult]) 
     Ok(array)
 }
 
-/// Reads seeds: a list, a range, or an array of integers.
+/// Converts the argument `seeds`: a list, a range or an array of integers.
 fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Error> {
     let wanted = "whole numbers that are not negative, shape (n,)";
     let numpy = seeds.py().import("numpy")?;
@@ -350,7 +353,8 @@ fn seeds_of(seeds: &Bound<PyAny>) -> Result<Vec<u64>, Error> {
     Ok(array.call_method1("astype", ("uint64",))?.extract::<Vec<u64>>()?)
 }
 
-/// Returns one plan for all seeds, or one for each.
+/// Converts the argument `plans`: one plan for all seeds, or a list with a plan for each seed. `seeds` is the number of
+/// seeds.
 fn plans_of(plans: &Bound<PyAny>, seeds: usize) -> Result<Vec<PyPlan>, Error> {
     let wanted = "a growbot.Plan or a list of them";
     if let Ok(plan) = plans.cast::<PyPlan>() {

@@ -1,4 +1,5 @@
-//! Statistics over many growths, in constant memory. Sums are exact, so partial results can be merged in any order.
+//! Class `growbot.SimulationSummary`: statistics over many growths, in constant memory. Sums are exact, so partial
+//! results can be merged in any order.
 
 use growbot_client::plan_file::format_hash;
 use growbot_core::hash::Hasher;
@@ -15,7 +16,7 @@ use crate::error::{Error, ErrorKind};
 use crate::plan::PyPlan;
 use crate::simulate::{interruptible, rows, seed_of};
 
-/// Number of growths whose outcomes are stored at a time. Ctrl-C is polled after each batch.
+/// Number of growths per batch. Only the outcomes of one batch are in memory at a time.
 const BATCH: u64 = 16_384;
 
 /// Statistics over many simulated growths: the numbers of `growbot simulate --repeat`.
@@ -66,7 +67,7 @@ pub fn _simulate_repeated_rows<'py>(
     Ok((SimulationSummary { inner: whole }, rows(py, &tasks, &grown)?))
 }
 
-/// Requested growths of one plan.
+/// Checked arguments of a call that grows one plan many times.
 struct RepeatRequest {
     plan: PyPlan,
     count: u64,
@@ -92,7 +93,7 @@ impl RepeatRequest {
         })
     }
 
-    /// Grows the bodies, and calls `each` with the seeds and the outcomes of each batch.
+    /// Simulates all growths, and calls `each` with the seeds and the outcomes of each batch.
     fn run(&self, py: Python<'_>, mut each: impl FnMut(&[u64], Vec<SimulationResult>)) -> Result<(), Error> {
         let simulation = self.conditions.simulation(&self.plan)?;
         let mut done = 0;
@@ -107,7 +108,7 @@ impl RepeatRequest {
     }
 }
 
-/// Adds outcomes on several threads. The sums do not depend on their division.
+/// Adds outcomes to the statistics `whole`, on several threads. The result does not depend on the number of threads.
 fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[SimulationResult], threads: usize) {
     let pairs: Vec<(&u64, &SimulationResult)> = seeds.iter().zip(outcomes).collect();
     let parts: Vec<_> = pairs.chunks(pairs.len().div_ceil(threads).max(1)).collect();
@@ -119,7 +120,7 @@ fn add_all(whole: &mut Campaign, seeds: &[u64], outcomes: &[SimulationResult], t
     parallel::map_on(threads.min(parts.len()), &parts, part, |_| ()).iter().for_each(|part| whole.merge(part));
 }
 
-/// Returns the statistics of an error, with the command's names.
+/// Returns statistics as a dict with the keys of `growbot simulate --repeat --json`.
 fn statistics<'py>(py: Python<'py>, of: &Statistics) -> PyResult<Bound<'py, PyDict>> {
     let dict = PyDict::new(py);
     let numbers = [

@@ -14,7 +14,7 @@ use growbot_core::random::Rng;
 use growbot_scene::scene_file::load;
 use nalgebra::Vector3;
 
-/// The two sides of the square of corners of the ball's mesh: 2 x 708 x 707 triangles.
+/// Numbers of corners of the ball's mesh around its axis and from pole to pole: 2 x 708 x 707 triangles.
 const SIDES: [u32; 2] = [708, 707];
 const POINTS: u32 = 1_000_000;
 

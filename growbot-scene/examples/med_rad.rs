@@ -93,7 +93,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Result of a search.
+/// Result of the search for one problem.
 struct Answer {
     text: String,
     first: Option<Duration>,
@@ -138,7 +138,7 @@ fn answer(written: &ProblemSetJson, query: &QueryJson, points: &[Vector3<f64>], 
     Answer { text, first: first.map(|(time, _)| time), decided }
 }
 
-/// Returns the last length of RCS* for this problem.
+/// Returns the length of the last path that the published planner RCS* found for this problem.
 fn published_length(directory: &Path, place: &str, name: &str) -> Option<String> {
     let table = fs::read_to_string(directory.parent()?.join("published-planners.csv")).ok()?;
     let row = table.lines().find(|row| row.starts_with(&format!("{place},{name},rcs_star,")))?;

@@ -1,5 +1,5 @@
-//! Plans through the random scenes of `growbot_scene::families`. Checks the results at points 0.5 mm apart, with every
-//! distance from every obstacle computed one by one.
+//! Plans through the random scenes of `growbot_scene::random_scenes`. Checks the results at points 0.5 mm apart, with
+//! every distance from every obstacle computed one by one.
 //!
 //! ```sh
 //! cargo run --release -p growbot-scene --example random_scenes -- [SCENES OF EACH FAMILY [SECONDS [DIRECTORY [best]]]]
@@ -21,7 +21,7 @@ use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 
-/// The body of growbot-a with a margin of 5 mm.
+/// Limits of the body of the robot growbot-a with a margin of 5 mm.
 const BODY: TubeLimits = TubeLimits { radius: 100.0, clearance: 28.55 };
 
 #[derive(Default)]

@@ -1,11 +1,13 @@
-//! A tree of boxes over many items, for the distance from a point to the nearest one.
+//! Bounding volume hierarchy: a tree of boxes over many items, which finds the distance from a point to the nearest
+//! item.
 //!
-//! Items are sorted so that those of a leaf lie side by side. Boxes are `f32`, rounded outwards, so that a node takes
-//! half a cache line. Everything else is `f64`. The result does not depend on the machine or on the number of threads.
+//! Items are sorted so that the items of a leaf lie side by side in memory. Boxes are `f32`, rounded outwards, so that
+//! a node takes half a cache line. Everything else is `f64`. The result does not depend on the machine or on the number
+//! of threads.
 
 use nalgebra::Vector3;
 
-/// The corners of a box with sides along the axes.
+/// A box with sides along the axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bounds {
     /// Smallest coordinates.
@@ -27,7 +29,7 @@ impl Bounds {
         points.iter().fold(Self::EMPTY, |bounds, point| bounds.with(&Self { min: *point, max: *point }))
     }
 
-    /// Returns the smallest box that contains both.
+    /// Returns the smallest box that contains this box and `other`.
     #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
@@ -47,7 +49,7 @@ impl Bounds {
     }
 }
 
-/// An item that has a distance from a point.
+/// An item of a [`Bvh`], whose distance from a point can be computed.
 pub trait BvhItem: Copy {
     /// Returns a box that contains the item.
     fn bounds(&self) -> Bounds;
@@ -57,38 +59,38 @@ pub trait BvhItem: Copy {
     fn nearest(items: &[Self], point: &Vector3<f64>, best: f64) -> f64;
 }
 
-/// Returns the signed square of a signed distance.
+/// Returns the square of a distance, with the sign of the distance.
 #[must_use]
 pub fn signed_square(distance: f64) -> f64 {
     distance * distance.abs()
 }
 
-/// Returns the signed distance of a signed square.
+/// Returns the signed distance that has this [`signed_square`].
 #[must_use]
 pub fn signed_root(square: f64) -> f64 {
     if square < 0.0 { -(-square).sqrt() } else { square.sqrt() }
 }
 
-/// A tree over items.
+/// A bounding volume hierarchy over items.
 #[derive(Debug, Clone)]
 pub struct Bvh<T> {
     nodes: Vec<Node>,
     items: Vec<T>,
 }
 
-/// A box and its content: two adjacent nodes, or items.
+/// A node of the tree: a box and its content, which is either two child nodes or a range of items.
 #[derive(Debug, Clone, Copy)]
 struct Node {
     min: [f32; 3],
     max: [f32; 3],
-    /// Index of the first item or, if `items` is 0, of the first of two nodes.
+    /// Index of the first item of the node or, if `items` is 0, of the first of its two adjacent child nodes.
     first: u32,
     items: u32,
 }
 
 /// Maximum number of items in a leaf.
 const LEAF: usize = 8;
-/// Maximum number of levels. Items are halved, and there are fewer than 2^32.
+/// Maximum number of levels of a tree. Each level halves the number of items, which is below 2^32.
 const MAX_DEPTH: usize = 40;
 
 impl Node {
@@ -116,7 +118,7 @@ impl Node {
 }
 
 impl<T: BvhItem> Bvh<T> {
-    /// Builds the tree over these items, fewer than 2^31.
+    /// Builds the tree over these items, whose number must be below 2^31.
     #[must_use]
     pub fn new(mut items: Vec<T>) -> Self {
         let mut nodes = Vec::with_capacity(items.len() / 2 + 1);
@@ -169,7 +171,7 @@ impl<T: BvhItem> Bvh<T> {
         }
     }
 
-    /// Calls `visit` with the items of every leaf whose box, seen along the x axis, covers this y and z.
+    /// Calls `visit` with the items of every leaf whose box contains the coordinates `y` and `z`, at any x.
     pub fn along_x(&self, y: f64, z: f64, mut visit: impl FnMut(&[T])) {
         let mut waiting = vec![0_u32];
         while let Some(node) = waiting.pop().and_then(|index| self.nodes.get(index as usize)) {
@@ -192,7 +194,8 @@ pub fn bounds_of<T: BvhItem>(items: &[T]) -> Bounds {
     items.iter().fold(Bounds::EMPTY, |bounds, item| bounds.with(&item.bounds()))
 }
 
-/// Makes the nodes below this one, which contains these items. `first` is the index of the first of them in all items.
+/// Adds the nodes below the node with the index `node`, which contains `items`. `first` is the index of `items[0]`
+/// among all items.
 fn divide<T: BvhItem>(items: &mut [T], first: usize, node: usize, nodes: &mut Vec<Node>) {
     if items.len() <= LEAF {
         nodes[node].first = first as u32;

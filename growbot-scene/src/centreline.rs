@@ -1,4 +1,4 @@
-//! Tips and stretches: a body's centreline in the form of the search, in vectors, without roll.
+//! Centrelines of bodies as arcs and lines in vectors, without the roll of the tip, as the planner uses them.
 
 use std::f64::consts::PI;
 
@@ -8,10 +8,10 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::trigonometry::{sin, sin_cos};
 use nalgebra::Vector3;
 
-/// A tip: its position, mm, and its direction of growth.
+/// Position and direction of a tip, without its roll.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct TipPose {
-    /// Position, mm.
+    /// Position of the tip, mm.
     pub position: Vector3<f64>,
     /// Direction of growth, a unit vector.
     pub direction: Vector3<f64>,
@@ -23,27 +23,27 @@ impl From<&Pose> for TipPose {
     }
 }
 
-/// A part of an arc or of a straight line.
+/// A segment of a centreline: an arc or a straight line.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArcSegment {
-    /// Tip at the start.
+    /// Tip at the start of the segment.
     pub from: TipPose,
-    /// Unit vector towards which the stretch bends, perpendicular to the direction. Arbitrary for a line.
+    /// Unit vector towards which the segment bends, perpendicular to the direction at its start. Arbitrary for a line.
     pub towards: Vector3<f64>,
-    /// Curvature, 1/mm; 0 for a line.
+    /// Curvature of the segment, 1/mm; 0 for a line.
     pub curvature: f64,
-    /// Length, mm.
+    /// Length of the segment, mm.
     pub length: f64,
 }
 
 /// A piece of a centreline, parametrized by arc length.
 pub trait Curve {
-    /// Returns the length, mm.
+    /// Returns the length of the curve, mm.
     fn length(&self) -> f64;
-    /// Returns the point after this length.
+    /// Returns the point at the length `along` (mm) from the start of the curve.
     fn point(&self, along: f64) -> Vector3<f64>;
-    /// Returns the maximum distance of the points within this length of a point on the curve from that point, mm: the
-    /// chord.
+    /// Returns an upper bound of the distance (mm) between two points of the curve that are at most `along` apart along
+    /// the curve.
     fn chord_bound(&self, along: f64) -> f64;
 }
 
@@ -66,7 +66,7 @@ impl Curve for ArcSegment {
 }
 
 impl ArcSegment {
-    /// Creates a straight line.
+    /// Creates a straight line of this length (mm) from a tip.
     #[must_use]
     pub fn line(from: TipPose, length: f64) -> Self {
         Self { from, towards: Vector3::zeros(), curvature: 0.0, length }
@@ -82,7 +82,7 @@ impl ArcSegment {
         (chord * cos, chord * sin)
     }
 
-    /// Returns the tip after this length.
+    /// Returns the tip at the length `along` (mm) from the start of the segment.
     #[must_use]
     pub fn tip(&self, along: f64) -> TipPose {
         let (sin, cos) = sin_cos(along * self.curvature);
@@ -90,14 +90,14 @@ impl ArcSegment {
         TipPose { position: self.point(along), direction: direction.normalize() }
     }
 
-    /// Returns the tip at the end.
+    /// Returns the tip at the end of the segment.
     #[must_use]
     pub fn end(&self) -> TipPose {
         self.tip(self.length)
     }
 }
 
-/// Returns the total length of some stretches, mm.
+/// Returns the total length of some segments, mm.
 #[must_use]
 pub fn length(stretches: &[ArcSegment]) -> f64 {
     stretches.iter().fold(0.0, |length, stretch| length + stretch.length)
@@ -111,8 +111,8 @@ pub fn any_perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.cross(&axis).normalize()
 }
 
-/// Tolerance within which a position inside a turning circle counts as on it, in squares of the radius. An example is
-/// the end of an arc.
+/// Tolerance with which a position inside a turning circle, such as the end of an arc, counts as on the circle, in
+/// squares of the radius.
 const ON_CIRCLE: f64 = 1e-12;
 
 /// Returns the arc of this radius and the line that lead from a tip to a position. `None` for a position inside a
@@ -138,9 +138,10 @@ pub fn arc_and_line_to(from: &TipPose, position: &Vector3<f64>, radius: f64) -> 
     Some([arc, ArcSegment::line(arc.end(), line)])
 }
 
-/// Returns the robot's segments that grow along these stretches from a frame.
+/// Returns the path segments of a body that grows from the frame `base_from_start` along these arcs and lines.
 ///
-/// Each stretch is taken in the frame in which the previous one ended, so that small errors do not add up to a roll.
+/// Each segment is computed in the frame in which the previous segment ended, so that small errors do not add up to a
+/// roll.
 #[must_use]
 pub fn to_path_segments(stretches: &[ArcSegment], base_from_start: &Frame) -> Vec<Segment> {
     let mut base_from_tip = *base_from_start;
@@ -166,7 +167,8 @@ pub fn to_path_segments(stretches: &[ArcSegment], base_from_start: &Frame) -> Ve
     segments
 }
 
-/// Returns the stretches of a path of arcs and lines that grows from a frame. `None` if it has helicoidal arcs.
+/// Returns the arcs and lines of a path that grows from the frame `base_from_start`. Returns `None` if the path has
+/// helicoidal arcs.
 #[must_use]
 pub fn arc_segments(path: &[Segment], base_from_start: &Frame) -> Option<Vec<ArcSegment>> {
     let mut base_from_tip = *base_from_start;

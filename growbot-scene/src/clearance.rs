@@ -1,35 +1,36 @@
 //! Proof that a body is clear of a scene along its whole length, without sampling.
 //!
-//! The distance from a point to the obstacles changes by no more than the point moves. So the part of a curve within
-//! the length `d - need` of a point at distance `d` stays clear by `required`. The rest of a stretch is halved
-//! repeatedly, until all is proven, or a point is too near.
+//! The distance from a point to the obstacles changes by no more than the point moves. So if a point of a curve has the
+//! distance `d`, the part of the curve within the length `d - required` of this point keeps the distance `required`.
+//! The rest of the curve is halved repeatedly, until the whole curve is proven to be clear, or a point is too near.
 
 use std::time::Instant;
 
 use crate::centreline::Curve;
 use crate::scene::Scene;
 
-/// Work of a search: number of distance queries.
+/// Number of distance queries, as a measure of the work of a search.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct DistanceQueries(pub u64);
 
 /// Clearance that a body needs, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RequiredClearance {
-    /// Minimum distance of the centreline from obstacles: half the tube's diameter and the margin.
+    /// Minimum distance of the centreline from obstacles, mm: half the tube's diameter and the margin.
     pub distance: f64,
-    /// Tolerance. A stretch whose clearance is below `distance + slack` may be rejected, so that grazing contact need
-    /// not be resolved.
+    /// Tolerance of the proof, mm. A curve whose clearance is below `distance + tolerance` may be rejected, so that
+    /// grazing contact need not be resolved.
     pub tolerance: f64,
 }
 
-/// Reports whether a stretch stays clear of the obstacles.
+/// Returns true if a curve is proven to keep the required clearance from the obstacles. Adds the number of distance
+/// queries to `work`.
 #[must_use]
 pub fn is_clear(scene: &Scene, stretch: &impl Curve, required: &RequiredClearance, work: &mut DistanceQueries) -> bool {
     is_clear_between(scene, stretch, [0.0, stretch.length()], required, work)
 }
 
-/// Like [`is_clear`], but for the part between two lengths along the stretch.
+/// Like [`is_clear`], but for the part between two lengths along the curve, mm.
 #[must_use]
 pub fn is_clear_between(
     scene: &Scene,
@@ -73,12 +74,12 @@ pub fn is_clear_between(
 pub struct Clearance {
     /// Minimum distance of the centreline from all obstacles, mm.
     pub distance: f64,
-    /// Position of the nearest point along the body, mm.
+    /// Length along the body at which it is nearest to the obstacles, mm.
     pub arc_length: f64,
 }
 
-/// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
-/// most `tolerance`.
+/// Returns the minimum distance of the centreline from the obstacles. The result is never above the true distance, and
+/// at most `tolerance` (mm) below it.
 #[must_use]
 pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
@@ -89,8 +90,8 @@ pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) ->
 /// Number of distance queries of [`min_clearance_until`] between two checks of the clock.
 const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
-/// Like [`min_clearance`], but returns `None` if it is not found before `deadline`. A long body beside a wall needs a
-/// distance query for every two tolerances.
+/// Like [`min_clearance`], but returns `None` if the result is not found before `deadline`. For a long body beside a
+/// wall, a distance query is needed for each two tolerances of its length.
 #[must_use]
 pub fn min_clearance_until(
     scene: &Scene,

@@ -1,4 +1,4 @@
-//! The place where a body is nearest to the obstacles of a scene: the point of the body, the obstacle and its point.
+//! The closest approach of a body to the obstacles of a scene: the point of the body, the obstacle and its point.
 
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
@@ -8,22 +8,24 @@ use crate::path_clearance::{clearance, point_along};
 use crate::scene::{Obstacle, Scene};
 use crate::shapes::{Shape, Triangle};
 
-/// The narrowest place of a body.
+/// The closest approach of a body to the obstacles of a scene.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClosestApproach {
-    /// Position along the body, mm.
+    /// Length along the body at which it is nearest to the obstacles, mm.
     pub at: f64,
     /// Point of the body's centreline.
     pub on_body: Vector3<f64>,
     /// Nearest point of the obstacle's surface.
     pub on_obstacle: Vector3<f64>,
-    /// The obstacle.
+    /// Obstacle that is nearest to the body.
     pub obstacle: Obstacle,
-    /// Proven minimum distance of the centreline from all obstacles, mm: see [`clearance`]. Negative inside.
+    /// Proven minimum distance of the centreline from all obstacles, mm: see [`clearance`]. Negative inside an
+    /// obstacle.
     pub distance: f64,
 }
 
-/// Returns the narrowest place of a body on this path, which grows from this frame. `None` without obstacles.
+/// Returns the closest approach of a body on this path, which grows from the frame `base_from_start`. Returns `None`
+/// without obstacles.
 #[must_use]
 pub fn closest_approach(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Option<ClosestApproach> {
     let found = clearance(scene, path, base_from_start);
@@ -33,7 +35,8 @@ pub fn closest_approach(scene: &Scene, path: &[Segment], base_from_start: &Frame
 }
 
 impl Scene {
-    /// Returns the nearest point of an obstacle's surface, and the obstacle. `None` without obstacles.
+    /// Returns the point on the surface of an obstacle that is nearest to `point`, and this obstacle. Returns `None`
+    /// without obstacles.
     #[must_use]
     pub fn nearest_point(&self, point: &Vector3<f64>) -> Option<(Vector3<f64>, Obstacle)> {
         let obstacle = self.nearest(point)?;
@@ -54,7 +57,7 @@ impl Scene {
     }
 }
 
-/// Returns the one of `all` that is nearest to a point.
+/// Returns the point of `all` that is nearest to `point`.
 fn nearest_to(point: &Vector3<f64>, all: impl Iterator<Item = Vector3<f64>>) -> Option<Vector3<f64>> {
     let squares = all.map(|one| ((one - point).norm_squared(), one));
     squares.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, one)| one)
@@ -65,7 +68,7 @@ fn away(direction: &Vector3<f64>) -> Vector3<f64> {
     direction.try_normalize(1e-12).unwrap_or_else(Vector3::x)
 }
 
-/// Returns the nearest point of a shape's surface.
+/// Returns the point of a shape's surface that is nearest to `point`.
 fn on_shape(shape: &Shape, point: &Vector3<f64>) -> Vector3<f64> {
     match shape {
         Shape::Box { centre, half_extents: half, rotation } => {
@@ -88,7 +91,7 @@ fn on_shape(shape: &Shape, point: &Vector3<f64>) -> Vector3<f64> {
     }
 }
 
-/// Returns the nearest point of a line segment.
+/// Returns the point of a line segment that is nearest to `point`.
 fn on_segment(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
     let along = to - from;
     let square = along.norm_squared();
@@ -96,7 +99,7 @@ fn on_segment(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> V
     from + along * share
 }
 
-/// Returns the nearest point of a triangle.
+/// Returns the point of a triangle that is nearest to `point`.
 fn on_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> Vector3<f64> {
     let normal = (b - a).cross(&(c - a));
     let above = |from: &Vector3<f64>, to: &Vector3<f64>| (to - from).cross(&(point - from)).dot(&normal) >= 0.0;

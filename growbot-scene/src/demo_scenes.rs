@@ -1,6 +1,6 @@
 //! Random scenes for experiments: a rack of pipes, and a heap of rubble.
 //!
-//! Each scene keeps a way free, so that a tube can get through.
+//! Each scene has a free way, along which a tube can grow through it.
 
 use std::f64::consts::TAU;
 
@@ -11,9 +11,10 @@ use nalgebra::Vector3;
 use crate::scene_file::{BoxToml, CapsuleToml, FORMAT, HalfSpaceToml, SceneFile};
 use crate::shapes::Shape;
 
-/// Minimum distance between the outside of the tube and everything, mm.
+/// Minimum distance between the outside of the tube and the obstacles, mm.
 const MARGIN: f64 = 5.0;
-/// Free distance round the way, mm: a tube of 44 mm with its margin, and space to bend.
+/// Distance from the middle of the free way within which there are no obstacles, mm: enough for a tube with a diameter
+/// of 44 mm, its margin, and deviations from the way.
 const ROOM: f64 = 34.0;
 /// Length by which the free way continues straight beyond both ends, mm.
 const BEYOND: f64 = 120.0;
@@ -21,14 +22,14 @@ const BEYOND: f64 = 120.0;
 /// Kind of example scene.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DemoScene {
-    /// Levels of pipes between posts, along x and along y by turns. The way leads from 0, 0, 0 upwards.
+    /// Levels of pipes between posts, alternately along x and along y. The free way leads from 0, 0, 0 upwards.
     PipeRack,
-    /// Slabs and bricks on a floor. The way leads from 0, 0, 60 along x.
+    /// Slabs and bricks on a floor. The free way leads from 0, 0, 60 along x.
     RubbleHeap,
 }
 
 impl DemoScene {
-    /// Returns the ends of the free way in the form of the command line: start as a pose, goal as a position.
+    /// Returns the ends of the free way as arguments of the command line: the start as a pose, the goal as a position.
     #[must_use]
     pub fn endpoints(self) -> (&'static str, &'static str) {
         match self {
@@ -37,7 +38,7 @@ impl DemoScene {
         }
     }
 
-    /// Returns the point at this fraction of the free way.
+    /// Returns the point at this fraction (0 to 1) of the free way, mm.
     fn way(self, share: f64) -> Vector3<f64> {
         let (_, cosine) = sin_cos(TAU * share);
         let aside = 0.5 * (1.0 - cosine);
@@ -75,7 +76,7 @@ impl DemoScene {
     }
 }
 
-/// Rounds lengths to whole mm.
+/// Rounds lengths (mm) or angles (degrees) to whole numbers.
 fn whole(point: [f64; 3]) -> [f64; 3] {
     point.map(f64::round)
 }
@@ -136,7 +137,8 @@ fn rubble_heap(random: &mut Rng, scene: &mut SceneFile, is_free: impl Fn(&Shape)
     }
 }
 
-/// Returns the text of a scene file with these shapes, which begins with these comments.
+/// Returns the text of a scene file that begins with these comments. It contains only the half spaces, boxes and
+/// capsules of `scene`.
 #[must_use]
 pub fn to_toml(scene: &SceneFile, comments: &[String]) -> String {
     let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();

@@ -2,9 +2,9 @@
 //!
 //! - [`scene_file`]: scene files, with meshes and clouds in their own files ([`read`]);
 //! - [`scene`]: the distance of a point from the obstacles, which are [`shapes`] in [`bvh`]s;
-//! - [`centreline`]: centrelines of arcs and lines; [`clearance`]: proof that one is clear of the obstacles;
-//!   [`path_clearance`]: the same for a plan's path;
-//! - [`closest_approach`]: the place where a body is nearest to the obstacles; [`obstacle_selection`]: the part of a
+//! - [`centreline`]: centrelines of arcs and lines; [`clearance`]: proof that a centreline is clear of the obstacles;
+//!   [`path_clearance`]: the same for a path that may also contain helicoidal arcs;
+//! - [`closest_approach`]: the point at which a body is nearest to the obstacles; [`obstacle_selection`]: the part of a
 //!   scene that views show;
 //! - [`planner`]: a path through a scene, or the proof that none exists;
 //! - [`demo_scenes`]: random scenes for experiments;

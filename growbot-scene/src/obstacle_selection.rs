@@ -6,39 +6,40 @@ use crate::bvh::{Bounds, Bvh, BvhItem};
 use crate::scene::{Mesh, Scene};
 use crate::shapes::{Shape, Triangle};
 
-/// Maximum distance of shown obstacles from the body, as a fraction of its size. `LEAST_FAR` is its lower limit, mm.
+/// Maximum distance of shown obstacles from the body, as a fraction of the diagonal of the body's bounding box. The
+/// distance is at least `LEAST_FAR`, mm.
 const FAR: f64 = 0.5;
 const LEAST_FAR: f64 = 200.0;
 
 /// Maximum number of shown obstacles of each kind.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SelectionLimits {
-    /// Number of boxes, balls and capsules.
+    /// Maximum number of boxes, balls and capsules together.
     pub shapes: usize,
-    /// Number of triangles of meshes.
+    /// Maximum number of triangles of meshes.
     pub triangles: usize,
-    /// Number of points of clouds.
+    /// Maximum number of points of clouds.
     pub points: usize,
 }
 
-/// Obstacles that are shown. Lengths in mm.
+/// Obstacles that are shown in a view. Lengths are in mm.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ObstacleSelection {
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
-    /// Squares of the planes of half spaces beside the body. The corners are in order, counter-clockwise seen from the
-    /// free side.
+    /// Squares that show the planes of half spaces beside the body. The corners of a square are in order,
+    /// counter-clockwise seen from the free side.
     pub squares: Vec<[Vector3<f64>; 4]>,
     /// Triangles of meshes.
     pub triangles: Vec<Triangle>,
     /// Points of clouds, each with the radius of its ball.
     pub points: Vec<(Vector3<f64>, f64)>,
-    /// Number of obstacles of the scene: shapes, half spaces, triangles and points.
+    /// Number of all obstacles of the scene, shown or not: shapes, half spaces, triangles and points.
     pub total: usize,
 }
 
 impl ObstacleSelection {
-    /// Selects the obstacles of a scene near a body. `places` are points of its centreline.
+    /// Selects the obstacles of a scene near a body. `places` are points of the body's centreline.
     #[must_use]
     pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &SelectionLimits) -> Self {
         let around = Neighbourhood::new(places);
@@ -103,8 +104,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Returns the square of the distance of a bounding box from the nearest of the body's places. For a long item it
-    /// is a lower bound of the item's own distance.
+    /// Returns the square of the distance of a bounding box from the nearest point of the body. For a long item, this
+    /// is a lower bound of the item's own squared distance.
     fn square_of(&self, bounds: &Bounds) -> f64 {
         let beside = |place: &Vector3<f64>| (place.sup(&bounds.min).inf(&bounds.max) - place).norm_squared();
         // A small box is about as far as its middle, whose distance the tree finds quickly.
@@ -116,7 +117,7 @@ impl Neighbourhood {
         self.places.items().iter().map(beside).fold(f64::INFINITY, f64::min)
     }
 
-    /// Returns the near ones among all items. If there are more than `max`, returns the nearest ones.
+    /// Returns the items of `all` that are near the body. If there are more than `max`, returns only the nearest ones.
     fn nearest<T: Copy>(&self, all: impl Iterator<Item = T>, max: usize, bounds: impl Fn(&T) -> Bounds) -> Vec<T> {
         let far = self.far * self.far;
         let mut near: Vec<(f64, T)> =
@@ -128,7 +129,7 @@ impl Neighbourhood {
         near.into_iter().map(|(_, item)| item).collect()
     }
 
-    /// Returns a square of a plane beside the body. `None` if the plane is too far away.
+    /// Returns the corners of a square in a plane, beside the body. Returns `None` if the plane is too far away.
     fn square(&self, point: &Vector3<f64>, normal: &Vector3<f64>) -> Option<[Vector3<f64>; 4]> {
         let away = normal.dot(&(self.centre - point));
         if away.abs() > self.size + self.far {

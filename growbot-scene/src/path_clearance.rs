@@ -13,10 +13,11 @@ use crate::scene::Scene;
 
 /// Maximum error of a reported clearance, mm. A reported clearance is never above the true one.
 pub const CLEARANCE_TOLERANCE_MM: f64 = 1e-3;
-/// Length of the pieces into which a helicoidal arc is divided, radii. Each is one or two steps of the integration.
+/// Maximum length of the pieces into which a helicoidal arc is divided, as a multiple of its radius. The integration of
+/// a piece takes one or two steps.
 const HELICOID_PIECE: f64 = 0.25;
 
-/// A piece of a body.
+/// A piece of a body's centreline: an arc, a line or a short helicoidal arc.
 #[derive(Debug, Clone, Copy)]
 enum PathPiece {
     Stretch(ArcSegment),
@@ -49,7 +50,8 @@ impl Curve for PathPiece {
     }
 }
 
-/// Returns the point after this length along a path (mm) that grows from a frame. Beyond the ends it is the nearer end.
+/// Returns the point at the length `along` (mm) of a path that grows from the frame `base_from_start`. For a length
+/// before the start or beyond the end of the path, returns the start or the end.
 #[must_use]
 pub fn point_along(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
     let (mut base_from_tip, mut left) = (*base_from_start, along.max(0.0));
@@ -81,8 +83,8 @@ fn pieces(path: &[Segment], base_from_start: &Frame) -> Vec<PathPiece> {
     pieces
 }
 
-/// Divides a helicoidal arc into short ones: the same curve with m at each point, and p, both in the frame of the tip
-/// there.
+/// Divides a helicoidal arc into short arcs of the same curve. The vectors m and p of a short arc are in the frame of
+/// the tip at its start.
 fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pieces: &mut Vec<PathPiece>) {
     let count = (length / radius / HELICOID_PIECE).ceil().max(1.0);
     let short = length / count;
@@ -103,8 +105,8 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
     }
 }
 
-/// Reports whether a body on this path, which grows from this frame, stays clear of all obstacles by the needed
-/// distance.
+/// Returns true if a body on this path, which grows from the frame `base_from_start`, is proven to keep the required
+/// clearance from all obstacles.
 #[must_use]
 pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &RequiredClearance) -> bool {
     let mut work = DistanceQueries::default();
@@ -116,9 +118,9 @@ pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, n
     pieces(path, base_from_start).iter().all(|piece| is_clear(scene, piece, need, &mut work))
 }
 
-/// Returns the minimum distance of the centreline from the obstacles. It is at most the true one, and below it by at
-/// most [`CLEARANCE_TOLERANCE_MM`]. For a body that begins inside a solid mesh, it is the negative distance of its
-/// start.
+/// Returns the minimum distance of the centreline from the obstacles. The result is never above the true distance, and
+/// at most [`CLEARANCE_TOLERANCE_MM`] below it. For a body that begins inside a solid mesh, the result is the negative
+/// distance of the start from the mesh's surface.
 #[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
@@ -126,7 +128,7 @@ pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Cl
     clearance_until(scene, path, base_from_start, None).unwrap_or(unproven)
 }
 
-/// Like [`clearance`], but returns `None` if it is not found before the deadline.
+/// Like [`clearance`], but returns `None` if the result is not found before the deadline.
 #[must_use]
 pub fn clearance_until(
     scene: &Scene,

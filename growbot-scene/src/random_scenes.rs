@@ -18,7 +18,7 @@ use crate::shapes::{Shape, Triangle};
 pub enum SceneFamily {
     /// Upright round pillars and boxes.
     Pillars,
-    /// Walls across the way, each with a window.
+    /// Walls across the way from start to goal, each with a window.
     Walls,
     /// Pipes in all directions.
     Pipes,
@@ -35,11 +35,11 @@ pub const FAMILIES: [SceneFamily; 5] =
 /// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum GroundTruth {
-    /// This path exists.
+    /// A path exists. The field is a path that is kept free of obstacles.
     Path(Vec<ArcSegment>),
     /// No path exists.
     NoPath,
-    /// Nothing is known.
+    /// Neither a path nor its absence is known.
     Unknown,
 }
 
@@ -59,23 +59,23 @@ pub struct RandomScene {
     pub family: SceneFamily,
     /// Boxes, balls and capsules.
     pub shapes: Vec<Shape>,
-    /// The triangles of a closed mesh.
+    /// Triangles of the closed mesh of the scene. Empty without a mesh.
     pub triangles: Vec<Triangle>,
-    /// The points of a cloud.
+    /// Points of the cloud of the scene, mm. Empty without a cloud.
     pub points: Vec<Vector3<f64>>,
     /// Start of the body.
     pub start: TipPose,
     /// Goal of the body.
     pub goal: TipPose,
-    /// Known facts about its paths.
+    /// Known facts about the paths from start to goal.
     pub known: GroundTruth,
 }
 
-/// Radius of the balls of a cloud, mm.
+/// Radius of the ball around each point of a cloud, mm.
 pub const POINT_RADIUS: f64 = 4.0;
 
 impl RandomScene {
-    /// Builds the scene.
+    /// Builds the scene with its obstacles.
     #[must_use]
     pub fn scene(&self) -> Scene {
         let clouds = if self.points.is_empty() { vec![] } else { vec![Cloud::new(self.points.clone(), POINT_RADIUS)] };
@@ -148,25 +148,26 @@ fn random_path(random: &mut Rng, start: TipPose, body: &TubeLimits) -> Vec<ArcSe
     way
 }
 
-/// Returns points of a stretch at this interval.
+/// Returns points of a segment that are at most `apart` (mm) apart.
 fn sampled(stretch: &ArcSegment, apart: f64) -> Vec<Vector3<f64>> {
     let count = (stretch.length.abs() / apart).ceil().max(1.0) as u32;
     (0..=count).map(|i| stretch.point(stretch.length * f64::from(i) / f64::from(count))).collect()
 }
 
-/// Returns the minimum distance from these points.
+/// Returns the minimum value of `distance` at these points.
 fn min_distance(points: &[Vector3<f64>], distance: impl Fn(&Vector3<f64>) -> f64) -> f64 {
     points.iter().map(distance).fold(f64::INFINITY, f64::min)
 }
 
-/// Draws a point in the bounding box of the way, enlarged by a margin.
+/// Draws a point in the bounding box of start and goal, enlarged by a margin.
 fn anywhere(random: &mut Rng, drawn: &RandomScene, margin: f64) -> Vector3<f64> {
     let (a, b) = (drawn.start.position, drawn.goal.position);
     let (min, max) = (a.inf(&b), a.sup(&b));
     Vector3::from_fn(|i, _| random.uniform_between(min[i] - margin, max[i] + margin))
 }
 
-/// Adds a shape if it leaves the points free. The points are so dense that they represent the curve.
+/// Adds a shape to the scene if all points of `free` are farther than `room` (mm) from the shape. The points are so
+/// dense that they represent a curve.
 fn add(drawn: &mut RandomScene, shape: Shape, free: &[Vector3<f64>], room: f64) {
     if min_distance(free, |point| shape.distance(point)) > room + 0.1 {
         drawn.shapes.push(shape);
@@ -234,7 +235,8 @@ fn pipes(random: &mut Rng, drawn: &mut RandomScene, free: &[Vector3<f64>], room:
     }
 }
 
-/// Returns the corners and faces of an octahedron whose faces are each divided into four: 18 corners, 32 faces.
+/// Returns the corners (unit vectors) and faces of an octahedron whose faces are each divided into four: 18 corners, 32
+/// faces.
 fn stone() -> (Vec<Vector3<f64>>, Vec<[usize; 3]>) {
     let mut corners: Vec<Vector3<f64>> = Vec::new();
     let mut index = |point: Vector3<f64>| {
@@ -295,7 +297,7 @@ fn shell(points: &mut Vec<Vector3<f64>>, centre: &Vector3<f64>, radius: f64, apa
     }
 }
 
-/// Encloses the goal.
+/// Encloses the goal with a closed surface, so that no path exists.
 fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
     let centre = drawn.goal.position;
     // The size is large enough for the body, and too small for the start to be inside.
@@ -324,8 +326,9 @@ fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
     }
 }
 
-/// Returns the minimum distance of these stretches from the obstacles at points this far apart. It computes every
-/// obstacle one by one with independent formulas, so that it checks the searches in trees.
+/// Returns the minimum distance of these segments from the obstacles, mm, at points that are at most `apart` (mm)
+/// apart. The distance from every obstacle is computed separately with independent formulas, to check the results of
+/// the search trees.
 #[must_use]
 pub fn brute_force_clearance(drawn: &RandomScene, stretches: &[ArcSegment], apart: f64) -> f64 {
     let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
@@ -337,7 +340,7 @@ pub fn brute_force_clearance(drawn: &RandomScene, stretches: &[ArcSegment], apar
     })
 }
 
-/// Returns the distance from a shape, 0 inside.
+/// Returns the distance from a point to a shape, mm. 0 inside the shape.
 fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
     match shape {
         Shape::Box { centre, half_extents: half, rotation } => {
@@ -356,8 +359,8 @@ fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
     }
 }
 
-/// Returns the distance from a triangle. Finds the closest point by regions (Ericson 2005, "Real-Time Collision
-/// Detection", 5.1.5).
+/// Returns the distance from a point to a triangle, mm. Finds the closest point by regions (Ericson 2005, "Real-Time
+/// Collision Detection", 5.1.5).
 #[must_use]
 pub fn brute_force_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> f64 {
     let (ab, ac, ap) = (b - a, c - a, point - a);

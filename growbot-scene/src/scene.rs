@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use crate::bvh::{Bounds, Bvh, bounds_of, signed_root};
 use crate::shapes::{HalfSpace, Shape, Triangle};
 
-/// An obstacle in messages.
+/// An obstacle of a scene, as it is named in messages.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Obstacle {
     /// A box, ball or capsule.
@@ -95,7 +95,7 @@ impl Mesh {
     }
 }
 
-/// Obstacles. Lengths in mm.
+/// The obstacles of a scene. Lengths are in mm.
 #[derive(Debug, Clone, Default)]
 pub struct Scene {
     shapes: Option<Bvh<Shape>>,
@@ -112,8 +112,8 @@ impl Scene {
         Self { shapes, half_spaces, clouds, meshes }
     }
 
-    /// Returns the distance from a point to the nearest obstacle, mm, negative inside. It is never more than 1e-9 mm
-    /// above the true distance. Infinite without obstacles.
+    /// Returns the distance from a point to the nearest obstacle, mm, negative inside. The result is never more than
+    /// 1e-9 mm above the true distance. It is infinite without obstacles.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
@@ -126,9 +126,9 @@ impl Scene {
         self.meshes.iter().any(|mesh| mesh.solid && mesh.encloses(point))
     }
 
-    /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. It is not negative
-    /// inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of its
-    /// surface stays outside.
+    /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. The result is not
+    /// negative inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of
+    /// its surface stays outside.
     #[must_use]
     #[inline]
     pub fn distance_within(&self, point: &Vector3<f64>, within: f64) -> f64 {

@@ -142,17 +142,17 @@ pub enum SceneError {
     /// The file is not TOML, or has other fields than a scene.
     #[error("{file}, line {line}: {reason}")]
     Toml {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Line, from 1.
+        /// Number of the line with the error, from 1.
         line: usize,
         /// Message of the TOML parser.
         reason: String,
     },
-    /// The scene has another format version.
+    /// The scene file has a format version that is not supported.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: change the file's first line")]
     UnsupportedFormat {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Format that the file names.
         found: String,
@@ -160,21 +160,21 @@ pub enum SceneError {
     /// A value is not a number, or is out of range.
     #[error("{file}: {field} is {value}, and must be {limit}")]
     OutOfRange {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Name of the field.
         field: String,
-        /// The value.
+        /// Value of the field.
         value: f64,
-        /// Permitted values.
+        /// Description of the permitted values.
         limit: &'static str,
     },
     /// The file has too many entries of one kind.
     #[error("{file} has {count} entries of [[{kind}]], but the maximum is {MAX_ENTRIES}: combine them into a mesh")]
     TooMany {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Kind of the entries.
+        /// Kind of the entries, such as `box`.
         kind: &'static str,
         /// Number of entries.
         count: usize,
@@ -185,7 +185,7 @@ pub enum SceneError {
          `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     OpenMesh {
-        /// File of the mesh.
+        /// Path of the mesh file.
         file: String,
         /// Number of open edges.
         open: usize,
@@ -197,9 +197,9 @@ pub enum SceneError {
          Recalculate Outside), or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     FlippedFaces {
-        /// File of the mesh.
+        /// Path of the mesh file.
         file: String,
-        /// Number of edges between such faces.
+        /// Number of edges between two faces of which one is inside out.
         flipped: usize,
     },
     /// The meshes and clouds of a scene exceed the total size limit.
@@ -208,15 +208,15 @@ pub enum SceneError {
          smaller, or remove some"
     )]
     TooLarge {
-        /// File of the scene.
+        /// Path of the scene file.
         file: String,
     },
     /// A file contains no triangles or points.
     #[error("{file} has no {what}: give a file that has some")]
     Empty {
-        /// The file.
+        /// Path of the file.
         file: String,
-        /// Name of the missing items.
+        /// Missing items: points or faces.
         what: &'static str,
     },
 }
@@ -238,13 +238,13 @@ pub struct LoadedScene {
     pub scene: Scene,
     /// Minimum distance between the outside of the tube and the obstacles, mm. `None` if the scene does not state one.
     pub margin: Option<f64>,
-    /// Hash of the scene's file and of all files that it names, CRC-64/XZ.
+    /// Hash of the scene file and of all mesh and cloud files that it names, CRC-64/XZ.
     pub hash: u64,
 }
 
 impl LoadedScene {
-    /// Returns the box that holds the obstacles as they were read. It shows axes and units that are not as expected.
-    /// `None` if there are only half spaces, or nothing.
+    /// Returns the bounding box of all obstacles except half spaces, from which a user can recognize wrong axes or
+    /// units. Returns `None` if there are only half spaces, or no obstacles.
     #[must_use]
     pub fn bounding_box(&self) -> Option<SceneBox> {
         let bounds = self.scene.bounds();
@@ -305,7 +305,7 @@ fn load_geometry(path: &Path, name: &str) -> Result<LoadedScene, SceneError> {
 /// Parses a scene file. `file` is its name in error messages.
 ///
 /// # Errors
-/// If the text is not TOML, has other fields or another version, or a number is out of range.
+/// If the text is not TOML, has unknown fields or another format, or a number is out of range.
 pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
     let written: SceneFile = toml::from_str(text).map_err(|error| {
         let at = error.span().map_or(0, |span| span.start).min(text.len());
@@ -321,7 +321,7 @@ pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
 }
 
 impl SceneFile {
-    /// Checks every number.
+    /// Checks the numbers of entries and the range of every value.
     fn check(&self, file: &str) -> Result<(), SceneError> {
         let counts = [
             ("box", self.boxes.len()),
@@ -403,7 +403,7 @@ impl SceneFile {
     }
 }
 
-/// Checks of the numbers of a file.
+/// Checks of the values of a scene file, which is named in error messages.
 struct Check<'a> {
     file: &'a str,
 }

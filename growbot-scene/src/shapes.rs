@@ -1,22 +1,22 @@
 //! Boxes, balls, capsules, half spaces, triangles and points, each with its distance from a point.
 //!
-//! Distances are negative inside. None is above the true one except by rounding: 1e-9 mm at most for coordinates within
-//! 1e6 mm.
+//! Distances are negative inside. A computed distance is above the true distance only by rounding: at most 1e-9 mm for
+//! coordinates within 1e6 mm.
 
 use nalgebra::{Rotation3, Vector3};
 
 use crate::bvh::{Bounds, BvhItem, signed_square};
 
-/// A simple shape. Lengths in mm.
+/// A simple shape. Lengths are in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Shape {
     /// A box.
     Box {
         /// Centre of the box.
         centre: Vector3<f64>,
-        /// Half the lengths of its sides.
+        /// Half the lengths of the box's sides.
         half_extents: Vector3<f64>,
-        /// Rotation `base_from_box`.
+        /// Rotation from the box's axes to the base's axes.
         rotation: Rotation3<f64>,
     },
     /// A ball.
@@ -38,7 +38,7 @@ pub enum Shape {
 }
 
 impl Shape {
-    /// Returns the distance from a point to the surface, negative inside.
+    /// Returns the distance from a point to the surface of the shape, mm, negative inside.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         match self {
@@ -85,7 +85,7 @@ fn to_segment(point: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f
     }
 }
 
-/// All points on one side of a plane. The normal points to the free side.
+/// An obstacle that consists of all points on one side of a plane. The normal points to the other side, which is free.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
     /// A point of the plane.
@@ -95,14 +95,14 @@ pub struct HalfSpace {
 }
 
 impl HalfSpace {
-    /// Returns the distance from a point to the plane, negative inside.
+    /// Returns the distance from a point to the plane, mm, negative inside the half space.
     #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.normal.dot(&(point - self.point))
     }
 }
 
-/// A point of a cloud.
+/// A point of a cloud, which is an item without extent.
 impl BvhItem for Vector3<f64> {
     fn bounds(&self) -> Bounds {
         Bounds { min: *self, max: *self }
@@ -119,7 +119,7 @@ impl BvhItem for Vector3<f64> {
 pub struct Triangle(pub [Vector3<f64>; 3]);
 
 impl Triangle {
-    /// Returns the square of the distance from a point.
+    /// Returns the square of the distance from a point to the triangle.
     fn square(&self, point: &Vector3<f64>) -> f64 {
         let [a, b, c] = &self.0;
         let edges = to_segment(point, a, b).min(to_segment(point, b, c)).min(to_segment(point, c, a));
@@ -143,12 +143,12 @@ impl Triangle {
         edges.min(distance * distance)
     }
 
-    /// Returns how the line from a point along the x axis passes through the triangle. The result is 1 if it leaves
-    /// through the side from which the corners are counter-clockwise, and -1 if it enters there. The result is 0 if it
-    /// passes beside or behind.
+    /// Returns the crossing of the triangle by the ray from `point` towards greater x. The result is 1 if the ray
+    /// leaves through the side from which the corners are counter-clockwise, -1 if it enters through this side, and 0
+    /// if it does not meet the triangle.
     ///
-    /// A line passes through only one of several triangles with a common edge, because the arithmetic of the edge is
-    /// the same for all of them.
+    /// A ray passes through only one of several triangles with a common edge, because the arithmetic of the edge is the
+    /// same for all of them.
     #[must_use]
     pub fn ray_crossing(&self, point: &Vector3<f64>) -> i32 {
         let [a, b, c] = &self.0;
@@ -162,8 +162,8 @@ impl Triangle {
     }
 }
 
-/// Returns how the edge crosses the half line from the point towards greater y, seen along the x axis: 1 upwards in z,
-/// -1 downwards, 0 beside.
+/// Returns the crossing of an edge with the ray from `point` towards greater y, seen along the x axis: 1 if the edge
+/// crosses the ray towards greater z, -1 if it crosses towards smaller z, 0 if it does not cross.
 fn turned(from: &Vector3<f64>, to: &Vector3<f64>, point: &Vector3<f64>) -> i32 {
     let upwards = from.z <= point.z && point.z < to.z;
     let downwards = to.z <= point.z && point.z < from.z;

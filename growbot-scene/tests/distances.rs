@@ -1,4 +1,5 @@
-//! Compares distances and clearances with those of every obstacle, computed one by one with independent formulas.
+//! Compares distances and clearances with the minimum over every obstacle, computed one by one with independent
+//! formulas.
 
 use growbot_core::random::Rng;
 use growbot_scene::centreline::{ArcSegment, Curve, TipPose, any_perpendicular};
@@ -8,9 +9,9 @@ use growbot_scene::scene::{Mesh, Scene};
 use growbot_scene::shapes::{HalfSpace, Triangle};
 use nalgebra::Vector3;
 
-/// Maximum excess of a distance over the true one, mm.
+/// Maximum excess of a computed distance over the true distance, mm.
 const ABOVE: f64 = 1e-9;
-/// Returns the number of points for each scene. GROWBOT_DISTANCES sets it for a long trial.
+/// Returns the number of points that are tested in each scene. GROWBOT_DISTANCES sets it for a long trial.
 fn points() -> u32 {
     std::env::var("GROWBOT_DISTANCES").ok().and_then(|count| count.parse().ok()).unwrap_or(2_000)
 }

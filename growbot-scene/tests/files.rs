@@ -1,4 +1,4 @@
-//! Scene files, meshes and clouds: each is read correctly, or refused with one message.
+//! Scene files, meshes and clouds. Each file is read correctly, or refused with one message.
 
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
@@ -102,7 +102,8 @@ fn ply() -> String {
     text
 }
 
-/// Returns a cube round the origin, in a node that moves it, below one that makes metres of its millimetres.
+/// Returns a GLB file with a cube round the origin, in a node that moves the cube, below a node that scales millimetres
+/// to metres.
 fn glb() -> Vec<u8> {
     glb_with("", "")
 }

@@ -1,4 +1,5 @@
-//! Paths through random scenes: found if one was planted, refused if the goal is sealed, and clear at every point.
+//! Paths through random scenes. A path is found if the scene was built around one, none is found if the goal is sealed,
+//! and each found path is clear at every point.
 
 use growbot_scene::centreline::{TipPose, angle_between};
 use growbot_scene::clearance::RequiredClearance;
@@ -9,10 +10,10 @@ use growbot_scene::random_scenes::{
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
-/// The body of growbot-a with a margin of 5 mm.
+/// Limits of the body of the robot growbot-a with a margin of 5 mm.
 const BODY: TubeLimits = TubeLimits { radius: 100.0, clearance: 28.55 };
 
-/// Returns the number of scenes of each family. GROWBOT_SCENES sets it for a long trial.
+/// Returns the number of scenes of each family that are tested. GROWBOT_SCENES sets it for a long trial.
 fn scenes() -> u64 {
     std::env::var("GROWBOT_SCENES").ok().and_then(|count| count.parse().ok()).unwrap_or(10)
 }
@@ -58,7 +59,7 @@ fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
     }
 }
 
-/// Asserts that each stretch begins at the end of the previous one, and that the last ends at the goal.
+/// Asserts that each segment begins at the end of the previous one, and that the last segment ends at the goal.
 fn assert_joined(drawn: &RandomScene, stretches: &[growbot_scene::centreline::ArcSegment], goal: PlannerGoal) {
     let mut tip = drawn.start;
     for stretch in stretches {

@@ -1,7 +1,8 @@
-//! The truth about a growth on a simulated tip: the true position of its plastic.
+//! Ground truth of a growth on a simulated tip: the layers that the tip has really laid.
 //!
-//! A program that opens a port to a simulated robot also gets its [`SimulatedTip`]. [`grow_with_ground_truth`] follows
-//! a growth with it, and replaces the body according to steps or sensors by the one that the tip has laid.
+//! A program that opens a port to a simulated robot also gets its [`SimulatedTip`]. [`grow_with_ground_truth`] reads
+//! the laid layers from it during a growth. In the growth's report, it replaces the body that was estimated from steps
+//! or sensors by the body that the tip has laid.
 
 use growbot_client::arrival::Arrival;
 use growbot_client::client::ClientError;
@@ -14,27 +15,27 @@ use crate::tip::pins::SharedTip;
 
 /// Access to a simulated tip while a port communicates with its board.
 pub trait SimulatedTip {
-    /// Returns the layers that the tip has laid so far.
+    /// Returns the layers that the tip has laid so far, and its net number of feed steps.
     ///
     /// # Errors
     /// If the tip can no longer be read.
     fn laid(&mut self) -> Result<LaidBody, PortError>;
 
-    /// Performs a manual action on the tip. Returns false if it does not support any.
+    /// Performs a manual action on the tip. Returns false if the tip does not support manual actions.
     fn apply_action(&mut self, _hand: ManualAction) -> bool {
         false
     }
 
-    /// Returns the layers of its body that no longer change, from this index on.
+    /// Returns the layers of the tip's body from index `from` on whose plastic no longer changes.
     fn settled(&mut self, from: usize) -> Vec<Layer>;
 }
 
-/// Body of a simulated tip, from its steps.
+/// Body that a simulated tip has laid, computed from the motor steps that the tip received.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct LaidBody {
     /// Layers of the body.
     pub body: Vec<Layer>,
-    /// Steps of the feed.
+    /// Net number of feed steps: the steps forwards minus the steps backwards.
     pub feed_steps: u64,
 }
 
@@ -54,11 +55,12 @@ impl SimulatedTip for SharedTip {
     }
 }
 
-/// Grows a job by `grow`. If a simulation is given, its tip must stand at the start of the body. `on_event` then also
-/// gets the true positions of the plastic. The result is measured by the tip, unless the board was lost.
+/// Grows `job` with the function `grow`. If `simulation` is given, its tip must be at the start of the body. `on_event`
+/// then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the returned report contains these
+/// layers as the body, unless the board stopped responding.
 ///
 /// # Errors
-/// Those of `grow`, and if the tip cannot be read.
+/// The errors of `grow`, or an error if the tip cannot be read.
 pub fn grow_with_ground_truth(
     simulation: Option<&mut Box<dyn SimulatedTip>>,
     job: &Job,
@@ -80,13 +82,13 @@ pub fn grow_with_ground_truth(
     Ok(grown)
 }
 
-/// The truth about one growth, from the start of the body on.
+/// Recorder of the layers that a simulated tip lays during one growth.
 struct TruthRecorder<'a> {
     simulation: &'a mut dyn SimulatedTip,
-    /// Number of layers that the tip had laid before.
+    /// Number of layers that the tip had laid before the growth.
     layers_before: usize,
     feed_steps_before: u64,
-    /// Number of layers since then whose plastic was reported.
+    /// Number of layers of the growth that were reported in events.
     reported: usize,
 }
 

@@ -1,4 +1,5 @@
-//! Sealing of firmware images. A board checks itself against the seal when it starts (`growbot_firmware::image_seal`).
+//! Sealing of firmware images. A seal consists of a CRC-32C and the address ranges that the CRC covers, and is stored
+//! in the image. A board checks its flash against the seal when it starts (`growbot_firmware::image_seal`).
 
 use std::fs;
 use std::io;
@@ -16,23 +17,23 @@ pub enum SealError {
     /// The image cannot be read.
     #[error("cannot seal the firmware image {file}: {error}")]
     File {
-        /// The file.
+        /// Path of the image file.
         file: String,
         /// Error of the operating system.
         error: io::Error,
     },
-    /// The file is not an image of growbot's firmware, or it is older than the seals.
+    /// The file is not an image of growbot's firmware, or the firmware is so old that it does not support seals.
     #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-stm32f405` makes")]
     NoImage {
-        /// The file.
+        /// Path of the image file.
         file: String,
-        /// Description of the fault.
+        /// Reason why the file cannot be sealed.
         reason: String,
     },
     /// The image has a seal that does not match its content.
     #[error("{file} does not match its seal: it was damaged or changed; build it again, or download it again")]
     Damaged {
-        /// The file.
+        /// Path of the image file.
         file: String,
     },
     /// The sealed image cannot be written.
@@ -40,7 +41,7 @@ pub enum SealError {
     Output(#[from] FileError),
 }
 
-/// A sealed image.
+/// A firmware image with its seal.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SealedImage {
     /// Bytes of the ELF file.
@@ -52,7 +53,7 @@ pub struct SealedImage {
 /// A part of an image: its address in flash, and its bytes.
 type ImagePart<'a> = (u32, &'a [u8]);
 
-/// Joins adjacent parts.
+/// Sorts address ranges (start, length in bytes), removes empty ones and joins adjacent ones.
 fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     parts.retain(|(_, bytes)| *bytes > 0);
     parts.sort_unstable();
@@ -66,7 +67,8 @@ fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
     joined
 }
 
-/// Seals an ELF image, whatever seal it has. An image that was not changed gets the same seal again.
+/// Returns a copy of an ELF image with a new seal, which replaces any seal in the image. Sealing an unchanged image
+/// again results in an identical seal.
 ///
 /// # Errors
 /// A message with the reason why the image cannot be sealed.
@@ -82,7 +84,7 @@ pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
     let segments: Option<Vec<(u32, &[u8], u32)>> = file.elf_program_headers().iter().filter_map(loaded).collect();
     let segments = segments.ok_or("a segment lies outside the file")?;
 
-    // The place of the seal itself, which belongs to no part.
+    // The address range of the seal itself, which the CRC does not cover.
     let seal_bytes = 4 * SEAL_WORDS as u32;
     let end = place.wrapping_add(seal_bytes);
     let holder = segments.iter().find(|(address, bytes, _)| {
@@ -136,7 +138,7 @@ pub fn is_sealed(image: &[u8]) -> bool {
     seal_of() == Some(false)
 }
 
-/// Seals an image file in place. Returns its CRC.
+/// Seals an image file in place, and returns its CRC-32C. If the file is already sealed, the seal is only checked.
 ///
 /// # Errors
 /// [`SealError`].

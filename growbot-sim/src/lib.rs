@@ -1,13 +1,14 @@
 //! Simulated growing robots.
 //!
 //! - [`tip`]: a simulated tip that reacts to the signals of its board;
-//! - [`port`]: boards that drive it: the real controller in this process, or its image in QEMU; and every port by its
-//!   name;
-//! - [`ground_truth`]: the true position of the plastic;
+//! - [`port`]: boards that drive the simulated tip (the real controller in this process, or the firmware in an
+//!   emulator), and [`port::open`], which opens any port by its name;
+//! - [`ground_truth`]: the layers that a simulated tip has really laid;
 //! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores ([`parallel`]);
 //! - [`image_seal`]: seals of firmware images.
 //!
-//! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
+//! Lengths are in mm. Angles are in radians in computations, and in degrees in texts and files. Names that end in a
+//! unit, such as `_deg`, have that unit.
 #![forbid(unsafe_code)]
 
 pub mod ground_truth;

@@ -9,7 +9,7 @@ use std::time::Duration;
 const PROGRESS_INTERVAL: Duration = Duration::from_millis(50);
 
 /// Applies `work` to all items and returns the results in the order of the items. Calls `at` with the number of
-/// finished items, from time to time and at the end.
+/// finished items, every 50 ms and at the end.
 pub fn map<T: Sync, U: Send>(items: &[T], work: impl Fn(&T) -> U + Sync, at: impl FnMut(usize)) -> Vec<U> {
     map_on(thread::available_parallelism().map_or(1, usize::from), items, work, at)
 }

@@ -1,5 +1,5 @@
-//! Firmware images as UF2 files, which a Raspberry Pi Pico accepts by drag and drop. It appears as a drive, and writes
-//! to its flash the files that are copied there (<https://github.com/microsoft/uf2>).
+//! Firmware images as UF2 files, which a Raspberry Pi Pico accepts by drag and drop. The Pico appears as a USB drive,
+//! and writes the files that are copied to the drive into its flash (<https://github.com/microsoft/uf2>).
 //!
 //! A UF2 file consists of blocks of 512 bytes, each with 256 bytes of the image and their address.
 
@@ -7,17 +7,17 @@ use object::Endianness;
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
 
-/// Number of bytes of a block.
+/// Size of a block of a UF2 file, bytes.
 const BLOCK: usize = 512;
-/// Number of bytes of the image in a block: a page of flash.
+/// Number of bytes of the image in a UF2 block: a page of flash.
 const PAYLOAD: usize = 256;
 /// Number of bytes that are erased at once: a sector of flash.
 const SECTOR: u32 = 4096;
-/// The two words at the start of a block, and the word at its end.
+/// Magic numbers of a UF2 block: the two words at its start, and the word at its end.
 const MAGIC: [u32; 3] = [0x0A32_4655, 0x9E5D_5157, 0x0AB1_6F30];
-/// Flag of a block that contains the family of its processor.
+/// Flag of a UF2 block that states the family of its processor.
 const HAS_FAMILY: u32 = 0x2000;
-/// Family of the RP2040.
+/// Number of the processor family RP2040 in UF2 files.
 const RP2040: u32 = 0xE48B_FF56;
 /// Address range at which the flash of an RP2040 is mapped: 16 MiB.
 const FLASH: std::ops::Range<u32> = 0x1000_0000..0x1100_0000;
@@ -46,7 +46,7 @@ pub fn is_uf2(file: &[u8]) -> bool {
     file.starts_with(&MAGIC[0].to_le_bytes())
 }
 
-/// Checks that a UF2 file is complete and for the RP2040. Every block must come after the previous one.
+/// Checks that a UF2 file is complete and for the RP2040. The addresses of its blocks must be consecutive.
 ///
 /// # Errors
 /// Returns a message that describes the problem.
@@ -72,8 +72,9 @@ pub fn check(file: &[u8]) -> Result<(), String> {
     Ok(())
 }
 
-/// Returns the pages of flash from the sector where an image begins to its end, with their addresses. Free space is
-/// zero. The boot ROM derives from a block's number whether its sector is erased already, so there must not be gaps.
+/// Returns the pages of flash from the start of the sector where an image begins to the image's end, with their
+/// addresses. Bytes that do not belong to the image are 0. The boot ROM derives from a block's number whether its
+/// sector is erased already, so all pages in this range are returned.
 fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
     let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is not a 32-bit ELF file ({error})"))?;
     let mut pages: std::collections::BTreeMap<u32, [u8; PAYLOAD]> = std::collections::BTreeMap::new();

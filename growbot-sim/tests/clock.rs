@@ -15,7 +15,7 @@ use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
-/// A simulated robot whose clock runs faster than its host's by a factor, on a connection that delays responses.
+/// A simulated robot whose clock runs `rate` times as fast as its host's, on a connection that delays responses.
 struct Skewed {
     sim: Rc<RefCell<Sim>>,
     rate: f64,
@@ -48,8 +48,8 @@ impl Port for Skewed {
     }
 }
 
-/// Grows 20 upright layers, which takes six minutes. Also returns the state of the board and the host's time at the
-/// end, s.
+/// Grows 20 upright layers, which takes six minutes. Returns the report, the state of the board, and the host's time at
+/// the end, s.
 fn grow(rate: f64, jitter: f64) -> (GrowthReport, State, f64) {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];

@@ -17,7 +17,8 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_sim::port::sim::Sim;
 
-/// Grows 20 upright layers. `order` receives all events and sends commands. Also returns the events.
+/// Grows 20 upright layers. `order` receives all events and can push commands to the queue. Returns the report and the
+/// events.
 fn grow(order: impl FnMut(&JobEvent, &CommandQueue)) -> (GrowthReport, Vec<JobEvent>) {
     grow_over(order, |sim| Box::new(sim))
 }
@@ -132,7 +133,7 @@ fn a_growth_stops_on_stop_and_emergency_stop() {
     }
 }
 
-/// A connection that fails permanently for everything but the emergency stop.
+/// A connection on which all sends but the emergency stop fail while `is_stalled` is true.
 struct Stalled {
     sim: Rc<RefCell<Sim>>,
     is_stalled: Rc<Cell<bool>>,
@@ -180,7 +181,7 @@ fn an_undelivered_stop_becomes_an_emergency_stop() {
     assert_eq!(board.take().map(|sim| sim.borrow().state()), Some(State::EmergencyStop));
 }
 
-/// A connection that loses all bytes to the board while it is cut.
+/// A connection that loses the next `losses` sends to the board.
 struct Disconnecting {
     sim: Sim,
     /// Number of further sends that are lost.
@@ -238,7 +239,7 @@ struct Overheard {
     sim: Sim,
     receiver: FrameDecoder,
     starts: Rc<Cell<u32>>,
-    /// True to deliver no bytes to the host after the first of these requests.
+    /// True if the connection delivers no bytes to the host after the first request to start.
     goes_deaf: bool,
 }
 
@@ -280,7 +281,8 @@ fn a_start_with_a_lost_response_may_have_heated() {
     assert!(error.to_string().contains("the robot may still be growing"), "{error}");
 }
 
-/// A connection that loses some sends from the second request to start on. After two of them, a pause is ordered.
+/// A connection that loses 40 sends from the second request to start on. After two lost sends, it pushes a pause to the
+/// command queue.
 struct PausedInRepetitions {
     overheard: Overheard,
     orders: Rc<CommandQueue>,
@@ -309,7 +311,7 @@ impl Port for PausedInRepetitions {
     }
 }
 
-/// The person presses Continue and then Pause, on the page of a growth without a service, while the line is silent.
+/// Tests a Continue followed by a Pause while no bytes reach the board, as when a person presses both buttons.
 #[test]
 fn a_pause_ends_the_repetitions_of_an_earlier_continue() {
     let (starts, orders) = (Rc::new(Cell::new(0)), Rc::new(CommandQueue::default()));
@@ -380,7 +382,7 @@ fn commands_in_any_state_keep_the_body_complete() {
     }
 }
 
-/// Loads a new spool only with commands, as the page and the terminal send them.
+/// Tests that a new spool can be loaded only with commands, as the web page and the terminal send them.
 #[test]
 fn a_growth_without_filament_waits_and_continues_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));

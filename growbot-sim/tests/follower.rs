@@ -1,5 +1,5 @@
-//! Growths with disturbances at every frame of the line. The host follows each growth to an end that is true, and its
-//! log has every layer that it claims.
+//! Growths with disturbances at every frame of the connection. The host must report the true outcome of each growth,
+//! and its log must contain every layer that it reports.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -25,7 +25,7 @@ use crate::disturbed::{Board, Disturbance, DisturbedLine, ENDLESS, KILLED};
 
 /// Numbers of layers of the growths.
 const LAYERS: [u32; 2] = [3, 37];
-/// Settings for a silent host.
+/// Policies of the board for a silent host.
 const SILENCES: [HostSilencePolicy; 2] = [HostSilencePolicy::Pause, HostSilencePolicy::Continue];
 /// Time limit of a growth, far beyond all timeouts of the host.
 const LIMIT: Duration = Duration::from_secs(1200);
@@ -38,7 +38,7 @@ fn robot() -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// A growth to disturb.
+/// A growth that is repeated with disturbances.
 struct Subject<'a> {
     job: Job<'a>,
     silence: HostSilencePolicy,
@@ -78,7 +78,7 @@ fn attempt(job: &Job, silence: HostSilencePolicy, disturbances: &[(usize, Distur
     Attempt { board, grown, logged, frames }
 }
 
-/// Calls a function with every growth to disturb.
+/// Calls `act` with every growth that is repeated with disturbances.
 fn for_each_subject(mut act: impl FnMut(&Subject)) {
     let robot = robot();
     for layers in LAYERS {
@@ -98,7 +98,8 @@ fn for_each_subject(mut act: impl FnMut(&Subject)) {
 }
 
 impl Subject<'_> {
-    /// Grows with disturbances at these frames and checks the end. Returns the number of frames.
+    /// Grows with disturbances at these frames, and checks the outcome, the log and the continuation by another host.
+    /// Returns the number of frames.
     fn check(&self, disturbances: &[(usize, Disturbance)]) -> Result<usize, String> {
         let attempt = attempt(&self.job, self.silence, disturbances);
         let frames = attempt.frames;
@@ -155,7 +156,7 @@ impl Subject<'_> {
         Ok(frames)
     }
 
-    /// Checks that the log has the layers in their order, each as it is built without a disturbance.
+    /// Checks that the log contains the layers in their order, and each layer as it is built without a disturbance.
     fn check_log(&self, Attempt { grown, logged, .. }: &Attempt) -> Result<(), String> {
         for (at, (index, as_built)) in logged.iter().enumerate() {
             if *index as usize != at || self.as_built.get(at) != Some(as_built) {
@@ -168,7 +169,7 @@ impl Subject<'_> {
         }
     }
 
-    /// Lets another host continue from the log, and checks that the body becomes whole.
+    /// Lets another host continue the growth from the log, and checks that the body is completed.
     fn check_continuation(&self, power_was_lost: bool, Attempt { board, logged, .. }: Attempt) -> Result<(), String> {
         let known: Vec<_> = logged.into_iter().map(|(_, as_built)| as_built).collect();
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over(true);
@@ -206,7 +207,7 @@ fn number(variable: &str, usual: usize) -> usize {
     std::env::var(variable).map_or(usual, |text| text.parse().expect("it is a number"))
 }
 
-/// Checks growths on all cores.
+/// Checks growths with these disturbances on all cores. Returns the error messages of those that are wrong.
 fn check_all(subject: &Subject, cases: &[Vec<(usize, Disturbance)>]) -> Vec<String> {
     let (next, wrong) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     thread::scope(|scope| {
@@ -229,8 +230,8 @@ fn assert_none_wrong(checked: usize, wrong: &[String]) {
     assert!(wrong.is_empty(), "{} of {checked} are wrong:\n{}", wrong.len(), wrong.join("\n"));
 }
 
-/// Every disturbance at every frame of 3 layers. In 37 layers most frames are alike, so only some of them are tried
-/// unless `GROWBOT_FRAME_STEP` is 1.
+/// Tests every disturbance at every frame of 3 layers. In 37 layers most frames are alike, so only some of them are
+/// tested unless `GROWBOT_FRAME_STEP` is 1.
 #[test]
 fn each_growth_with_a_disturbance_has_a_true_end_and_log() {
     let (mut checked, mut wrong) = (0, Vec::new());
@@ -245,7 +246,7 @@ fn each_growth_with_a_disturbance_has_a_true_end_and_log() {
     assert_none_wrong(checked, &wrong);
 }
 
-/// Two disturbances at frames of 3 layers. `GROWBOT_PAIR_STEP` 1 tries all pairs.
+/// Tests pairs of disturbances at frames of 3 layers. All pairs are tested if `GROWBOT_PAIR_STEP` is 1.
 #[test]
 fn each_growth_with_two_disturbances_has_a_true_end_and_log() {
     let step = number("GROWBOT_PAIR_STEP", 24_001);

@@ -9,7 +9,7 @@
 //!
 //! The heights of layers have random errors of up to 10 %. A second set adds a bias of +10 % (in every second scene) or
 //! -10 % to all layers of a growth. The sensors are those that feedback assumes: odometry to 1 % of a layer, gravity's
-//! direction to 0.5 degrees. The scenes have a planted path, for robot A with a margin of 5 mm.
+//! direction to 0.5 degrees. The scenes are generated around a path that is free for robot A with a margin of 5 mm.
 
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
@@ -31,7 +31,7 @@ const MARGIN: f64 = 5.0;
 const RADIUS: f64 = 100.0;
 const EFFORT: u64 = 5;
 
-/// Returns a number from the environment.
+/// Returns the number in an environment variable, or `default` if the variable is not set.
 fn number(name: &str, default: u64) -> u64 {
     std::env::var(name).map_or(default, |text| text.parse().unwrap_or_else(|_| panic!("{name} is {text}, no number")))
 }
@@ -51,13 +51,13 @@ fn no_closed_loop_growth_touches_an_obstacle() {
     assert!(20 * (noise.closed.pauses + bias.closed.pauses) <= 2 * scenes * growths);
 }
 
-/// Results of the growths in all scenes.
+/// Results of the growths in all scenes, in closed loop and in open loop.
 struct Both {
     closed: ObstacleStatistics,
     open: ObstacleStatistics,
 }
 
-/// Prints a row for each scene, and returns their sum.
+/// Grows in each scene and prints a row of results. Returns the sum over all scenes.
 fn table(robot: &Robot, scenes: u64, growths: u64, biased: bool) -> Both {
     println!("{}", if biased { "\nnoise of 10 %, bias of +10 or -10 %" } else { "\nnoise of 10 %" });
     println!("scene           length  clear   closed: contact  pause  detour  min clear   open: contact  min clear");
@@ -112,7 +112,7 @@ fn among(simulation: &Simulation, growths: u64, threads: usize) -> ObstacleStati
 fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let count = FAMILIES.len() as u64;
     let (family, number) = (FAMILIES[(index % count) as usize], index / count);
-    // The first five of every ten numbers have a planted path.
+    // The first five of every ten numbers are generated around a free path.
     let number = number / 5 * 10 + number % 5;
     let body = TubeLimits { radius: RADIUS, clearance: 0.5 * robot.outer_diameter() + MARGIN + 0.1 };
     let drawn = random_scenes::random_scene(family, number, &body);

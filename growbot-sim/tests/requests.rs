@@ -15,7 +15,7 @@ use growbot_core::link::message::{BeginJob, Message, PassiveRequest, Refusal, St
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 
-/// A port that counts what the host sends.
+/// A port that counts the bytes that the host sends.
 struct Counting(Sim, Rc<Cell<usize>>);
 
 impl Port for Counting {

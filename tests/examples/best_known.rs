@@ -76,7 +76,8 @@ impl Tally {
         Self { improved: vec![0; passes as usize], helicoidal: 0, refused: 0, left_out: 0, slack: f64::INFINITY }
     }
 
-    /// Searches a case in all passes. `None` if its best is not known.
+    /// Searches a case in all passes. `None` if the case is omitted, because a shortened chain shows that a shorter
+    /// curve exists.
     fn case(&mut self, stratum: Stratum, seed: u64, number: u64) -> Option<Row> {
         let problem = stratum.case(seed, number);
         let mut best: Option<Best> = None;

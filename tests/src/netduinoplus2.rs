@@ -17,9 +17,9 @@ use growbot_sim::port::qemu::{Qemu, QemuError, QemuSocket, doing};
 
 /// Clock control register.
 pub const RCC_CR: u32 = 0x4002_3800;
-/// The internal oscillator is on, as after reset, and the PLL is ready.
+/// Value of the clock control register while the internal oscillator is on, as after reset, and the PLL is ready.
 const CLOCKS_READY: u32 = 0x0200_0083;
-/// The crystal is ready (HSERDY).
+/// Bit of the clock control register that reports a ready crystal (HSERDY).
 const CRYSTAL_READY: u32 = 1 << 17;
 /// Clock configuration register, and the value that reports the PLL as system clock.
 const RCC_CFGR: (u32, u32) = (0x4002_3808, 0x0000_0008);
@@ -55,7 +55,7 @@ impl Board {
         self.command(&format!("writel {address:#x} {value:#x}"))
     }
 
-    /// Makes the clocks ready, with or without the crystal's. A reset of the board undoes this.
+    /// Sets the registers that report ready clocks, with the crystal or without it. A reset of the board clears them.
     ///
     /// # Errors
     /// Returns an error if the emulator does not respond.
@@ -99,7 +99,7 @@ pub fn writes(trace: &str) -> Vec<RegisterWrite> {
         .collect()
 }
 
-/// Returns the hexadecimal number after a word.
+/// Returns the hexadecimal number after a word in a line of the trace.
 fn number(line: &str, word: &str) -> Option<u32> {
     let mut words = line.split_ascii_whitespace().skip_while(|found| *found != word);
     u64::from_str_radix(words.nth(1)?.strip_prefix("0x")?, 16).ok().map(|number| number as u32)

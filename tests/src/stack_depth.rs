@@ -33,7 +33,7 @@ pub struct Step {
 #[derive(Debug)]
 pub struct Image {
     functions: BTreeMap<u64, Function>,
-    /// Functions whose address is taken.
+    /// Addresses of the functions whose address is taken, so that they may be called through a pointer.
     pointed_at: BTreeSet<u64>,
     symbols: BTreeMap<String, u64>,
     vectors: Vec<u32>,

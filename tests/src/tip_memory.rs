@@ -1,4 +1,4 @@
-//! Tests read and write the words that the emulated board shares with its tip.
+//! Access of tests to the memory that the emulated board shares with its simulated tip.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -24,7 +24,7 @@ pub struct TipMemoryView {
 }
 
 impl TipMemoryView {
-    /// Returns the words of a running board.
+    /// Returns a view of the memory that a running board shares with its tip.
     ///
     /// # Panics
     /// Panics if the system does not duplicate the handle of the memory.

@@ -16,7 +16,7 @@ pub struct Row {
     pub safe: String,
 }
 
-/// Returns all rows.
+/// Returns all rows of the table of pins.
 ///
 /// # Panics
 /// Panics if the table does not exist.

@@ -1,32 +1,33 @@
-//! Comparison of the board's clock with the host's.
+//! Comparison of the board's clock with the host's clock.
 //!
 //! A board whose crystal has failed, or whose clocks are set up wrongly, heats and steps at the wrong speed. All its
-//! time limits are off by the same factor. Its `uptime_ms` shows this. A response is made between the moment at which
-//! its request was sent and the moment at which it arrived. Two responses therefore bound the rate of the board's clock
-//! from both sides, and delays on the line only widen the bounds. The clock is wrong if even the cautious bound is
-//! beyond the limit in two successive windows of half a minute. One window is not enough, because the program may have
-//! been halted or the machine may have slept.
+//! time limits are off by the same factor. The field `uptime_ms` of its status shows this. The board reads its clock
+//! after the request was sent and before the response arrives. Two responses therefore give a lower and an upper bound
+//! of the rate of the board's clock, and delays on the line only widen the bounds. The clock counts as wrong if both
+//! bounds are beyond the limit in two successive windows of half a minute. One window is not enough, because the
+//! program may have been halted or the machine may have slept.
 
 use std::fmt;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-/// Maximum relative error of a clock. Crystals are within 0.01 %, a UART needs 3 %, and the heater is supervised with
-/// margins of 10 %.
+/// Maximum relative error of the rate of a board's clock. Crystals are within 0.01 %, a UART tolerates 3 %, and the
+/// supervision of the heater has margins of 10 %.
 const MAX_DRIFT: f64 = 0.02;
-/// Minimum length of the window over which the clocks are compared.
+/// Minimum length of a window over which the clocks are compared.
 const WINDOW: Duration = Duration::from_secs(30);
-/// Maximum ratio of the delays to the window at which the clocks may count as equal.
+/// Maximum uncertainty of a window's length, from the delays of the responses, as a fraction of the length. With a
+/// larger uncertainty, the clocks do not count as equal, and the window is extended.
 const MAX_UNCERTAINTY: f64 = 0.01;
-/// Maximum delay of a response that is used as a reading.
+/// Maximum time between a request and its response for which the response is used.
 const SLOWEST_ANSWER: Duration = Duration::from_secs(2);
 /// Interval at which the board's clock is sampled.
 const SAMPLE_INTERVAL: Duration = Duration::from_secs(10);
-/// Number of successive windows after which a clock counts as wrong.
+/// Number of successive windows with the same error after which a clock counts as wrong.
 const WINDOWS: u32 = 2;
-/// Factor above which a faster clock is not compared. No failed clock is that fast, so this is the virtual clock of a
-/// simulated board that another process serves.
+/// Ratio of the clocks' rates above which the clocks count as equal. No failed clock is this fast, so it is the virtual
+/// clock of a simulated board in another process.
 const VIRTUAL: f64 = 2.0;
 
 /// A board's clock that runs at the wrong rate.
@@ -45,7 +46,8 @@ impl ClockDrift {
     pub const REMEDY: &str = "check the board's crystal and its solder joints; heating, speeds and time limits are \
                               wrong by the same percentage";
 
-    /// Returns by how much the board's clock runs faster than the host's, percent: the bound nearer to 0.
+    /// Returns by how many percent the board's clock runs faster than the host's clock, negative if slower: the bound
+    /// nearer to 0.
     #[must_use]
     pub fn percent(&self) -> f64 {
         let [shortest, longest] = self.host_ms;
@@ -61,7 +63,7 @@ struct ClockDriftJson {
     /// Excess of the board's clock over the host's, percent: the bound nearer to 0.
     #[serde(default)]
     percent: f64,
-    /// The limit, percent.
+    /// Limit of the absolute percentage above which the clock counts as wrong.
     #[serde(default)]
     limit_percent: f64,
     /// Time that has passed on the board's clock, ms.
@@ -110,10 +112,10 @@ impl fmt::Display for ClockDrift {
     }
 }
 
-/// A response that contains the board's clock.
+/// A reading of the board's clock from a response.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ClockSample {
-    /// The board's clock, ms.
+    /// Time on the board's clock, ms.
     pub board_ms: u64,
     /// Time at which the request was first sent, on the port's clock.
     pub sent: Duration,
@@ -121,29 +123,30 @@ pub(super) struct ClockSample {
     pub received: Duration,
 }
 
-/// Compares the clocks.
+/// State of the comparison of the board's clock with the port's clock.
 #[derive(Debug, Default)]
 pub(super) struct ClockWatch {
-    /// First reading of the window.
+    /// First reading of the current window. `None` before it.
     first: Option<ClockSample>,
     latest: Option<ClockSample>,
-    /// Number of successive windows in which the clock was fast; negative if it was slow.
+    /// Number of successive windows in which the board's clock was too fast, or minus the number of windows in which it
+    /// was too slow.
     wrong: i32,
     drift: Option<ClockDrift>,
 }
 
 impl ClockWatch {
-    /// Returns the error of the board's clock, if it was found wrong.
+    /// Returns the error of the board's clock. `None` unless the clock counts as wrong.
     pub fn drift(&self) -> Option<ClockDrift> {
         self.drift
     }
 
-    /// Reports whether the latest reading is so old that another one is due.
+    /// Reports whether the board's clock should be read again, because the latest reading is too old.
     pub fn wants(&self, now: Duration) -> bool {
         self.latest.is_none_or(|latest| now.saturating_sub(latest.received) >= SAMPLE_INTERVAL)
     }
 
-    /// Adds a reading.
+    /// Adds a reading of the board's clock, and evaluates the window if it is long enough.
     pub fn take(&mut self, reading: &ClockSample) {
         let latest = self.latest.replace(*reading);
         if latest.is_some_and(|latest| reading.board_ms < latest.board_ms) {
@@ -190,8 +193,8 @@ mod tests {
     use growbot_core::random::Rng;
     use serde_json::json;
 
-    /// Returns the time, s, after which a clock of this rate is found wrong, over a line that delays by up to `jitter`,
-    /// s. `None` if it is not found within `seconds`.
+    /// Returns the time after which a clock of this rate counts as wrong, s, over a line with random delays of up to
+    /// `jitter` s. The clock is read at intervals of `every` s. `None` if it does not count as wrong within `seconds`.
     fn found(rate: f64, jitter: f64, seconds: f64, every: f64) -> Option<f64> {
         let mut random = Rng::new(&[7]);
         let mut watch = ClockWatch::default();

@@ -10,17 +10,17 @@ use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use super::error::SEND_DESCRIPTION;
 use super::{Client, ClientError};
 
-/// Maximum number of polls for the restart, which comes about 0.5 s after the description is stored.
+/// Maximum number of polls for the restart of a board, which occurs about 0.5 s after the description is stored.
 const LOOKS_AT_RESTART: u32 = 40;
-/// Time between two polls.
+/// Time between two polls for the restart of a board.
 const LOOK_AT_RESTART: Duration = Duration::from_millis(250);
 
 impl Client {
-    /// Sends the board another robot description and waits until it has restarted with it. The session must be open. A
-    /// new session is open afterwards.
+    /// Sends a robot description to the board and waits until the board has restarted with it. The session must be
+    /// open, and a new session is open afterwards.
     ///
     /// # Errors
-    /// [`ClientError::Description`], a refusal, or [`ClientError::NotRestarted`].
+    /// [`ClientError::Description`], [`ClientError::NotRestarted`], or like [`Client::request`].
     pub fn configure(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
         let before = self.identify()?.boot_id;
         let mut buffer = [0; MAX_VERSIONED_LEN];
@@ -39,7 +39,7 @@ impl Client {
                 Ok(Message::Configured(Configured { stored, .. })) => stored,
                 Ok(other) => return Err(ClientError::Unexpected { request: SEND_DESCRIPTION, kind: other.kind() }),
                 // After the last part, the board may have restarted already, and its response may be lost. Before the
-                // last part, another host has taken the board.
+                // last part, this refusal means that another host has taken the board.
                 Err(ClientError::Refused { refusal: Refusal::NoSession, .. }) if index == last => true,
                 Err(error) => return Err(error),
             };
@@ -47,7 +47,8 @@ impl Client {
         if stored { self.await_restart(robot, before) } else { Err(self.not_restarted()) }
     }
 
-    /// Waits until the board has restarted as this robot.
+    /// Waits until the board has restarted with the description of this robot, and opens a session. `before` is the
+    /// boot number before the restart.
     fn await_restart(&mut self, robot: &Robot, before: u32) -> Result<BoardInfo, ClientError> {
         for _ in 0..LOOKS_AT_RESTART {
             self.wait(LOOK_AT_RESTART)?;
@@ -75,7 +76,7 @@ mod tests {
     use crate::port::{Port, PortError};
     use crate::robot_file;
 
-    /// A board that another host takes after this many parts of a description.
+    /// A board that another host takes after `part` parts of a description.
     struct TakenAt {
         part: u16,
         receiver: FrameDecoder,

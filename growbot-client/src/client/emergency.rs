@@ -1,4 +1,5 @@
-//! The emergency stop: eight bytes, repeated until the board confirms it or the time is over.
+//! The emergency stop: eight bytes, which are sent repeatedly until the board confirms the stop or a time limit is
+//! over.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -10,20 +11,21 @@ use super::exchange::record_command;
 use super::{Client, ClientError};
 use crate::port::PortError;
 
-/// Time limit of an emergency stop.
+/// Maximum time for which an emergency stop is sent without confirmation.
 pub const EMERGENCY_LIMIT: Duration = Duration::from_secs(3);
-/// Interval at which the bytes of an emergency stop are sent, whatever the board sends.
+/// Interval at which the bytes of an emergency stop are sent again, even if other data arrives.
 pub const EMERGENCY_PAUSE: Duration = Duration::from_millis(150);
-/// Maximum number of attempts if the line breaks on each use and its virtual clock does not advance by itself.
+/// Maximum number of attempts on a broken connection. It limits the attempts on a virtual clock, which does not advance
+/// by itself.
 const MAX_BREAKS: u32 = 20;
 
 impl Client {
-    /// Commands the board to switch everything off at once, whatever it is doing and whichever host owns it. Waits up
-    /// to [`EMERGENCY_LIMIT`] on the port's clock for its confirmation, whatever noise arrives. It also retries on a
-    /// line that breaks, because the line may come back.
+    /// Commands the board to switch heater and steppers off at once, in any state and whichever host owns it. Sends the
+    /// stop repeatedly for up to [`EMERGENCY_LIMIT`] on the port's clock, until the board confirms it. It is also
+    /// retried on a broken connection, which may recover.
     ///
     /// # Errors
-    /// [`ClientError::StopNotAcknowledged`] if the board did not confirm it. The power must then be cut.
+    /// [`ClientError::StopNotAcknowledged`] if the board did not confirm the stop. The robot's power must then be cut.
     pub fn emergency_stop(&mut self) -> Result<(), ClientError> {
         let mut sent = 0;
         let began = self.port.now();
@@ -41,15 +43,15 @@ impl Client {
         Err(ClientError::StopNotAcknowledged { port: self.name.clone() })
     }
 
-    /// Like [`Client::emergency_stop`], but with this time limit and without retries on a broken line. Returns true if
-    /// the board has confirmed. Adds the number of stops sent to `sent`.
+    /// Like [`Client::emergency_stop`], but with this time limit and without retries on a broken connection. Returns
+    /// true if the board has confirmed the stop. Adds the number of transmissions to `sent`.
     ///
     /// # Errors
-    /// If the line is broken.
+    /// If the connection is broken.
     pub fn emergency_stop_within(&mut self, limit: Duration, sent: &mut u32) -> Result<bool, PortError> {
         let began = self.port.now();
         loop {
-            // If one cannot be sent, the next may be.
+            // If this transmission fails, the next may succeed.
             record_command();
             let _ = self.port.send_emergency_stop();
             *sent += 1;
@@ -59,7 +61,8 @@ impl Client {
                 if waited >= EMERGENCY_PAUSE {
                     break;
                 }
-                // Nothing else is sent in that time, because a line that accepts nothing must not delay the next stop.
+                // No acknowledgement is sent meanwhile, because a line that accepts no bytes must not delay the next
+                // stop.
                 self.acknowledged = true;
                 match self.next_frame(EMERGENCY_PAUSE - waited) {
                     Ok(Some(Ok(frame))) if says_stopped(&frame) => {
@@ -80,8 +83,8 @@ impl Client {
     }
 }
 
-/// Reports whether a board confirms in this frame, to any host, that it has stopped at once. If another program reads
-/// the same line, this program may receive only the event that confirms the stop to the other one.
+/// Reports whether this frame shows that the board has executed an emergency stop, even if the frame is for another
+/// host. If another program reads the same line, this program may receive only a frame for that program.
 fn says_stopped(frame: &LinkFrame) -> bool {
     let state = match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::EmergencyStopAck(_)) => return true,

@@ -7,36 +7,36 @@ use growbot_core::robot::{ENCODING_VERSION, RobotError};
 use super::timeouts::SILENCE_TIMEOUT;
 use crate::port::PortError;
 
-/// Error of a request.
+/// Error of a request to a board.
 #[derive(Debug, thiserror::Error)]
 pub enum ClientError {
-    /// No byte was received.
+    /// The board has not responded, and no bytes were received.
     #[error(
         "the board at {port} has not responded for {} s: check power, cable and baud rate, and that it runs growbot \
          firmware", SILENCE_TIMEOUT.as_secs()
     )]
     NoResponse {
-        /// The port.
+        /// Name of the port.
         port: String,
     },
-    /// Bytes were received, but no frame.
+    /// Bytes were received, but no valid frame.
     #[error(
         "received data from {port} but no valid frame: check the port, the baud rate (115200) and that the board runs \
          growbot firmware"
     )]
     Garbage {
-        /// The port.
+        /// Name of the port.
         port: String,
     },
-    /// The frames have another version.
+    /// The board's frames have another version of the link protocol.
     #[error("the board at {port} uses another version of the link protocol: {source}")]
     Version {
-        /// The port.
+        /// Name of the port.
         port: String,
         /// Versions of the board and of this program.
         source: FrameError,
     },
-    /// The messages have another schema.
+    /// The board's messages have another schema than those of this program.
     #[error(
         "the board's firmware is of another release (its messages have schema {board:016x}, those of this program \
          {host:016x}): finish or cancel a body that it stores with the growbot of that release, then flash this \
@@ -48,7 +48,7 @@ pub enum ClientError {
         /// Schema hash of this program.
         host: u64,
     },
-    /// The board belongs to another robot.
+    /// The board stores the description of another robot.
     #[error(
         "the board's robot is {board_name} ({board:016x}), not {host_name} ({host:016x}): choose the board's robot \
          with --robot, or send the board this robot's description (`growbot configure`)"
@@ -69,19 +69,19 @@ pub enum ClientError {
          `growbot configure`"
     )]
     NotConfigured {
-        /// The port.
+        /// Name of the port.
         port: String,
     },
-    /// The robot description is not valid for a board.
+    /// The robot's description can be simulated, but is not valid for a board.
     #[error("this robot can be simulated, but no board can drive it: {0}")]
     Description(RobotError),
-    /// The board accepted a description but did not restart with it.
+    /// The board stored a new description but did not restart with it.
     #[error(
         "the board at {port} stored the description, but did not restart with it within 10 s: reset the board, and run \
          `growbot status`"
     )]
     NotRestarted {
-        /// The port.
+        /// Name of the port.
         port: String,
     },
     /// Another host owns the board.
@@ -90,7 +90,7 @@ pub enum ClientError {
          has been silent for 10 s, or take over the board (--take-over)"
     )]
     Owned {
-        /// The port.
+        /// Name of the port.
         port: String,
         /// Name of the host that owns the board.
         host: String,
@@ -100,7 +100,7 @@ pub enum ClientError {
     /// The board did not confirm the emergency stop.
     #[error("THE BOARD DID NOT CONFIRM THE EMERGENCY STOP at {port}: cut the robot's power now")]
     StopNotAcknowledged {
-        /// The port.
+        /// Name of the port.
         port: String,
     },
     /// The board refused the request.
@@ -111,35 +111,35 @@ pub enum ClientError {
         /// Reason of the refusal.
         refusal: Refusal,
     },
-    /// A stop was raised after the request was ordered, or a pause after an order to continue, so it was not sent or not
-    /// repeated.
+    /// The request was not sent, or not sent again, because a later stop has voided its permit, or a later pause the
+    /// permit to continue a growth.
     #[error("{request}: given up, because a later stop or pause has voided it: order it again, once that is confirmed")]
     Voided {
         /// Name of the request.
         request: &'static str,
     },
-    /// The board sent an unexpected response.
+    /// The response of the board has a wrong kind.
     #[error(
         "the board sent an unexpected response to {request} (kind {kind:#04x}): flash the firmware of this release"
     )]
     Unexpected {
         /// Name of the request.
         request: &'static str,
-        /// Kind of the response.
+        /// Message kind of the response.
         kind: u8,
     },
-    /// The line is broken.
+    /// The connection to the board is broken.
     #[error(transparent)]
     Port(#[from] PortError),
 }
 
-/// Name of a request that moves filament.
+/// Name of the request that moves filament, for error messages.
 pub const MOVE_FILAMENT: &str = "to move filament";
 
-/// Name of a request that sends part of a robot description.
+/// Name of the request that sends part of a robot description, for error messages.
 pub const SEND_DESCRIPTION: &str = "the robot description";
 
-/// Returns a message for a rejected description.
+/// Returns the reason why the board rejected a robot description, for an error message.
 fn explain_description(why: DescriptionError) -> String {
     match why {
         DescriptionError::VersionMismatch { board } => format!(
@@ -165,7 +165,7 @@ fn explain_description(why: DescriptionError) -> String {
     }
 }
 
-/// Returns a message for a refusal.
+/// Returns the reason of a refusal, for an error message. `request` is the name of the refused request.
 fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
         Refusal::UnknownRequest => "it does not understand the request".to_string(),

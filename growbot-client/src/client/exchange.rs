@@ -1,4 +1,4 @@
-//! Exchange of frames: requests and their responses, and the events in between.
+//! Exchange of frames with the board: requests, their responses, and events.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,17 +10,17 @@ use super::timeouts::{FIRST_RETRY_DELAY, MAX_ATTEMPTS, MAX_RETRY_DELAY, PLAN_RET
 use super::{Client, ClientError};
 use crate::stop_signal::Permit;
 
-/// True once this process has sent a request that changes a board.
+/// True once this process has sent a request that changes the state of a board.
 static COMMANDED: AtomicBool = AtomicBool::new(false);
 
-/// Reports whether this process has sent a request that changes a board, whether or not a response arrived. Questions
-/// do not count.
+/// Reports whether this process has sent a request that changes the state of a board, even if no response arrived.
+/// Requests for information do not count.
 #[must_use]
 pub fn has_commanded_board() -> bool {
     COMMANDED.load(Ordering::Relaxed)
 }
 
-/// Records that a board is given something to do.
+/// Records that this process sends a request that changes the state of a board.
 pub(super) fn record_command() {
     COMMANDED.store(true, Ordering::Relaxed);
 }
@@ -41,12 +41,12 @@ fn changes_board(message: &Message) -> bool {
     )
 }
 
-/// Interval of the signs of life in long waits. A board pauses if its host sends nothing for 10 s.
+/// Interval at which `Ack` messages are sent in long waits. A board pauses if its host sends nothing for 10 s.
 const KEEP_ALIVE_INTERVAL: Duration = Duration::from_secs(3);
 
 impl Client {
-    /// Sends a request and waits for the response, repeating the request if none arrives. `what` is its name in error
-    /// messages.
+    /// Sends a request and waits for the response. Sends the request again if no response arrives. `what` is the name
+    /// of the request in error messages.
     ///
     /// # Errors
     /// If no response arrives, or the board refuses.
@@ -54,12 +54,13 @@ impl Client {
         self.transact(what, &request.clone().into(), || Ok(()))
     }
 
-    /// Sends a request after which the board may heat or move. No other function sends such a request. The permit is
-    /// checked before each transmission, so at most the request that is being sent precedes a stop on the line.
+    /// Sends a request after which the board may heat or move, and waits for the response. No other function sends such
+    /// requests. The permit is checked before each transmission, so nothing is sent after a stop except a frame whose
+    /// transmission has begun.
     ///
     /// # Errors
-    /// [`ClientError::Voided`] if the permit is void: a stop was raised since it was given, or a pause was ordered since
-    /// a permit to continue. Otherwise like [`Client::request`].
+    /// [`ClientError::Voided`] if the permit is void: a stop was raised since it was given, or, for a permit to
+    /// continue, a pause was commanded. Otherwise like [`Client::request`].
     pub fn energize(
         &mut self,
         what: &'static str,
@@ -70,7 +71,7 @@ impl Client {
         self.transact(what, &request.clone().into(), check)
     }
 
-    /// Sends a request and waits for the response. Calls `check` before each transmission.
+    /// Sends a request and waits for the response. Calls `check` before each transmission, and returns its error.
     fn transact(
         &mut self,
         what: &'static str,
@@ -97,7 +98,7 @@ impl Client {
         Err(self.timeout_error(&wait))
     }
 
-    /// Sends a frame with the number of the latest event.
+    /// Sends a message in a frame, which also acknowledges the latest event.
     pub(super) fn post(&mut self, seq: u16, message: &Message) -> Result<(), ClientError> {
         let mut buffer = [0; MAX_BODY_LEN];
         let too_long = ClientError::Unexpected { request: "a message", kind: message.kind() };
@@ -111,7 +112,8 @@ impl Client {
         Ok(self.port.send(&bytes)?)
     }
 
-    /// Waits up to `patience` for the response to one of some requests. Stores the events that arrive meanwhile.
+    /// Waits up to `patience` for a response to a request for whose sequence number `is_asked` returns true. Stores the
+    /// events that arrive meanwhile. `None` if no response arrives.
     pub(super) fn wait_for_response(
         &mut self,
         is_asked: impl Fn(u16) -> bool,
@@ -152,7 +154,7 @@ impl Client {
         Ok(None)
     }
 
-    /// Returns the error that explains why the wait was given up.
+    /// Returns the error for a wait without a response, which depends on the bytes that were received.
     pub(super) fn timeout_error(&self, wait: &ResponseWait) -> ClientError {
         let port = self.name.clone();
         match wait.unreadable {
@@ -162,10 +164,10 @@ impl Client {
         }
     }
 
-    /// Waits for an event.
+    /// Waits for an event of the board. `None` if no event arrives within the timeout.
     ///
     /// # Errors
-    /// If the line is broken.
+    /// If the connection is broken.
     pub fn event(&mut self, timeout: Duration) -> Result<Option<Message>, ClientError> {
         if self.events.is_empty()
             && let Some(Ok(frame)) = self.next_frame(timeout)?
@@ -175,10 +177,10 @@ impl Client {
         Ok(self.events.pop_front())
     }
 
-    /// Lets time pass on the robot's clock. Stores the events that arrive meanwhile.
+    /// Waits for a time on the port's clock. Stores the events that arrive meanwhile.
     ///
     /// # Errors
-    /// If the line is broken.
+    /// If the connection is broken.
     pub fn wait(&mut self, time: Duration) -> Result<(), ClientError> {
         let step = Duration::from_millis(50);
         for _ in 0..time.as_millis().div_ceil(step.as_millis()) {
@@ -189,10 +191,11 @@ impl Client {
         Ok(())
     }
 
-    /// Stores an event if it is the next one in order. A later event is dropped, because the board repeats it.
+    /// Stores the event in a frame if it is the next one in order. A later event is dropped, because the board repeats
+    /// all unacknowledged events.
     pub(super) fn ingest_event(&mut self, frame: &LinkFrame) {
         let FrameHeader { session, seq, ack, .. } = frame.header;
-        // This host or another has stopped the board at once.
+        // An emergency stop of this host or another was acknowledged.
         if let (0, 0, 0, Ok(stopped @ Message::EmergencyStopAck(_))) =
             (session, seq, ack, Message::decode(frame.header.kind, &frame.body))
         {
@@ -214,8 +217,8 @@ impl Client {
         }
     }
 
-    /// Returns the next frame, or the error of bytes that were not a frame. `None` if nothing arrives within the
-    /// timeout.
+    /// Waits for the next frame. Returns a [`FrameError`] for bytes that are not a valid frame, and `None` if nothing
+    /// arrives within the timeout.
     pub(super) fn next_frame(
         &mut self,
         timeout: Duration,
@@ -240,7 +243,7 @@ impl Client {
         Ok(Some(Err(FrameError::TooLong)))
     }
 
-    /// Waits for bytes and sends the board signs of life.
+    /// Waits for bytes and stores them. In a long wait, sends `Ack` messages so that the board does not pause.
     fn receive(&mut self, timeout: Duration) -> Result<(), ClientError> {
         let mut left = timeout;
         loop {
@@ -257,7 +260,8 @@ impl Client {
     }
 }
 
-/// Decodes the response in a frame. A refusal is returned as an error.
+/// Decodes the response in a frame. A refusal is returned as an error. `request` is the name of the request in error
+/// messages.
 pub(super) fn decode_response(request: &'static str, frame: &LinkFrame) -> Result<Message, ClientError> {
     match Message::decode(frame.header.kind, &frame.body) {
         Ok(Message::Refused(RefusalResponse { refusal, .. })) => Err(ClientError::Refused { request, refusal }),
@@ -281,7 +285,7 @@ mod tests {
     use crate::port::{Port, PortError};
     use crate::stop_signal::{StopLevel, StopSignal};
 
-    /// A line without a board. A stop is raised once this many starts were sent.
+    /// A port without a board. It raises a stop once `starts` messages `Start` were sent.
     struct StoppedAfter {
         starts: u32,
         signal: Arc<StopSignal>,
@@ -337,7 +341,7 @@ mod tests {
             assert!(matches!(error, ClientError::Voided { request: "to start" }), "{starts}: {error}");
             assert_eq!(sent, starts, "{error}");
         }
-        // Without a stop, the request is repeated more often.
+        // Without a stop, the request is sent more often.
         let (sent, error) = energize(u32::MAX);
         assert!(sent > 3 && matches!(error, ClientError::NoResponse { .. }), "{sent}: {error}");
     }

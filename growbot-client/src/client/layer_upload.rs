@@ -1,4 +1,4 @@
-//! Transfer of layers to the board: several messages at a time, within its free space.
+//! Transfer of layers to the board. Several messages are sent before their responses arrive.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -11,12 +11,13 @@ use super::exchange::decode_response;
 use super::timeouts::{MAX_ATTEMPTS, MAX_RETRY_DELAY, ResponseWait};
 use super::{Client, ClientError};
 
-/// Maximum number of unanswered messages with layers. It is below the number that boards can buffer.
+/// Maximum number of messages with layers that are sent without a response. Boards can buffer more.
 const WINDOW: usize = 8;
 
 impl Client {
-    /// Sends the layers of a plan from `accepted` on, several messages at a time, within the board's free space.
-    /// Messages get shorter if the line garbles many messages.
+    /// Sends layers until all are sent or the board has no free space. `layers` are all layers of the job, and sending
+    /// begins at the layer that the board expects according to `accepted`, its latest response. Returns the new latest
+    /// response. Messages get shorter if many are lost.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -59,7 +60,7 @@ impl Client {
                 Err(ClientError::Refused { refusal: Refusal::OutOfOrder { expected }, .. }) => {
                     self.repeated += handover.resend_from(expected);
                 }
-                // The space that these layers had when they were sent is used up.
+                // The board has less free space than it reported earlier.
                 Err(ClientError::Refused { refusal: Refusal::LayerStoreFull, .. }) => return Ok(handover.accepted),
                 Err(error) => return Err(error),
                 Ok(other) => return Err(ClientError::Unexpected { request: what, kind: other.kind() }),
@@ -68,21 +69,21 @@ impl Client {
     }
 }
 
-/// Progress of a transfer of layers.
+/// State of a transfer of layers.
 struct LayerUpload<'a> {
     plan_id: u64,
     layers: &'a [LayerBytes],
     accepted: Accepted,
-    /// Numbers of the unanswered messages.
+    /// Sequence numbers of the messages without a response, oldest first.
     in_flight: VecDeque<u16>,
     /// Index of the next layer to be sent.
     sent: u32,
-    /// Number of layers a message.
+    /// Maximum number of layers per message.
     batch: usize,
-    /// Number of successive tries without progress.
+    /// Number of successive attempts after which the board had not accepted more layers.
     fruitless: u32,
-    /// Highest number of layers that the board has accepted. A board that accepts the same layers repeatedly makes no
-    /// progress.
+    /// Highest index of a next layer that the board has reported. Progress is measured by it, because layers that are
+    /// accepted again are not progress.
     furthest: u32,
 }
 
@@ -101,7 +102,8 @@ impl<'a> LayerUpload<'a> {
         }
     }
 
-    /// Returns the next layers to send. `None` while enough messages are unanswered, or if the board has no free space.
+    /// Returns the next message to send. `None` while enough messages wait for a response, if the board has no free
+    /// space, or if all layers are sent.
     fn next_message(&mut self) -> Option<AppendLayers> {
         let end = (self.layers.len() as u32).min(self.accepted.next.saturating_add(self.accepted.free_layers));
         if self.in_flight.len() >= WINDOW || self.sent >= end {
@@ -114,21 +116,21 @@ impl<'a> LayerUpload<'a> {
         Some(AppendLayers { plan_id: self.plan_id, first, layers })
     }
 
-    /// Prepares to send everything again in shorter messages, because no response arrived. Returns the number of
-    /// messages.
+    /// Prepares to send all unaccepted layers again in shorter messages, because no response arrived. Returns the
+    /// number of messages without a response.
     fn resend_all(&mut self) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch / 2).max(1));
         self.sent = self.accepted.next;
         self.forget_flying()
     }
 
-    /// Drops all messages up to this sequence number. The board processes requests in the order of their numbers, so it
-    /// has processed the earlier messages, or they are lost.
+    /// Removes all messages up to this sequence number from `in_flight`. The board processes requests in the order of
+    /// their numbers, so it has processed the earlier messages, or they are lost.
     fn settle(&mut self, seq: u16) {
         while self.in_flight.pop_front().is_some_and(|flying| flying != seq) {}
     }
 
-    /// Records that the board has accepted layers.
+    /// Updates the state from a response in which the board accepts layers.
     fn accept(&mut self, accepted: Accepted) {
         if accepted.next > self.furthest {
             (self.fruitless, self.furthest) = (0, accepted.next);
@@ -142,7 +144,8 @@ impl<'a> LayerUpload<'a> {
         }
     }
 
-    /// Prepares to send everything again from the layer that the board expects. Returns the number of messages.
+    /// Prepares to send all layers again from the layer that the board expects, in shorter messages. Returns the number
+    /// of messages that are sent again.
     fn resend_from(&mut self, expected: u32) -> u64 {
         (self.fruitless, self.batch) = (self.fruitless + 1, (self.batch * 3 / 4).max(1));
         self.accepted.next = expected;

@@ -1,8 +1,8 @@
-//! The host's end of the link: requests with responses, and the events in between.
+//! The host's side of the link to a board: sends requests, and receives responses and events.
 //!
-//! - `session`: identity and owner of the board; `requests`: requests to it; `hand_over`: transfer of layers;
+//! - `session`: identity and owner of the board; `requests`: requests to the board; `layer_upload`: transfer of layers;
 //! - `configure`: robot descriptions;
-//! - `exchange`: frames sent and received; `patience`: timeouts;
+//! - `exchange`: frames sent and received; `timeouts`: timeouts;
 //! - `clock`: comparison of the board's clock with the host's; `emergency`: the emergency stop.
 
 mod clock;
@@ -29,25 +29,26 @@ pub use self::requests::StopOutcome;
 use self::session::new_session;
 use crate::port::Port;
 
-/// The client sends `Goodbye` when it is dropped, so that the board knows that its host is gone.
+/// A host's connection to a board, for requests and events. When it is dropped with an open session, it sends
+/// `Goodbye`, so that the board can accept another host at once.
 pub struct Client {
     port: Box<dyn Port>,
     name: String,
     receiver: FrameDecoder,
     arrived: VecDeque<u8>,
     session: u32,
-    /// True if the board has accepted the session.
+    /// True if the board has accepted this client's session.
     open: bool,
-    /// Number of the latest request.
+    /// Sequence number of the latest request.
     seq: u16,
-    /// Number of the latest event.
+    /// Sequence number of the latest event that was received.
     received: u16,
-    /// True if the number of the latest event was sent to the board.
+    /// True if the latest event was acknowledged to the board.
     acknowledged: bool,
     events: VecDeque<Message>,
     /// Number of requests that were sent again.
     repeated: u64,
-    /// True if this host takes the board from another host that owns it.
+    /// True if this client may take the board from another host that owns it.
     takes_over: bool,
     clocks: ClockWatch,
 }
@@ -73,14 +74,14 @@ impl Client {
         }
     }
 
-    /// Sets whether this client takes the board from another host that owns it when it opens its session.
+    /// Sets whether this client, when it opens its session, takes the board from another host that owns it.
     #[must_use]
     pub fn with_take_over(mut self, takes_over: bool) -> Self {
         self.takes_over = takes_over;
         self
     }
 
-    /// Returns the port.
+    /// Returns the port on which the client communicates.
     pub fn port(&mut self) -> &mut dyn Port {
         self.port.as_mut()
     }
@@ -96,8 +97,9 @@ impl Client {
         self.open = false;
     }
 
-    /// Returns a port on the same line with which another thread can send the emergency stop. `None` if the robot ends
-    /// with this program. From the first use of that port on, this client blocks until that port is dropped.
+    /// Returns a second port on the same connection with which another thread can send the emergency stop. From its
+    /// first use until it is dropped, this client blocks. `None` if the robot is simulated in this program and ends
+    /// with it.
     pub fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_port()
     }
@@ -107,7 +109,7 @@ impl Drop for Client {
     fn drop(&mut self) {
         if self.open {
             self.seq = next_seq(self.seq);
-            // If this message is lost, the board notices after some seconds.
+            // If this message is lost, the board detects the missing host after some seconds.
             let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
         }
     }

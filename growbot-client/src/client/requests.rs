@@ -1,4 +1,4 @@
-//! Requests with their own responses: status, stop, sensors, the latest fault and crash.
+//! Requests to a board: status, stop, clearing of faults, maintenance, sensors, the latest fault and crash.
 
 use std::time::Duration;
 
@@ -12,17 +12,18 @@ use super::{Client, ClientError};
 use crate::maintenance::request_name;
 use crate::stop_signal::Permit;
 
-/// Maximum number of polls for the release of an emergency stop by the link, which comes within 20 ms.
+/// Maximum number of retries of a request to clear the emergency stop. After an emergency stop by the link, the board
+/// refuses this request for up to 20 ms.
 const MAX_LOOKS_AT_RELEASE: u32 = 6;
-/// Time between two polls.
+/// Time between two retries of a request to clear the emergency stop.
 const LOOK_AT_RELEASE: Duration = Duration::from_millis(50);
 
-/// The way in which a board was stopped.
+/// Way in which [`Client::stop`] has stopped a board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StopOutcome {
-    /// Stopped by a request. The body can be resumed.
+    /// The board has executed the request to stop. The body can be resumed.
     ByRequest,
-    /// Stopped by the emergency stop, because the request was not answered.
+    /// The board has confirmed the emergency stop, because it did not respond to the request to stop.
     ByEmergencyStop,
 }
 
@@ -42,7 +43,7 @@ impl StopOutcome {
 }
 
 impl Client {
-    /// Returns the state of the board.
+    /// Requests the status of the board. Also uses the response to compare the board's clock with the port's.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -60,12 +61,13 @@ impl Client {
         }
     }
 
-    /// Checks that this client's session is open. A session never opens again, so an earlier status belongs to it.
+    /// Checks that this client's session is still open on the board. If so, it was also open at the time of earlier
+    /// responses, because a session that has ended is never opened again.
     ///
     /// # Errors
     /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
     pub fn check_session(&mut self) -> Result<(), ClientError> {
-        // The board serves this request in the open session only. No layer has this index, so the response is short.
+        // The board accepts this request only in the open session. No layer has this index, so the response is short.
         self.request("for its session", &PassiveRequest::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
     }
 
@@ -75,12 +77,12 @@ impl Client {
         !self.events.is_empty()
     }
 
-    /// Stops the board by a request, after which its body can be resumed. If the board does not respond, stops it by
-    /// the emergency stop.
+    /// Stops the board by a request, after which its body can be resumed. If the board does not respond to the request,
+    /// sends the emergency stop.
     ///
     /// # Errors
-    /// A refusal. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must
-    /// then be cut.
+    /// [`ClientError::Refused`]. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped.
+    /// The robot's power must then be cut.
     pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
         match self.request("to stop", &PassiveRequest::Stop(Empty {})) {
             Ok(_) => Ok(StopOutcome::ByRequest),
@@ -90,7 +92,8 @@ impl Client {
     }
 
     /// Clears a fault or an emergency stop, after which the board accepts jobs again. The board refuses this for some
-    /// milliseconds after a stop by the link, and while the button is pressed, so the request is repeated for a while.
+    /// milliseconds after an emergency stop by the link, and while its emergency-stop button is pressed, so the request
+    /// is retried for 0.3 s.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -105,29 +108,30 @@ impl Client {
         self.energize(what, &request, permit).map(drop)
     }
 
-    /// Stops a board whose clock drifts from the port's, according to the responses to [`Client::status`]. Stops it by
-    /// a request, after which its body can be resumed, or else by the emergency stop. Returns the drift. `None` while
-    /// the clocks agree or cannot be compared.
+    /// Stops the board if its clock runs at another rate than the port's clock, according to the responses to
+    /// [`Client::status`]. Sends a request to stop, after which the body can be resumed, or else the emergency stop.
+    /// Returns the error of the clock. `None` while the clocks agree or cannot be compared.
     ///
     /// # Errors
-    /// [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The power must then be cut.
+    /// [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped. The robot's power must then
+    /// be cut.
     pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
         let Some(drift) = self.clocks.drift() else { return Ok(None) };
         if self.request("to stop", &PassiveRequest::Stop(Empty {})).is_err() {
             self.emergency_stop()?;
         }
-        // If the board is started again in spite of this, its clock is compared again.
+        // If the board is started again, its clock is compared again from the beginning.
         self.clocks = ClockWatch::default();
         Ok(Some(drift))
     }
 
-    /// Reports whether another status is due for the comparison of the clocks.
+    /// Reports whether the status should be requested now for the comparison of the clocks.
     #[must_use]
     pub fn clock_sample_due(&self) -> bool {
         self.port.has_comparable_clock() && self.clocks.wants(self.port.now())
     }
 
-    /// Starts a maintenance task on the board. Cooling down needs no valid permit.
+    /// Starts a maintenance task on the board. The permit must be valid, except for cooling down.
     ///
     /// # Errors
     /// Like [`Client::energize`].
@@ -140,7 +144,7 @@ impl Client {
         .map(drop)
     }
 
-    /// Returns the readings of the board's sensors.
+    /// Requests the current readings of the board's sensors.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -152,7 +156,7 @@ impl Client {
         }
     }
 
-    /// Returns the record of the board's latest fault, whether it is cleared or not. `None` if none is recorded.
+    /// Requests the record of the board's latest fault, whether it is cleared or not. `None` if no fault is recorded.
     ///
     /// # Errors
     /// Like [`Client::request`].
@@ -164,7 +168,7 @@ impl Client {
         }
     }
 
-    /// Returns the boot report: whether the image is intact, and the latest crash.
+    /// Requests the board's boot report: whether the firmware's image is intact, and the latest crash.
     ///
     /// # Errors
     /// Like [`Client::request`].

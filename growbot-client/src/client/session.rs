@@ -1,4 +1,4 @@
-//! Sessions: identity of the board, its owner, and how a host takes ownership.
+//! Sessions: a host opens a session and so becomes the owner of the board.
 
 use std::time::Duration;
 
@@ -9,28 +9,29 @@ use growbot_core::robot::Robot;
 
 use super::{Client, ClientError};
 
-/// Maximum number of polls for the release of a board. A host that owns the board loses it after 10 s of silence
-/// (PROTOCOL.md).
+/// Maximum number of attempts to open a session with a board that another host owns. That host loses the board if it
+/// sends nothing for 10 s (PROTOCOL.md).
 const OWNED_LOOKS: u32 = 24;
-/// Time between two polls for the release of a board.
+/// Time between two attempts to open a session with a board that another host owns.
 const OWNED_LOOK: Duration = Duration::from_millis(500);
-/// Message kind of a refusal.
+/// Message kind of a refusal (`Refused`).
 const REFUSED: u8 = 0x44;
-/// Time limit of the self-test, ms of the board's clock. It takes two seconds at most, but a busy machine stretches
-/// that of an emulated board.
+/// Maximum time to wait for the end of a board's self-test, ms of the board's clock. The self-test takes two seconds at
+/// most, but longer on a board that a busy machine emulates.
 const SELF_TEST_MS: u64 = 5000;
 /// Maximum number of polls for the end of the self-test.
 const MAX_LOOKS_AT_SELF_TEST: u32 = 1200;
-/// Maximum number of polls for the end of the self-test while the board's clock does not advance.
+/// Maximum number of successive polls for the end of the self-test in which the board's clock does not advance.
 const MAX_LOOKS_AT_A_CLOCK: u32 = 60;
 /// Time between two polls for the end of the self-test.
 const SELF_TEST_LOOK: Duration = Duration::from_millis(50);
 
 impl Client {
-    /// Opens the session: host and board exchange their identities. Waits if the board is owned by a host that has gone
-    /// without `Goodbye`.
+    /// Opens a session with the board: host and board exchange their identities. If another host owns the board but
+    /// sends nothing, waits up to 12 s until that host loses the board.
     /// # Errors
-    /// A board that is silent, garbled, of another version, or owned by another host.
+    /// If the board does not respond, sends no valid frames, has another version of the protocol, or is owned by
+    /// another host.
     pub fn open_session(&mut self) -> Result<BoardInfo, ClientError> {
         let mut silent_before = 0;
         for _ in 0..OWNED_LOOKS {
@@ -41,7 +42,7 @@ impl Client {
                     // The owner is this program, whose earlier connection was lost.
                     return self.try_open_session(true);
                 }
-                // While the owner stays silent, it may be gone.
+                // While the owner sends nothing, it may be gone.
                 Err(ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. })
                     if silent_ms >= silent_before =>
                 {
@@ -75,7 +76,8 @@ impl Client {
         }
     }
 
-    /// Replaces the refusal of an owned board by an error with the owner's name.
+    /// Replaces the refusal of a board that another host owns by [`ClientError::Owned`], which contains the name of
+    /// that host. Returns other errors unchanged.
     fn name_owner(&mut self, error: ClientError) -> Result<BoardInfo, ClientError> {
         let ClientError::Refused { refusal: Refusal::OwnedByOtherHost { silent_ms }, .. } = error else {
             return Err(error);
@@ -88,10 +90,10 @@ impl Client {
         })
     }
 
-    /// Returns identity and state of the board without a session. A host that owns the board keeps it.
+    /// Requests identity and state of the board without a session, so a host that owns the board stays its owner.
     ///
     /// # Errors
-    /// A board that is silent, garbled or of another version.
+    /// If the board does not respond, sends no valid frames, or has another version of the protocol.
     pub fn identify(&mut self) -> Result<BoardInfo, ClientError> {
         let what = "the question who it is";
         match self.request(what, &PassiveRequest::GetBoardInfo(Empty {})) {
@@ -100,7 +102,7 @@ impl Client {
             Err(ClientError::Refused { refusal: Refusal::SchemaMismatch { board }, .. }) => {
                 Err(ClientError::Schema { board, host: SCHEMA_HASH })
             }
-            // The board has another release, which does not know this request.
+            // The firmware is of another release, which does not know this request.
             Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => {
                 Err(ClientError::Unexpected { request: what, kind: REFUSED })
             }
@@ -108,12 +110,13 @@ impl Client {
         }
     }
 
-    /// Waits until a board that has just started has finished its self-test. Until then it accepts no job.
+    /// Waits until a board that has just started has finished its self-test, because it accepts no job before. Returns
+    /// `hello` with the latest status.
     fn wait_for_self_test(&mut self, mut hello: BoardInfo) -> Result<BoardInfo, ClientError> {
         let mut standing = 0;
         for _ in 0..MAX_LOOKS_AT_SELF_TEST {
             let before = hello.status.uptime_ms;
-            // A board that is not configured has nothing to test.
+            // A board without a robot description runs no self-test.
             if hello.status.state != State::SelfTest
                 || hello.robot_hash == 0
                 || before > SELF_TEST_MS
@@ -128,9 +131,9 @@ impl Client {
         Ok(hello)
     }
 
-    /// Checks that the board belongs to this robot.
+    /// Checks that the board stores the description of this robot.
     /// # Errors
-    /// [`ClientError::OtherRobot`] if it does not, or if the board is not configured.
+    /// [`ClientError::OtherRobot`] if the board stores another description or none.
     pub fn check_robot(hello: &BoardInfo, robot: &Robot) -> Result<(), ClientError> {
         if hello.robot_hash == robot.hash() {
             return Ok(());
@@ -143,10 +146,10 @@ impl Client {
         })
     }
 
-    /// Opens the session with a board that must belong to this robot.
+    /// Opens a session with the board, and checks that the board stores the description of this robot.
     ///
     /// # Errors
-    /// Like [`Client::open_session`], or if the board belongs to another robot.
+    /// Like [`Client::open_session`], or if the board stores the description of another robot or none.
     pub fn open_session_for(&mut self, robot: &Robot) -> Result<BoardInfo, ClientError> {
         let hello = self.open_session()?;
         if hello.robot_hash == 0 {
@@ -165,7 +168,8 @@ fn same_schema(hello: BoardInfo) -> Result<BoardInfo, ClientError> {
     }
 }
 
-/// Returns the name of this host, which the board reports to other hosts.
+/// Returns the name of this host, which the board reports to other hosts: program or command, process number and
+/// machine.
 fn host_name() -> HostName {
     let program =
         std::env::args().nth(1).filter(|word| !word.starts_with('-')).unwrap_or_else(|| "growbot".to_string());
@@ -174,9 +178,9 @@ fn host_name() -> HostName {
     name.bytes().take(HostName::new().capacity()).collect()
 }
 
-/// Returns a session number that another host is unlikely to have.
+/// Returns a new session number that differs from those of other hosts with high probability.
 pub(super) fn new_session() -> u32 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-    // The number is never 0, which stands for no session.
+    // The number is never 0, which stands for the absence of a session.
     (now.as_secs() as u32).rotate_left(12) ^ now.subsec_nanos() ^ std::process::id() | 1
 }

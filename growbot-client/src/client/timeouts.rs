@@ -1,44 +1,46 @@
-//! Timeouts for a board's responses, and the intervals of retries.
+//! Timeouts for a board's responses, and the intervals at which requests are sent again.
 
 use std::time::Duration;
 
 use growbot_core::link::frame::FrameError;
 
-/// Time after which a request is first repeated. Further retries come at increasing intervals.
+/// Time without a response after which a request is sent a second time. Further retries follow at increasing intervals.
 pub(super) const FIRST_RETRY_DELAY: Duration = Duration::from_millis(250);
 /// Maximum interval between retries.
 pub(super) const MAX_RETRY_DELAY: Duration = Duration::from_millis(500);
-/// Interval between retries of a request to plan. A plan takes a board up to a minute for a near goal, and several
-/// times that if a busy machine emulates it.
+/// Interval between retries of a request to plan. Planning takes a board up to a minute for a near goal, and several
+/// times as long on a board that a busy machine emulates.
 pub(super) const PLAN_RETRY_DELAY: Duration = Duration::from_secs(10);
-/// Time without any bytes after which a board counts as silent if it has never responded.
+/// Time without a valid frame after which a request fails, if no session is open.
 pub(super) const SILENCE_TIMEOUT: Duration = Duration::from_secs(8);
-/// Time without a frame after which a board that has responded before counts as silent. It is longer because the line
-/// may be bad.
+/// Time without a valid frame after which a request fails in an open session. It is longer than [`SILENCE_TIMEOUT`],
+/// because the board is known to respond and the line may only be noisy.
 pub(super) const OPEN_SESSION_TIMEOUT: Duration = Duration::from_secs(20);
-/// Time limit for a board that has never responded but sends fragments of frames at a low rate.
+/// Time without a valid frame after which a request fails, if no session is open but invalid frames arrive at a low
+/// rate, as on a noisy line.
 pub(super) const FRAGMENT_TIMEOUT: Duration = Duration::from_secs(60);
-/// Maximum rate of fragments, 1/s. A device that sends more is not a growbot board.
+/// Maximum rate of invalid frames at which [`FRAGMENT_TIMEOUT`] applies, 1/s. A device that sends more is not a growbot
+/// board.
 pub(super) const MAX_FRAGMENTS_PER_S: f64 = 8.0;
-/// Time without a frame after which a board that plans counts as silent.
+/// Time without a valid frame after which a request to plan fails.
 pub(super) const PLAN_TIMEOUT: Duration = Duration::from_secs(180);
-/// Maximum number of repetitions of a request on a line that carries frames but never the response.
+/// Maximum number of times that a request is sent, if frames arrive but never the response.
 pub(super) const MAX_ATTEMPTS: u32 = 120;
 
-/// State of a wait for a response.
+/// State of the wait for a response to a request.
 #[derive(Debug, Default)]
 pub(super) struct ResponseWait {
-    /// Time since the latest frame.
+    /// Time since the latest valid frame.
     pub quiet: Duration,
-    /// Number of fragments of frames that were received since the latest frame.
+    /// Number of invalid frames that were received since the latest valid frame.
     pub pieces: u32,
-    /// Error of received bytes that were not a valid frame.
+    /// Error of the latest invalid frame. `None` if none was received.
     pub unreadable: Option<FrameError>,
 }
 
 impl ResponseWait {
-    /// Returns true once the board has been silent for longer than its timeout. The timeout is longer if the board is
-    /// `known` to respond, and never shorter than `least`.
+    /// Reports whether the time without a valid frame has reached the timeout. `known` is true if a session is open, in
+    /// which the timeout is longer. `least` is the minimum timeout.
     pub fn has_timed_out(&self, least: Duration, known: bool) -> bool {
         let pieces = f64::from(self.pieces);
         let patience = if known {
@@ -48,7 +50,7 @@ impl ResponseWait {
         } else {
             SILENCE_TIMEOUT
         };
-        // A complete frame of another version is not noise.
+        // A complete frame of another version of the protocol is not noise, so waiting would not help.
         let speaks_otherwise = !known && matches!(self.unreadable, Some(FrameError::Version { .. }));
         speaks_otherwise || self.quiet >= patience.max(least)
     }

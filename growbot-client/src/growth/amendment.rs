@@ -1,12 +1,13 @@
-//! Transfer of layers to the board: all of them without feedback. With feedback, those of the next minutes, amended as
-//! the tip is measured.
+//! Transfer of layers to the board. Without feedback, all layers of the job are sent. With feedback, only the layers of
+//! the next minutes are sent, and replaced by amendments as the tip is measured.
 //!
-//! With feedback, the plan id of a job is the hash of all its layers, the laid ones as they were commanded. Events that
-//! were sent before an amendment bear the earlier ids. An amendment has 16 layers in `Amend` and 48 in three `Layers`,
-//! 0.08 s on a serial line. An amendment that would change nothing is not made. The log gets `amending` before the
-//! request is sent, and `not-amended` revokes it. If the end of the log does not show whether the board accepted the
-//! latest amendment, the plan id of the board's job decides. The encoder counts what an interrupted layer leaves,
-//! unless the board's power was lost.
+//! With feedback, the plan id of a job is the hash of all its layers, where laid layers count as they were commanded.
+//! Events that the board sent before an amendment contain an earlier plan id. An amendment consists of an `Amend`
+//! message with 16 layers and three `AppendLayers` messages with 48 layers, which take 0.08 s on a serial line. An
+//! amendment that would change nothing is not sent. The log contains the event `amendment` before the request is sent,
+//! and `amendment-rejected` if the board refuses it. If the end of the log does not show whether the board accepted the
+//! latest amendment, the plan id of the board's job decides. The encoder also counts the filament of an interrupted
+//! layer, unless the board lost power.
 
 use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, PassiveRequest, Refusal};
 
@@ -15,20 +16,21 @@ use crate::clearance_guard::ClearanceViolation;
 use crate::client::ClientError;
 use crate::feedback::Correction;
 
-/// Number of layers that are sent ahead with feedback.
+/// Maximum number of layers after the laid ones that are sent to the board with feedback.
 const HORIZON: u32 = 64;
-/// Number of layers in the step engine at a time. They can no longer be amended.
+/// Number of layers that the board's step engine holds at a time. These layers can no longer be amended.
 pub(super) const IN_ENGINE: u32 = 2;
-/// Minimum time between two amendments, s. With all layers up to the horizon, they use a fifth of a serial line.
+/// Minimum time between two amendments, s. At this rate, amendments of 64 layers use a fifth of the capacity of a
+/// serial line.
 const AMEND_EVERY_S: f64 = 0.5;
-/// Maximum number of amendments, less an eighth of the job's layers. A board's journal has space for some 2,000 records
-/// besides the layers that a job begins with. A job may get more layers by amendments.
+/// Maximum number of amendments of a job, from which an eighth of the number of its layers is subtracted. A board's
+/// journal has space for some 2,000 records besides the layers that a job begins with, and amendments may add layers.
 const MAX_AMENDMENTS: usize = 1792;
-/// Maximum number of tries of an amendment. A layer may have been begun while the amendment was in transit.
+/// Maximum number of attempts to send an amendment. The board refuses it if it began a replaced layer meanwhile.
 const AMEND_TRIES: u32 = 4;
 
 impl UploadState {
-    /// Creates the state before anything is sent, for a board that can store this many layers.
+    /// Creates the state before anything is sent. `capacity` is the number of layers that the board can store.
     pub(super) fn new(job: &Job, capacity: u32) -> Self {
         Self {
             names: vec![job.plan_id],
@@ -41,26 +43,26 @@ impl UploadState {
         }
     }
 
-    /// Updates the board's free space for this number of laid layers.
+    /// Computes the board's free space for layers again after `laid` layers of the job are laid.
     pub(super) fn make_room(&mut self, laid: u32) {
         self.accepted.free_layers = self.capacity.saturating_sub(self.accepted.next.saturating_sub(laid));
     }
 
-    /// Reports whether an event with this plan id belongs to this job.
+    /// Reports whether this plan id is one that this job has or had before an amendment.
     pub(super) fn is_named(&self, plan_id: u64) -> bool {
         self.names.contains(&plan_id)
     }
 }
 
 impl JobRunner<'_> {
-    /// Returns the number of layers that the board should have by now. With feedback, it excludes layers that will be
-    /// amended before they are laid.
+    /// Returns the number of layers, from the first of the job, that should be sent to the board by now. Without
+    /// feedback, these are all layers. With feedback, later layers are not sent because they will be amended first.
     fn due(&self) -> usize {
         let all = self.job.layers.len();
         if self.feedback.is_some() { all.min(self.built.laid.saturating_add(HORIZON) as usize) } else { all }
     }
 
-    /// Sends as many layers as the board has space for. While it grows, all messages but the last are full.
+    /// Sends the layers that are due, as many as the board has space for.
     pub(super) fn hand_over(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due();
         if let Some(layers) =
@@ -72,15 +74,16 @@ impl JobRunner<'_> {
         let layers = self.job.layers.get(..due).unwrap_or_default();
         match self.client.upload_layers(self.job.plan_id, layers, self.sent.accepted.clone()) {
             Ok(accepted) => self.sent.accepted = accepted,
-            // It stopped meanwhile. The next status will show it.
+            // The board stopped meanwhile, as its next status will show.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
         Ok(())
     }
 
-    /// With feedback, plans the layers from this index on again, or from the first layer that can still be changed, and
-    /// sends them to the board. If the board does not accept the new layers, it continues with the layers that it has.
+    /// With feedback, plans the layers from index `from` on again and sends them to the board. If the board has already
+    /// begun a later layer, the amendment begins after it. If the board does not accept the new layers, it continues
+    /// with the layers that it has.
     pub(super) fn amend(&mut self, mut from: u32, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let layers = self.job.layers.len();
         let is_early = self.built.laid < self.sent.amend_at || !self.built.is_reported();
@@ -104,7 +107,7 @@ impl JobRunner<'_> {
             let (plan_id, total) = (feedback.plan_id(&amended), amended.len() as u32);
             let in_time = libm::ceil(AMEND_EVERY_S / self.job.robot.description().layer.period_s) as u32;
             self.sent.amend_at = self.built.laid.saturating_add(in_time.max(layers.div_ceil(max) as u32).max(1));
-            // A board accepts no job without remaining layers.
+            // A board refuses an amendment that leaves no remaining layers.
             if plan_id == self.job.plan_id || total <= self.built.laid || feedback.amendments() as usize >= max {
                 return Ok(());
             }
@@ -137,7 +140,7 @@ impl JobRunner<'_> {
                     };
                     on_event(&JobEvent::AmendmentRejected(why));
                     match refusal {
-                        // The board has begun a layer meanwhile.
+                        // The board has begun a layer that was to be replaced.
                         Refusal::LayerAlreadyBegun { first } => from = first,
                         Refusal::OutOfOrder { expected } => self.sent.accepted.next = expected,
                         _ => return Ok(()),
@@ -150,7 +153,7 @@ impl JobRunner<'_> {
     }
 
     /// Pauses the board after the layer in progress, because the rest of the body would be too near to an obstacle. The
-    /// layers that the board already has belong to a correction that was clear.
+    /// layers that the board already has are from a correction that was clear of all obstacles.
     fn pause_for_clearance(
         &mut self,
         too_near: ClearanceViolation,
@@ -163,14 +166,14 @@ impl JobRunner<'_> {
         on_event(&JobEvent::ClearanceViolation(too_near));
         match self.client.request("to pause", &PassiveRequest::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
-            // It is paused already. The check is repeated after its next layer.
+            // The board is paused already. The check is repeated after the next layer.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
             Err(error) => return Err(error),
         }
         Ok(())
     }
 
-    /// Records that the board has applied the amendment.
+    /// Makes the pending amendment the current job, because the board has applied it.
     pub(super) fn apply_amendment(&mut self) {
         let Some(PendingAmendment { plan_id, layers, handed_over }) = self.sent.pending.take() else { return };
         (self.job.plan_id, self.job.layers, self.sent.handed_over) = (plan_id, layers, handed_over);
@@ -180,7 +183,7 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Sends more layers once the board has space for a few messages with layers, or for all remaining layers.
+    /// Sends more layers if the board has space for 64 layers, or for all layers that are due.
     pub(super) fn refill(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let due = self.due() as u32;
         let left = due.saturating_sub(self.sent.accepted.next);

@@ -1,4 +1,4 @@
-//! Commands of users during a growth.
+//! Commands of users during a growth, and the queue in which they wait for the thread of the growth.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -47,7 +47,7 @@ impl Command {
         Self::EmergencyStop,
     ];
 
-    /// Returns the name in addresses and logs.
+    /// Returns the name of the command in URLs and run logs.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -62,7 +62,8 @@ impl Command {
         }
     }
 
-    /// Returns the maintenance task of the order, if it has one, with the lengths of the default preset.
+    /// Returns the board's maintenance task for this command, with the lengths of the default material preset. `None`
+    /// for a command that is not a maintenance task.
     pub(super) fn task(self, robot: &Robot) -> Option<MaintenanceTask> {
         let MaterialPreset { load_mm, unload_mm, purge_mm, .. } = MaterialPreset::default();
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
@@ -78,12 +79,13 @@ impl Command {
         }
     }
 
-    /// Reports whether the order may safely be executed twice if it is unknown whether it was executed.
+    /// Reports whether the command may be sent again if the connection was lost before its response. Moves of filament
+    /// may not, because they might be executed twice.
     pub(super) fn may_be_repeated(self) -> bool {
         !matches!(self, Self::Unload | Self::Load | Self::Purge)
     }
 
-    /// Returns the message for a command that may have been executed and is not repeated.
+    /// Returns the message for a command that is not sent again although it is unknown whether the board executed it.
     pub(super) fn uncertain_message(self) -> String {
         format!(
             "the connection was lost, so it is unknown whether `{}` was executed: check before sending it again",
@@ -101,18 +103,18 @@ impl From<StopLevel> for Command {
     }
 }
 
-/// An order in the queue.
+/// A command in the queue.
 #[derive(Debug, Clone)]
 pub(super) struct QueuedCommand {
     pub command: Command,
-    /// Permit of the moment at which the order was given.
+    /// Permit that was taken when the command arrived.
     pub permit: Permit,
 }
 
 impl QueuedCommand {
-    /// Reports whether the order replaces a waiting one. An equal order is not repeated, and the latest of pausing and
-    /// continuing counts. An order to continue that arrived before the pause replaces nothing, even if it is queued
-    /// later.
+    /// Reports whether this command replaces the queued command `before`. Equal commands replace each other, and so do
+    /// commands to pause and to continue. A command to continue that arrived before a pause does not replace that
+    /// pause, even if it is queued later.
     fn replaces(&self, before: &Self) -> bool {
         self.command == before.command
             || match (self.command, before.command) {
@@ -123,19 +125,20 @@ impl QueuedCommand {
     }
 }
 
-/// Orders for a running growth. Any thread may give one. The growth thread polls them every 20 ms and executes them in
-/// order, but a stop before all others. A stop is latched in the robot's signal: only an emergency stop overrides it.
+/// Commands for a running growth. Any thread may add a command. The thread of the growth polls the queue every 20 ms
+/// and executes the commands in order, but a stop first. A stop is not in the queue but in the robot's
+/// [`StopSignal`](crate::stop_signal::StopSignal), where only an emergency stop overrides it.
 #[derive(Debug)]
 pub struct CommandQueue {
-    /// Permit of the growth. Its signal is that of the robot.
+    /// Permit of the growth. It contains the stop signal of the robot.
     permit: Mutex<Permit>,
     waiting: Mutex<Vec<QueuedCommand>>,
-    /// True if the user has interrupted the program.
+    /// True if the user has interrupted the program, for example with Ctrl-C.
     interrupted: AtomicBool,
 }
 
 impl Default for CommandQueue {
-    /// Returns the queue of a growth whose program is the only user of the robot.
+    /// Returns an empty queue with a stop signal of its own, for a program that is the only user of the robot.
     fn default() -> Self {
         Self::new(Permit::standalone())
     }
@@ -148,8 +151,8 @@ impl CommandQueue {
         Self { permit: Mutex::new(permit), waiting: Mutex::default(), interrupted: AtomicBool::default() }
     }
 
-    /// Adds a command to the queue. A command to pause or to continue replaces a queued command to pause or to
-    /// continue.
+    /// Adds a command to the queue, or raises a stop in the robot's signal. A command to pause or to continue replaces
+    /// a queued command to pause or to continue.
     pub fn push(&self, order: Command) {
         match order {
             Command::Stop => _ = self.permit().signal().raise(StopLevel::Stop),
@@ -159,7 +162,8 @@ impl CommandQueue {
     }
 
     /// Adds a command that is not a stop to the queue, with the permit of the moment at which the command arrived. A
-    /// pause also ends the repetitions of a `Start` of an earlier command to continue.
+    /// command to pause also voids the permits of earlier commands to continue, so their `Start` request is not sent
+    /// again.
     pub fn push_with(&self, order: Command, permit: Permit) {
         let mut waiting = self.waiting();
         let permit = match order {
@@ -180,7 +184,7 @@ impl CommandQueue {
         self.permit.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Returns a permit for a command that arrives now.
+    /// Returns a new permit for a command that arrives now.
     #[must_use]
     pub fn permit_now(&self) -> Permit {
         self.permit().signal().permit()
@@ -190,7 +194,8 @@ impl CommandQueue {
         self.waiting.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Orders a stop because the user interrupts the program. Returns true if that had happened before.
+    /// Raises a stop because the user interrupts the program. Returns true if the user has already interrupted it
+    /// before.
     pub fn interrupt(&self) -> bool {
         self.push(Command::Stop);
         self.interrupted.swap(true, Ordering::Relaxed)
@@ -202,19 +207,19 @@ impl CommandQueue {
         self.waiting().iter().any(|order| order.command == Command::Pause)
     }
 
-    /// Reports whether a stop or an emergency stop was ordered.
+    /// Reports whether a stop or an emergency stop was commanded that the board has not confirmed.
     #[must_use]
     pub fn stop_requested(&self) -> bool {
         self.requested_stop().is_some()
     }
 
-    /// Returns the stop that was ordered and is not confirmed.
+    /// Returns the stop that was commanded and that the board has not confirmed.
     pub(super) fn requested_stop(&self) -> Option<StopLevel> {
         self.permit().signal().level()
     }
 
-    /// Drops all queued commands, and gives the queue a permit for another growth. Returns true if a stop was among the
-    /// dropped commands.
+    /// Drops all queued commands and any unconfirmed stop, and gives the queue a new permit for another growth. Returns
+    /// true if a stop was dropped.
     pub fn clear(&self) -> bool {
         self.interrupted.store(false, Ordering::Relaxed);
         self.waiting().clear();
@@ -224,7 +229,8 @@ impl CommandQueue {
         stopped
     }
 
-    /// Returns the next order. A stop stays, the others are returned once.
+    /// Returns the next command. A stop is returned again in each call until it is confirmed. Other commands are
+    /// removed from the queue.
     pub(super) fn pop(&self) -> Option<QueuedCommand> {
         if let Some(stop) = self.requested_stop() {
             return Some(QueuedCommand { command: stop.into(), permit: self.permit_now() });
@@ -233,7 +239,8 @@ impl CommandQueue {
         (!waiting.is_empty()).then(|| waiting.remove(0))
     }
 
-    /// Puts a command that could not be executed back to the front of the queue, unless a queued command replaces it.
+    /// Puts a command that could not be executed back to the front of the queue, unless a newer queued command replaces
+    /// it. A stop is not put back, because it is in the signal.
     pub(super) fn requeue(&self, order: QueuedCommand) {
         let mut waiting = self.waiting();
         if order.command < Command::Stop && !waiting.iter().any(|newer| newer.replaces(&order)) {

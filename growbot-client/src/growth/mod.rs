@@ -1,5 +1,5 @@
-//! One growth: sends a plan's layers to a board and follows it until the last of them is laid, or resumes an earlier
-//! job.
+//! One growth: sends the layers of a plan to a board, or resumes the job that the board stores, and processes the
+//! board's events until the last layer is laid.
 
 mod amendment;
 mod commands;
@@ -28,31 +28,31 @@ use crate::feedback::{EncoderReference, Feedback};
 use crate::plan::Plan;
 use crate::stop_signal::Permit;
 
-/// A job: the layers of a path, for a robot.
+/// A job: the layers of a path, which a robot's board has to lay.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Job<'a> {
-    /// The robot.
+    /// Robot that lays the layers.
     pub robot: &'a Robot,
     /// Pose at which the body begins.
     pub start: &'a Pose,
-    /// Goal of the tip.
+    /// Pose that the tip should have after the last layer.
     pub goal: &'a Pose,
     /// Length of the path from start to goal, mm.
     pub length: f64,
-    /// Plan id: the hash of the layers.
+    /// Plan id: the hash of the robot's description and the layers.
     pub plan_id: u64,
-    /// The layers.
+    /// Layers in order, each in the 12 bytes of the link.
     pub layers: Vec<LayerBytes>,
 }
 
 impl<'a> Job<'a> {
-    /// Creates the job of a plan. `robot` is the plan's robot.
+    /// Creates the job of a plan. `robot` must be the robot for which the plan was made.
     #[must_use]
     pub fn of_plan(robot: &'a Robot, plan: &'a Plan) -> Self {
         Self::new(robot, &plan.start, &plan.goal, &plan.path)
     }
 
-    /// Creates the job of a path from `start` to `goal`.
+    /// Creates the job of a path from `start` to `goal`, whose layers are computed for this robot.
     #[must_use]
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
         let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
@@ -60,22 +60,22 @@ impl<'a> Job<'a> {
     }
 }
 
-/// End of a growth.
+/// Outcome of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Outcome {
-    /// Every layer is laid.
+    /// Every layer of the job is laid.
     Done,
-    /// Stopped on request.
+    /// The growth was stopped by a command, or by the emergency stop.
     Stopped,
-    /// A fault switched everything off.
+    /// The board detected a fault and switched heater and steppers off.
     Fault(Fault),
     /// The board was stopped, because its clock is wrong and heating, speeds and time limits depend on that clock.
     ClockDrift(ClockDrift),
     /// A long pause has switched the heater off. The body can be resumed.
     Parked,
-    /// The board has restarted, or another host has taken it or left it idle. The body can be resumed.
+    /// The board has restarted, or another host has opened a session with it. The body can be resumed.
     Interrupted,
-    /// The board is silent. It may still be growing.
+    /// The board does not respond. It may still be growing.
     Lost,
 }
 
@@ -98,61 +98,62 @@ impl Outcome {
 /// An event of a job.
 #[derive(Debug, Clone, PartialEq)]
 pub enum JobEvent {
-    /// The board changed to this state.
+    /// The board reported that it changed to this state.
     State(State),
-    /// The board reported its identity.
+    /// The board reported its identity and state, when a session was opened.
     Board(BoardInfo),
-    /// The board has restarted because its firmware crashed.
+    /// The board has restarted because its firmware crashed. Contains the recorded crash.
     Crash(CrashWords),
-    /// The board's status, which is requested when no events arrive.
+    /// The board reported its status, which the host requests when no events arrive.
     Status(Status),
-    /// A layer is laid.
+    /// The board has laid a layer.
     Laid {
-        /// Index of the layer.
+        /// Index of the layer, from 0.
         index: u32,
-        /// The layer as built, if known.
+        /// The layer as built. `None` if it is unknown.
         as_built: Option<LayerBytes>,
-        /// Measurements after the layer.
+        /// Sensor readings of the board after the layer. `None` without readings.
         measured: Option<LayerReadings>,
     },
-    /// Layers of a simulated tip as they came out. A layer is reported once it no longer changes, the last ones at the
-    /// end.
+    /// Simulated layers with their errors, as the plastic of a simulated tip lies. A layer is reported once it no
+    /// longer changes; the last layers are reported at the end.
     Simulated {
         /// Index of the first layer.
         from: u32,
-        /// The layers as they came out.
+        /// The layers with their errors.
         layers: Vec<Layer>,
     },
-    /// Feedback counts filament from here on.
+    /// The feedback measures growth from this reading of the filament's encoder on.
     EncoderReference(EncoderReference),
-    /// An amendment is about to be sent. It takes effect unless `AmendmentRejected` follows.
+    /// An amendment is about to be sent to the board. It takes effect unless `AmendmentRejected` follows.
     Amendment(Amendment),
-    /// The board has not accepted the latest amendment. Contains the reason, unless the amendment just came too late.
+    /// The board has not accepted the latest amendment. Contains the reason, or `None` if the amendment only arrived
+    /// too late.
     AmendmentRejected(Option<String>),
-    /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
-    /// obstacle.
+    /// With feedback in a scene: the remaining layers follow another path, because the previous path would be too near
+    /// to an obstacle.
     Detour(Detour),
-    /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the board is
-    /// commanded to pause.
+    /// With feedback in a scene: the remaining layers would be too near to an obstacle and no other path was found, so
+    /// the board is commanded to pause.
     ClearanceViolation(ClearanceViolation),
-    /// With feedback: layers of the job after the layers of its latest amendment are sent.
+    /// With feedback: further layers of the job, after those in its latest amendment, are sent to the board.
     LayersSent {
         /// Index of the first layer.
         from: u32,
-        /// The layers.
+        /// The sent layers, each in the 12 bytes of the link.
         layers: Vec<LayerBytes>,
     },
-    /// An order was given and is now executed.
+    /// A command of a user is about to be executed.
     Command(Command),
-    /// The board refused the order. Contains the reason.
+    /// The latest command of a user failed. Contains the reason.
     CommandFailed(String),
-    /// The board does not respond. The host reconnects.
+    /// The board does not respond. The host tries to reconnect.
     NoResponse,
     /// The board responds again.
     Reconnected,
 }
 
-/// Replacement of the layers from an index on.
+/// Amendment of a job: a replacement of its layers from an index on.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Amendment {
@@ -164,46 +165,47 @@ pub struct Amendment {
     pub from: u32,
     /// Total number of layers of the job after the amendment.
     pub total: u32,
-    /// The first of the replacement layers. More may follow.
+    /// The first replacement layers, at most 64. The other ones are sent later.
     #[serde(with = "crate::run_log::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
 }
 
-/// Error that prevents a growth from starting or from being measured.
+/// Error of a growth that could not start, or whose result is unknown.
 #[derive(Debug, thiserror::Error)]
 pub enum GrowthError {
     /// The growth did not start: nothing was heated or moved.
     #[error(transparent)]
     NotStarted(ClientError),
-    /// The board was lost during the growth. It may still be growing.
+    /// The connection to the board failed during the growth. The board may still be growing.
     #[error("{0}; the robot may still be growing: run `growbot status`, and if that fails cut the robot's power")]
     Interrupted(ClientError),
-    /// There is nothing to resume.
+    /// The board does not store an unfinished job with the plan id that was to be resumed.
     #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
     NothingToResume {
-        /// Plan id of the plan.
+        /// Plan id of the job that was to be resumed.
         plan_id: u64,
         /// Description of the job that the board stores.
         stored: String,
     },
-    /// An unfinished body is attached to the robot.
+    /// The board stores an unfinished job, so it does not begin a new one.
     #[error(
         "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot \
          resume`), or discard it (`growbot cancel`)"
     )]
     Unfinished {
-        /// Plan id of the body.
+        /// Plan id of the unfinished job.
         plan_id: u64,
         /// Number of laid layers.
         laid: u32,
-        /// Number of layers of the plan.
+        /// Number of layers of the unfinished job.
         layers: u32,
     },
 }
 
 impl GrowthError {
-    /// Returns the error for a board whose status shows nothing to resume of this plan.
+    /// Returns [`GrowthError::NothingToResume`] for a board with this status. `plan_id` is the job that was to be
+    /// resumed.
     #[must_use]
     pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
         let stored = match status.plan_id {
@@ -213,7 +215,8 @@ impl GrowthError {
         Self::NothingToResume { plan_id, stored }
     }
 
-    /// Reports whether the board responded but did not accept the job.
+    /// Reports whether the growth did not start because the board refused the job or a stop voided the start, and not
+    /// because the connection failed.
     #[must_use]
     pub fn is_refusal(&self) -> bool {
         match self {
@@ -225,34 +228,34 @@ impl GrowthError {
     }
 }
 
-/// Treatment of an interrupted layer.
+/// Treatment of an interrupted layer when its job is resumed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnInterrupted {
     /// The interrupted layer is laid again as a whole, on top of the part that is finished.
     #[default]
     Redo,
-    /// The layer is skipped and stays as it is.
+    /// The interrupted layer stays as it is, and the job continues with the next layer.
     Skip,
 }
 
 /// Options of a growth.
 pub struct GrowthOptions<'a> {
-    /// Reaction of the board when this host falls silent.
+    /// Reaction of the board if it receives nothing from this host for too long.
     pub silence: HostSilencePolicy,
-    /// If given, the remaining layers are planned again after each layer. For a job that is resumed, it must include
-    /// the known layers.
+    /// Feedback that plans the remaining layers again after each layer. `None` for a growth without feedback. For a
+    /// resumed job, the laid layers must already be recorded in it.
     pub feedback: Option<Feedback<'a>>,
-    /// Effect on the growth when the board parks.
+    /// Reaction of the growth when the board switches its heater off after a long pause (parks).
     pub parked: OnParked,
 }
 
-/// Effect on a growth when its board parks after a long pause.
+/// Reaction of a growth when its board switches the heater off after a long pause (parks).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnParked {
-    /// The growth ends, and can be resumed.
+    /// The growth ends with [`Outcome::Parked`], and can be resumed.
     #[default]
     End,
-    /// The growth waits, because a user can command it to continue.
+    /// The growth waits for a user's command to continue.
     Wait,
 }
 
@@ -267,7 +270,7 @@ impl From<HostSilencePolicy> for GrowthOptions<'_> {
 /// the job.
 ///
 /// # Errors
-/// If the board belongs to another robot, holds an unfinished body, refuses or falls silent.
+/// If the board belongs to another robot, stores an unfinished job, refuses a request or does not respond.
 pub fn grow_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
@@ -280,10 +283,11 @@ pub fn grow_job<'a>(
     growth.finish(orders, on_event)
 }
 
-/// Resumes a job that the board knows. `known` are the layers as built that this host already has.
+/// Resumes the job that the board stores. `known` are the layers as built that this host already has, from the first
+/// layer on; the board reports the later ones again. `cut` determines what happens to an interrupted layer.
 ///
 /// # Errors
-/// Like [`grow_job`], or if the board does not know this job.
+/// Like [`grow_job`], or if the board does not store this job.
 pub fn resume_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
@@ -306,28 +310,28 @@ struct JobRunner<'a> {
     silence: HostSilencePolicy,
     feedback: Option<Feedback<'a>>,
     parked: OnParked,
-    /// Permit of the growth, or of the latest order to continue it.
+    /// Permit of the growth, or of the latest command to continue it.
     permit: Permit,
-    /// True once the board has begun the growth: it has accepted a start, or its status shows an earlier start.
+    /// True once the board has accepted a `Start` request, or its status shows an earlier start.
     is_started: bool,
     sent: UploadState,
     built: LaidProgress,
     board: BoardClock,
 }
 
-/// Parts of the job that were sent to the board; see `handover.rs`.
+/// Progress of sending the layers of a job to the board; see `amendment.rs`.
 struct UploadState {
-    /// All plan ids that the job has had.
+    /// All plan ids of the job: the original one, and one for each amendment.
     names: Vec<u64>,
-    /// An amendment that the board may or may not have applied.
+    /// Amendment that was sent, but for which the board's response has not arrived. `None` otherwise.
     pending: Option<PendingAmendment>,
-    /// Number of laid layers at which the job is amended next.
+    /// Number of laid layers from which on the job may be amended again.
     amend_at: u32,
-    /// True if the board was commanded to pause because the rest would be too near to an obstacle.
+    /// True if the board was commanded to pause because the remaining layers would be too near to an obstacle.
     pausing: bool,
-    /// Number of layers that were reported as sent.
+    /// Number of layers, from the first of the job, that were recorded as sent in a [`JobEvent`].
     handed_over: u32,
-    /// Layers that the board has accepted, and its free space.
+    /// Index of the next layer that the board expects, and its free space for layers.
     accepted: Accepted,
     /// Number of layers that the board can store.
     capacity: u32,
@@ -338,23 +342,23 @@ struct UploadState {
 struct LaidProgress {
     /// Number of laid layers.
     laid: u32,
-    /// The layers as built, as the board reports them.
+    /// Layers as built, in order, as the board has reported them. `None` for a layer of which nothing is known.
     as_built: Vec<Option<LayerBytes>>,
     interrupted: Option<InterruptedLayer>,
 }
 
 impl LaidProgress {
-    /// Reports whether every laid layer is reported.
+    /// Reports whether the board has reported every laid layer.
     fn is_reported(&self) -> bool {
         self.as_built.len() >= self.laid as usize
     }
 }
 
-/// Times on the board's clock since one of its starts.
+/// Begin and end of the growth on the board's clock, which starts at 0 when the board starts.
 struct BoardClock {
-    /// Boot number of the board during these times.
+    /// Boot number of the board whose clock is used.
     boot_id: u32,
-    /// Start and end of the growth, ms.
+    /// Time of the first status in which the board grows, ms. `None` before.
     began_ms: Option<u64>,
     ended_ms: u64,
 }
@@ -366,25 +370,25 @@ impl BoardClock {
     }
 }
 
-/// An amendment that the board may or may not have applied.
+/// An amendment that was sent, but for which the board's response has not arrived.
 struct PendingAmendment {
     /// Plan id of the amended job.
     plan_id: u64,
     /// Layers of the amended job.
     layers: Vec<LayerBytes>,
-    /// Number of layers that count as sent once the board has applied the amendment.
+    /// Number of layers, from the first of the job, that count as sent once the board has applied the amendment.
     handed_over: u32,
 }
 
-/// Reports the latest crash of the board's firmware, if the board has one recorded.
+/// Requests the latest crash of the board's firmware, and reports it as an event if the board has recorded one.
 fn report_crash(client: &mut Client, on_event: &mut dyn FnMut(&JobEvent)) {
-    // The growth continues even if the board does not respond to this.
+    // The growth continues even if the board does not respond to this request.
     if let Ok(BootReport { crash: Some(crash), .. }) = client.boot_report() {
         on_event(&JobEvent::Crash(crash));
     }
 }
 
-/// Reports whether a board that restarted for this reason has crashed.
+/// Reports whether this cause of a restart is a crash of the firmware.
 fn is_crash(cause: ResetCause) -> bool {
     matches!(cause, ResetCause::Watchdog | ResetCause::ProcessorFault | ResetCause::StackOverflow)
 }
@@ -411,7 +415,8 @@ impl<'a> JobRunner<'a> {
         }
     }
 
-    /// Sends a request whose response is `Accepted`.
+    /// Sends a request whose response is `Accepted`, and stores that response. `what` names the request in error
+    /// messages.
     fn request_accepted(&mut self, what: &'static str, request: &PassiveRequest) -> Result<(), ClientError> {
         let response = self.client.request(what, request)?;
         self.accept(what, response)
@@ -425,9 +430,9 @@ impl<'a> JobRunner<'a> {
         Ok(())
     }
 
-    /// Starts the growth. Heats nothing if a user has commanded a stop while layers were sent, or if the board waits for
-    /// a person and the permit is that of a continuation. A pause that is commanded while a new growth starts takes
-    /// effect after the start.
+    /// Sends `Start` to the board, unless a user has commanded a stop meanwhile. A growth that is resumed without a
+    /// command of a person is not started either if the board waits for a person. A pause that is commanded while a new
+    /// growth starts takes effect after the start.
     fn start_unless_stopped(&mut self, orders: &CommandQueue) -> Result<(), GrowthError> {
         if orders.stop_requested() {
             return Ok(());
@@ -440,15 +445,15 @@ impl<'a> JobRunner<'a> {
             }
         }
         let started = self.start();
-        // From here on, a pause voids each `Start` that no later order requests.
+        // From here on, a pause voids this permit, so only a later command to continue can start the growth again.
         self.permit = self.permit.until_pause();
         started.or_else(|error| match error {
-            // The growth carries out the pause or the stop next.
+            // The growth executes the pause or the stop next.
             ClientError::Voided { .. } if self.permit.is_continuation() => Ok(()),
             // Meanwhile the board has begun to wait for a person.
             ClientError::Refused { refusal: Refusal::WrongState { .. }, .. } if self.permit.is_continuation() => Ok(()),
             ClientError::Refused { .. } | ClientError::Voided { .. } => Err(GrowthError::NotStarted(error)),
-            // It may have started, and only the response is lost.
+            // The board may have started, and only its response is lost.
             error => Err(GrowthError::Interrupted(error)),
         })
     }

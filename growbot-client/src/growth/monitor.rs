@@ -1,5 +1,5 @@
-//! A growth in progress: follows the board's events to the end, executes orders, and reconnects to a board that falls
-//! silent.
+//! A growth in progress: processes the board's events until the growth ends, executes commands of users, and reconnects
+//! to a board that does not respond.
 
 use std::time::Duration;
 
@@ -16,34 +16,34 @@ use super::{
 use crate::client::ClientError;
 use crate::stop_signal::StopLevel;
 
-/// Time to wait for an event of the board before the command queue is polled.
+/// Maximum time to wait for an event of the board before the command queue is polled.
 const EVENT_POLL_INTERVAL: Duration = Duration::from_millis(20);
-/// Number of successive polls without an event before the status is requested.
+/// Number of successive polls without an event of the board after which the status is requested (2 s).
 const QUIET_LOOKS: u32 = 100;
-/// Maximum number of status requests after the end, while events of some layers are still missing.
+/// Maximum number of status requests after the end of the job, while the reports of some laid layers are still missing.
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
-/// Maximum number of attempts to reconnect to a silent board before it counts as lost.
+/// Maximum number of attempts to reconnect to a board that does not respond, before the board counts as lost.
 const CALLS: u32 = 12;
 
-/// Schedule of the status requests.
+/// Schedule of the requests for the board's status.
 struct StatusPoll {
     /// True if the status is to be requested now.
     ask: bool,
     /// Number of successive polls without an event.
     quiet_looks: u32,
-    /// Number of requests since the end, for layers that are not reported yet.
+    /// Number of status requests since the end of the job, which wait for layers that are not reported yet.
     after_end: u32,
 }
 
 impl Default for StatusPoll {
-    /// Requests the status first, because a body of no length is done at once.
+    /// Requests the status at once, because a job without layers is done before any event.
     fn default() -> Self {
         Self { ask: true, quiet_looks: 0, after_end: 0 }
     }
 }
 
 impl StatusPoll {
-    /// Counts a poll for an event, which was `found` or not.
+    /// Counts a poll for an event of the board. `found` is true if the poll returned an event.
     fn count_look(&mut self, found: bool) {
         self.quiet_looks = if found { 0 } else { self.quiet_looks + 1 };
         if self.quiet_looks >= QUIET_LOOKS {
@@ -53,7 +53,7 @@ impl StatusPoll {
 }
 
 impl JobRunner<'_> {
-    /// Follows the growth to its end and measures the body.
+    /// Processes the growth until it ends, and returns its result with the measured body.
     pub(super) fn finish(
         mut self,
         orders: &CommandQueue,
@@ -71,7 +71,7 @@ impl JobRunner<'_> {
                         // The stop is retried, but the user should not wait for that.
                         on_event(&JobEvent::CommandFailed(error.to_string()));
                         if matches!(self.client.event(Duration::ZERO), Err(ClientError::Port(_))) {
-                            // Only a new connection can deliver it.
+                            // Only a new connection can carry the stop.
                             break;
                         }
                     }
@@ -93,7 +93,7 @@ impl JobRunner<'_> {
                 | ClientError::StopNotAcknowledged { .. }
                 | ClientError::Port(_),
             ) if orders.stop_requested() && self.client.emergency_stop().is_ok() => {
-                // The order was not answered, but the emergency stop was.
+                // The board did not respond to the request to stop, but confirmed the emergency stop.
                 on_event(&JobEvent::State(State::EmergencyStop));
                 Outcome::Stopped
             }
@@ -106,7 +106,7 @@ impl JobRunner<'_> {
         Ok(self.measure(outcome))
     }
 
-    /// Opens another session and continues to follow the growth, if the board still has the job.
+    /// Opens a new session and continues to process the growth, if the board still stores its job.
     fn reconnect(
         &mut self,
         orders: &CommandQueue,
@@ -137,7 +137,7 @@ impl JobRunner<'_> {
             }
             self.board.ended_ms = hello.status.uptime_ms;
             return Ok(match outcome(hello.status.state, hello.status.fault) {
-                // A board forgets a job that is done. All of it is laid once all of it is reported.
+                // A board forgets a job that is done. If all layers of the job are reported, all are laid.
                 _ if self.built.as_built.len() >= self.job.layers.len() => Outcome::Done,
                 Some(fault @ Outcome::Fault(_)) if hello.status.plan_id == self.job.plan_id => fault,
                 _ => Outcome::Interrupted,
@@ -155,7 +155,7 @@ impl JobRunner<'_> {
         loop {
             if let Some(order) = orders.pop().filter(|order| stopped_by != Some(order.command)) {
                 let command = order.command;
-                // An order that did not reach the board is kept for the next session.
+                // A command that did not reach the board is kept for the next session.
                 self.execute(&order, on_event).inspect_err(|_| match command.may_be_repeated() {
                     true => orders.requeue(order),
                     false => on_event(&JobEvent::CommandFailed(command.uncertain_message())),
@@ -198,8 +198,8 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Requests the status. Returns the outcome once the job has ended and all its layers are reported, or once the
-    /// wait for these reports is over.
+    /// Requests the status. Returns the outcome once the job has ended and all laid layers are reported, or after too
+    /// many requests without these reports. `None` before.
     fn ask_status(
         &mut self,
         questions: &mut StatusPoll,
@@ -227,7 +227,7 @@ impl JobRunner<'_> {
         Ok(None)
     }
 
-    /// Processes the report of a layer: amends the job and sends more layers.
+    /// Processes the report of a laid layer: records the layer, amends the job and sends more layers.
     fn layer_laid(&mut self, laid: &LayerLaid, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let LayerLaid { index, as_built, readings: measured, .. } = *laid;
         if index as usize == self.built.as_built.len() {
@@ -240,17 +240,17 @@ impl JobRunner<'_> {
         self.refill(on_event)
     }
 
-    /// Returns the outcome of a growth whose board has this status. `None` if it has not ended.
+    /// Returns the outcome of this growth if the board has this status. `None` if the growth has not ended.
     fn outcome(&self, status: &Status) -> Option<Outcome> {
         match status.state {
             State::Parked if self.parked == OnParked::Wait => None,
-            // Nothing but another host or a reset leads there from a growth.
+            // Only another host or a reset takes the board from a growth to the idle state.
             State::Idle if self.is_started => Some(Outcome::Interrupted),
             state => outcome(state, status.fault),
         }
     }
 
-    /// Returns the maximum number of layers of the job. A pending amendment may have more layers than the present job.
+    /// Returns the number of layers of the job, or of the pending amendment if that has more layers.
     fn max_layers(&self) -> usize {
         self.job.layers.len().max(self.sent.pending.as_ref().map_or(0, |amendment| amendment.layers.len()))
     }
@@ -283,7 +283,7 @@ impl JobRunner<'_> {
         }
     }
 
-    /// Records a laid layer, if it is the next one after the known layers.
+    /// Records a laid layer, which must be the next one after the recorded layers, and passes it to the feedback.
     fn ingest_layer(&mut self, laid: &LayerLaid) {
         let commanded = self.job.layers.get(self.built.as_built.len());
         if let (Some(feedback), Some(layer)) = (&mut self.feedback, laid.as_built.as_ref().or(commanded)) {
@@ -292,7 +292,8 @@ impl JobRunner<'_> {
         self.built.as_built.push(laid.as_built);
     }
 
-    /// Applies the board's status. Returns the outcome if the job has ended.
+    /// Updates the progress from the board's status, and sends more layers if the board has space. Returns the outcome
+    /// if the job has ended.
     fn apply_status(
         &mut self,
         status: &Status,
@@ -314,7 +315,7 @@ impl JobRunner<'_> {
         self.built.laid = status.layers_laid;
         self.sent.make_room(status.layers_laid);
         self.refill(on_event)?;
-        // It paused because this host was silent for too long.
+        // The board paused because it received nothing from this host for too long.
         if status.state == State::Paused && status.pause_cause == PauseCause::HostSilent {
             match self.start() {
                 Err(error) if is_temporary(&error) => {}
@@ -325,8 +326,8 @@ impl JobRunner<'_> {
     }
 }
 
-/// Reports whether the growth continues although a request failed for this reason. A request that a stop has voided
-/// fails alone, because the growth carries out the stop next.
+/// Reports whether the growth continues after a request has failed with this error. It does so after a request whose
+/// permit a stop has voided, because it executes the stop next.
 fn is_temporary(error: &ClientError) -> bool {
     match error {
         ClientError::Voided { .. } => true,
@@ -343,7 +344,7 @@ fn is_temporary(error: &ClientError) -> bool {
     }
 }
 
-/// Returns the outcome of a growth in this state. `None` if it has not ended.
+/// Returns the outcome of a growth whose board is in this state. `None` if the growth has not ended.
 fn outcome(state: State, fault: Option<Fault>) -> Option<Outcome> {
     match state {
         State::Done => Some(Outcome::Done),

@@ -1,4 +1,4 @@
-//! Result of a growth: the body, the distance of its tip from the goal, and the source of that measurement.
+//! Result of a growth: the body, the pose of its tip with the errors from the goal, and the source of this pose.
 
 use growbot_core::hash::Hasher;
 use growbot_core::layer::{Layer, grow};
@@ -20,28 +20,30 @@ pub struct GrowthReport {
     pub outcome: Outcome,
     /// Plan id of the job.
     pub plan_id: u64,
-    /// Layers of the body.
+    /// Layers of the body, as built.
     pub body: Vec<Layer>,
     /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
     /// Time from the first layer to the last on the board's clock, s.
     pub duration_s: f64,
-    /// Filament that was fed, mm.
+    /// Length of filament that was fed for the body, mm.
     pub filament_mm: f64,
-    /// Layers as built, from the first layer on. `None` for a layer that was interrupted and kept, because nothing is
-    /// known of it. `body` contains such a layer as planned.
+    /// Layers as built, from the first layer on. `None` for a layer of which nothing is known, such as an interrupted
+    /// layer that was not laid again. `body` contains this layer as planned.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Number of laid layers, as the board counts them. The reports of the last layers may be missing in `as_built`.
+    /// Number of laid layers, as the board counts them. It is larger than the length of `as_built` if the board's
+    /// reports of the last layers are missing.
     pub laid: u32,
-    /// The layer that was in progress when the growth ended, and the part of it that was made.
+    /// The layer that was in progress when the growth ended, with bounds of its completed part. `None` if there was
+    /// none.
     pub interrupted: Option<InterruptedLayer>,
-    /// Source of the measured arrival.
+    /// Source of the pose in `arrival`.
     pub measured_by: MeasuredBy,
     /// Result of the feedback. `None` without feedback.
     pub feedback: Option<FeedbackReport>,
 }
 
-/// Source of a measured arrival.
+/// Source of the final pose of a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -55,7 +57,7 @@ pub enum MeasuredBy {
 }
 
 impl MeasuredBy {
-    /// Returns the name in files.
+    /// Returns the name of the source in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -73,7 +75,8 @@ impl GrowthReport {
         self.body.iter().fold(0.0, |length, layer| length + layer.height)
     }
 
-    /// Returns the start and the position of the tip after each layer (mm), from the source of the measured arrival.
+    /// Returns the position of the start and the positions of the tip after each layer, mm: as the feedback estimated
+    /// them if `measured_by` is the estimate, and otherwise from the layers in `body`.
     #[must_use]
     pub fn centreline(&self, start: &Pose) -> Vec<Vector3<f64>> {
         match (&self.feedback, self.measured_by) {
@@ -89,7 +92,7 @@ impl GrowthReport {
     }
 }
 
-/// Returns the layers of a body as built. A layer of which no report is known is returned as commanded.
+/// Returns the layers of a body as built. A layer that is `None` in `as_built` is returned as commanded.
 pub fn as_built_or_commanded(
     as_built: &[Option<LayerBytes>],
     commanded: &[LayerBytes],
@@ -97,7 +100,8 @@ pub fn as_built_or_commanded(
     as_built.iter().enumerate().map_while(|(index, layer)| layer.or_else(|| commanded.get(index).copied()))
 }
 
-/// Returns the CRC-64/XZ of the layers as built, in order, each in its 12 bytes. An unknown layer is 12 zeros.
+/// Returns the CRC-64/XZ of the layers as built, in order, each in its 12 bytes. A layer that is `None` counts as 12
+/// zeros.
 #[must_use]
 pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
     let mut hasher = Hasher::default();
@@ -108,8 +112,8 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
 }
 
 impl JobRunner<'_> {
-    /// Builds the result from the steps that the board reports. With feedback, the end of the body is the estimate from
-    /// the sensors.
+    /// Creates the result of the growth from the layers as built. With feedback, the pose of the tip is the estimate
+    /// from the sensors.
     pub(super) fn measure(self, outcome: Outcome) -> GrowthReport {
         let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
         let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();

@@ -1,4 +1,4 @@
-//! Beginning of a growth: with a new job, or with one that the board knows.
+//! Beginning of a growth: with a new job, or by resuming the job that the board stores.
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{BeginJob, BoardInfo, PassiveRequest, Resume, State, Status};
@@ -11,7 +11,7 @@ use crate::client::{Client, ClientError};
 use crate::feedback::EncoderReference;
 
 impl<'a> JobRunner<'a> {
-    /// Sends a new job to the board: as many layers as it can store.
+    /// Begins a new job on the board and sends as many layers as the board can store.
     pub(super) fn begin(
         client: &'a mut Client,
         job: &Job<'a>,
@@ -40,7 +40,7 @@ impl<'a> JobRunner<'a> {
         self.hand_over(on_event)
     }
 
-    /// Resumes a job that the board knows.
+    /// Resumes the job that the board stores. `known` are the layers as built that this host already has.
     pub(super) fn resume(
         client: &'a mut Client,
         job: &Job<'a>,
@@ -60,7 +60,8 @@ impl<'a> JobRunner<'a> {
         Ok(growth)
     }
 
-    /// Starts counting the filament now, unless the count already covers this start of the board.
+    /// Reads the filament's encoder and gives the reading to the feedback, unless the feedback already has a reading
+    /// since this start of the board.
     fn count_from_here(&mut self, on_event: &mut dyn FnMut(&JobEvent)) -> Result<(), ClientError> {
         let Some(feedback) = self.feedback.as_mut().filter(|feedback| !feedback.counts_since_boot(self.board.boot_id))
         else {

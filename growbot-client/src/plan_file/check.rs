@@ -1,9 +1,9 @@
-//! The checks of a plan from a file.
+//! Checks of a plan that was read from a file.
 //!
-//! The plan must be for this very robot, its numbers must be valid, and the robot must be able to make its bends. Its
-//! totals must match its segments, and chaining Eq 4 over the segments from the start must end at the goal. It must
-//! pass through each of its waypoints. Warnings are computed again. Warnings of the file with other codes are kept,
-//! because another program or a person may have added them.
+//! The plan must have been made for a robot with the same description, its numbers must be valid, and the robot must be
+//! able to make its bends. Its totals must match its segments. The segments, chained from the start by Eq 4, must pass
+//! through each waypoint and end at the goal. Warnings are computed again. Warnings in the file with other codes are
+//! kept, because another program or a person may have added them.
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
@@ -20,34 +20,36 @@ use crate::plan::{Plan, PlanLegs, SearchSummary, path_type};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
 
-/// Maximum length of a segment, mm: from one corner of the space of poses to the other and back.
+/// Maximum length of a segment, mm. It is longer than twice the diagonal of the range of coordinates.
 const LONGEST_SEGMENT: f64 = 8.0 * Pose::MAX_COORDINATE_MM;
-/// Maximum total length of all helicoidal arcs, in radii. No planner returns more, and the integration would only take
-/// time.
+/// Maximum total length of all helicoidal arcs, in radii. It limits the time for the integration, and no planner
+/// returns longer ones.
 const MAX_TURNS: f64 = 1e4;
-/// Maximum number of candidates, above that of any planner.
+/// Maximum number of candidates in the search statistics of a plan. No planner finds more.
 const MAX_CANDIDATES: f64 = 1e9;
-/// Maximum number of letters of a path type in a message.
+/// Maximum number of letters of a path type that an error message quotes.
 const LONGEST_PATH_TYPE: usize = 40;
-/// Maximum absolute value of the components of `m0` and `p`.
+/// Maximum absolute value of the components of the vectors `m0` and `p` of a helicoidal arc.
 const MAX_MOMENT: f64 = 1e6;
-/// Minimum of the largest absolute component of `m0` and `p`.
+/// Minimum of the larger norm of the vectors `m0` and `p` of a helicoidal arc.
 const MIN_MOMENT: f64 = 1e-6;
-/// Maximum component of `m0` along the tip's direction, as a fraction.
+/// Maximum component of the vector `m0` of a helicoidal arc along the tip's direction, as a fraction of the larger norm
+/// of `m0` and `p`.
 const PERPENDICULAR: f64 = 1e-9;
-/// Relative tolerance of limits, because degrees and radians do not convert exactly.
+/// Relative tolerance of comparisons, because the conversion between degrees and radians is not exact.
 const ROUNDING: f64 = 1e-9;
-/// Maximum distance of the end of a plan of ordinary size from its goal, mm.
+/// Maximum distance of the end of a leg from its goal, mm, for legs of up to 100 radii. The limit grows in proportion
+/// to the distance of longer legs.
 const ARRIVED_DISTANCE: f64 = 1e-6;
-/// Maximum angle between the end of a plan and its goal, radians. Both limits grow in proportion for plans beyond 100
-/// radii, as in the planner's own check.
+/// Maximum angle between the directions at the end of a leg and of its goal, radians, for legs of up to 100 radii. The
+/// limit grows in proportion to the distance of longer legs, as in the planner's check.
 const ARRIVED_ANGLE: f64 = 1e-8;
 
 impl PlanFile {
-    /// Returns the plan, if it is for this robot and is consistent.
+    /// Checks this plan file for a robot and converts it to a plan.
     ///
     /// # Errors
-    /// The first fault.
+    /// The first check that fails.
     pub fn check(&self, robot: &Robot) -> Result<Plan, PlanCheckError> {
         self.check_robot(robot)?;
         range("radius_mm", self.radius_mm, robot.min_radius(), MAX_RADIUS_MM)?;
@@ -97,7 +99,7 @@ impl PlanFile {
         Ok(path)
     }
 
-    /// Returns the legs and their search statistics. Each leg ends at its own pose, the last at the goal.
+    /// Converts the legs and their search statistics, and checks that each leg ends at its waypoint or at the goal.
     fn legs(&self, start: &Pose, goal: &Pose, path: &[Segment]) -> Result<PlanLegs, PlanCheckError> {
         let (found, expected) = (self.legs.len(), if self.via.is_empty() { 0 } else { self.via.len() + 1 });
         if found != expected {
@@ -149,7 +151,7 @@ impl PlanFile {
         Ok(PlanLegs { legs, choices, free_directions: goals.map(|goal| goal.direction_free).collect() })
     }
 
-    /// Checks the path type, and the comparison of the path with others.
+    /// Checks the path type and the search statistics of the whole path.
     fn check_description(&self, plan: &Plan) -> Result<(), PlanCheckError> {
         if let Some(written) = &self.path_type {
             check_path_type(written, &plan.path)?;
@@ -163,11 +165,12 @@ impl PlanFile {
         ] {
             check_total(what, value.unwrap_or(expected), expected, 0.0)?;
         }
-        // A difference of two lengths, in percent.
+        // The percentage is a difference of two lengths, so its tolerance is absolute.
         check_total("two_plane_longer_percent", self.two_plane_longer_percent.unwrap_or(percent), percent, 1e-6)
     }
 
-    /// Checks the totals. A mismatch shows that segments were changed, dropped or duplicated.
+    /// Checks length, number of layers, duration and filament against the segments. A mismatch shows that segments were
+    /// changed, removed or duplicated.
     fn check_totals(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanCheckError> {
         let needs = &plan.requirements;
         // If a segment is almost exactly a whole number of layers, rounding may give one layer more or less.
@@ -197,7 +200,7 @@ impl LegJson {
     }
 }
 
-/// Checks a total. It may differ by `off`, and by rounding.
+/// Checks that a value in the file equals the expected value. It may differ by `off`, and by rounding.
 fn check_total(what: &'static str, value: f64, expected: f64, off: f64) -> Result<(), PlanCheckError> {
     // This rejects NaN too.
     if (value - expected).abs() <= off + ROUNDING * expected.abs() {
@@ -221,7 +224,7 @@ fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), 
     Err(PlanCheckError::Range { what: what.into(), value, min, max })
 }
 
-/// Converts a pose of a file.
+/// Converts a pose in JSON form. `which` is the name of the pose in error messages.
 pub fn pose_from_json(which: &'static str, written: &PoseJson) -> Result<Pose, PlanCheckError> {
     let &PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
     pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanCheckError::Pose { which, error })
@@ -267,7 +270,7 @@ fn segment(
                     limit: PERPENDICULAR,
                 });
             }
-            // Remove the remainder of rounding along the tip, which would add up along the curve.
+            // Set the component along the tip to 0: it is a rounding error, which would add up along the curve.
             Ok(Segment::Helicoid {
                 curve: Helicoid { m0: Vector3::new(m0.x, m0.y, 0.0), p },
                 radius,
@@ -312,7 +315,7 @@ mod tests {
         Plan::new(&robot("growbot-a"), &start, &goal, 100.0, Planner::TwoPlane).unwrap()
     }
 
-    /// Returns the error message for a plan after a change.
+    /// Returns the error message for a plan file after this change.
     fn fault(change: impl Fn(&mut PlanFile)) -> String {
         let mut written = PlanFile::from(&plan());
         change(&mut written);

@@ -1,24 +1,24 @@
-//! Faults of a plan file.
+//! Errors of the checks of a plan file.
 
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::GoalError;
 use growbot_core::pose::PoseError;
 
-/// Maximum number of segments. A body with more could not be grown in a lifetime.
+/// Maximum number of segments of a plan. A body with more segments could not be grown in a lifetime.
 pub(super) const MAX_SEGMENTS: usize = 10_000;
 
-/// Fault of a plan file. The message contains the item, the value, the limit and a remedy.
+/// Error of a check of a plan file. The message contains the item, the value, the limit and a remedy.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanCheckError {
-    /// The plan is for a robot of another name.
+    /// The plan was made for a robot with another name.
     #[error(
         "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose the plan's robot with \
          --robot"
     )]
     OtherRobot {
-        /// Name in the plan.
+        /// Name of the robot in the plan.
         plan: String,
-        /// Name of the robot to be used.
+        /// Name of the robot that is used now.
         robot: String,
     },
     /// The robot's description has changed since the plan was made.
@@ -29,33 +29,33 @@ pub enum PlanCheckError {
     OtherHash {
         /// Name of the robot.
         robot: String,
-        /// Hash in the plan.
+        /// Hash of the robot's description in the plan, 16 hexadecimal digits.
         plan: String,
-        /// Hash of the robot to be used.
+        /// Hash of the description of the robot that is used now, 16 hexadecimal digits.
         here: String,
     },
-    /// Start or goal is not a valid pose.
+    /// The start, the goal or a waypoint is not a valid pose.
     #[error("{which}: {error}")]
     Pose {
-        /// Start or goal.
+        /// Name of the pose in the file: "start", "goal" or "via".
         which: &'static str,
         /// Error of the pose.
         #[source]
         error: PoseError,
     },
-    /// A number is out of its range.
+    /// A number in the file is outside its range.
     #[error("{what} is {value:?}; it must lie between {min:?} and {max:?}: plan again")]
     Range {
         /// Name of the number.
         what: String,
-        /// Value of the number.
+        /// Value in the file.
         value: f64,
-        /// Minimum value.
+        /// Minimum valid value.
         min: f64,
-        /// Maximum value.
+        /// Maximum valid value.
         max: f64,
     },
-    /// The robot cannot make this bend.
+    /// An arc has a smaller radius than the robot can bend.
     #[error(
         "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger \
          --radius", CompactNumber(.radius)
@@ -74,7 +74,7 @@ pub enum PlanCheckError {
         /// Number of segments.
         found: usize,
     },
-    /// The tip of a helicoidal arc would twist as well as bend.
+    /// The vector `m0` of a helicoidal arc is not perpendicular to the tip's direction, so the tip would also twist.
     #[error(
         "m0 of segment {segment} is not perpendicular to the tip there: its forward component is {value}, the limit is \
          {limit}; plan again"
@@ -82,12 +82,12 @@ pub enum PlanCheckError {
     NotPerpendicular {
         /// Index of the segment, from 0.
         segment: usize,
-        /// Component of m0 along the tip's direction, as a fraction.
+        /// Component of `m0` along the tip's direction, as a fraction of the larger of `|m0|` and `|p|`.
         value: f64,
-        /// Maximum value.
+        /// Maximum absolute value of this fraction.
         limit: f64,
     },
-    /// A total does not match the sum of the segments.
+    /// A total in the file does not match the value computed from the segments.
     #[error(
         "{what} is {}, but the segments give {}: the plan was edited by hand; plan again",
         CompactNumber(.value), CompactNumber(.expected)
@@ -100,7 +100,7 @@ pub enum PlanCheckError {
         /// Value computed from the segments.
         expected: f64,
     },
-    /// The path type does not match the segments.
+    /// The path type in the file does not match the segments.
     #[error("path_type is {found:?}, but the segments give {expected:?}: the plan was edited by hand; plan again")]
     PathType {
         /// Path type in the file.
@@ -108,15 +108,15 @@ pub enum PlanCheckError {
         /// Path type of the segments.
         expected: String,
     },
-    /// The number of legs does not match the waypoints.
+    /// The number of legs in the file does not match the number of waypoints.
     #[error("the plan has {found} legs, but its via poses require {expected}: the plan was edited by hand; plan again")]
     Legs {
-        /// Number of legs.
+        /// Number of legs in the file.
         found: usize,
         /// Required number of legs: one more than waypoints, or 0 without waypoints.
         expected: usize,
     },
-    /// The segments do not end at the goal or waypoint.
+    /// The segments of a leg do not end at its goal or waypoint.
     #[error(
         "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was edited by hand; plan \
          again",
@@ -125,9 +125,9 @@ pub enum PlanCheckError {
     Missed {
         /// Name of the goal or waypoint.
         which: String,
-        /// Error of the end.
+        /// Distance (mm) and angle (radians) of the end of the segments from the goal or waypoint.
         miss: GoalError,
-        /// Maximum error.
+        /// Maximum distance and angle.
         limit: GoalError,
     },
 }

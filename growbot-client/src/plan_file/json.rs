@@ -19,10 +19,10 @@ use crate::warning::Warning;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PlanFile {
-    /// Name of the query, in the output of a batch.
+    /// Name of the query in a batch. Omitted for a single plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub id: Option<String>,
-    /// [`FORMAT`].
+    /// Name and version of the format: `growbot-plan/1`.
     pub format: String,
     /// Name of the robot.
     pub robot: String,
@@ -45,7 +45,7 @@ pub struct PlanFile {
     pub layers: usize,
     /// Time to lay the layers, s.
     pub duration_s: f64,
-    /// Length of filament, mm.
+    /// Length of filament that the body needs, mm.
     pub filament_mm: f64,
     /// Kinds of the segments in order: C for an arc, S for a straight line, H for a helicoidal arc. Missing in older
     /// plans.
@@ -58,18 +58,18 @@ pub struct PlanFile {
     /// search. Missing in older plans.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub complete: Vec<PathFamily>,
-    /// Path types that were searched from likely places only, so that a shorter path may exist: `H`, if the goal of a
-    /// leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
+    /// Path types that were searched from likely initial values only, so that a shorter path may exist: `H`, if the
+    /// goal of a leg is so near that a helicoidal arc may be the shortest. Omitted if empty.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub statistical: Vec<PathFamily>,
     /// Number of shorter paths that were rejected because the body would have collided with itself. Omitted if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
-    /// Length of the two-plane path, mm. Missing in older plans.
+    /// Length of the path that the two-plane planner finds, mm. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
-    /// Excess length of the two-plane path over this path, percent. 0 for a path of no length. Missing in older
-    /// plans.
+    /// Excess length of the path of the two-plane planner over this path, percent. 0 for a path of no length. Missing
+    /// in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_longer_percent: Option<f64>,
     /// The legs, one more than waypoints. Omitted if there are no waypoints.
@@ -77,7 +77,7 @@ pub struct PlanFile {
     pub legs: Vec<LegJson>,
     /// Segments of the path.
     pub segments: Vec<SegmentJson>,
-    /// Reasons against growing it.
+    /// Reasons against growing the plan.
     pub warnings: Vec<Warning>,
     /// Description of the robot, as in its file. Missing in older plans.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -92,7 +92,7 @@ pub struct PlanFile {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct SceneRefJson {
-    /// File of the scene: a scene file, a mesh or a cloud.
+    /// Name of the scene's file: a scene file, a mesh or a cloud of points.
     pub file: String,
     /// Hash of the scene's file and of the files that it names, 16 hexadecimal digits.
     pub hash: String,
@@ -117,9 +117,10 @@ pub enum PathFamily {
     H,
 }
 
-/// Returns the path types that were searched completely, and those searched statistically.
+/// Returns the fields `complete` and `statistical` of the plan's file: the path types that were searched completely,
+/// and those that were searched only from likely initial values.
 fn searched(plan: &Plan) -> (Vec<PathFamily>, Vec<PathFamily>) {
-    // Through a scene the shortest path may have any type, and none of the searches there is complete.
+    // In a scene, the shortest path may have any type, and the search is not complete for any.
     if plan.planner != Planner::Shortest || plan.scene.is_some() {
         return (Vec::new(), Vec::new());
     }
@@ -181,7 +182,7 @@ impl From<&Pose> for TipPoseJson {
 }
 
 impl TipPoseJson {
-    /// Returns the pose, with heading 0 if the tip is vertical.
+    /// Converts to a pose in JSON form, with heading 0 if the tip is vertical.
     #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
@@ -204,8 +205,8 @@ pub struct GoalJson {
     pub heading_deg: f64,
     /// Pitch, degrees.
     pub pitch_deg: f64,
-    /// True if only the position was given, so that heading and pitch are those chosen for it. Omitted if a direction
-    /// was given.
+    /// True if only the position was given, so that the planner chose heading and pitch. Omitted if a direction was
+    /// given.
     #[serde(default, skip_serializing_if = "is_false")]
     pub direction_free: bool,
 }
@@ -216,7 +217,7 @@ impl GoalJson {
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
     }
 
-    /// Returns the pose.
+    /// Returns the pose of the goal.
     #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
@@ -224,7 +225,7 @@ impl GoalJson {
     }
 }
 
-/// serde passes a reference.
+/// Reports whether a field is false, so that serde omits it.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_false(value: &bool) -> bool {
     !*value
@@ -241,13 +242,14 @@ pub struct LegJson {
     pub path_type: String,
     /// Length of the leg, mm.
     pub length_mm: f64,
-    /// Number of paths found.
+    /// Number of paths that the planner found for the leg.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub candidates: Option<usize>,
-    /// Number of shorter paths that were rejected.
+    /// Number of shorter paths of the leg that were rejected because the body would have collided with itself. Omitted
+    /// if 0.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub passed_over: usize,
-    /// Length of the two-plane path, mm.
+    /// Length of the leg that the two-plane planner finds, mm.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub two_plane_length_mm: Option<f64>,
 }
@@ -265,7 +267,7 @@ impl LegJson {
     }
 }
 
-/// serde passes a reference.
+/// Reports whether a count is 0, so that serde omits the field.
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
 fn is_zero(count: &usize) -> bool {
     *count == 0
@@ -278,7 +280,7 @@ fn is_zero(count: &usize) -> bool {
 pub enum SegmentJson {
     /// A circular arc.
     Arc {
-        /// Angle of greatest deposition in the tip's frame, degrees.
+        /// Angle in the tip's frame at which most material is laid, degrees. The tube bends away from it.
         alpha_deg: f64,
         /// Angle of the arc, degrees.
         beta_deg: f64,
@@ -303,7 +305,7 @@ pub enum SegmentJson {
 }
 
 impl SegmentJson {
-    /// Converts a segment that grows from a tip of this frame.
+    /// Converts a segment to JSON form. `base_from_tip` is the frame of the tip at the segment's start.
     fn new(segment: &Segment, base_from_tip: &Frame) -> Self {
         match *segment {
             Segment::Arc { alpha, bend, length } => {
@@ -318,7 +320,7 @@ impl SegmentJson {
         }
     }
 
-    /// Converts a whole path from a tip of this frame.
+    /// Converts the segments of a path to JSON form. `base_from_start` is the frame of the tip at the path's start.
     fn path(path: &[Segment], base_from_start: &Frame) -> Vec<Self> {
         let grown = |base_from_tip: &mut Frame, segment: &Segment| {
             let written = Self::new(segment, base_from_tip);
@@ -379,22 +381,22 @@ impl From<&Plan> for PlanFile {
 }
 
 impl PlanFile {
-    /// Converts a plan of this robot and adds the robot's description, so that a reader needs no other file.
+    /// Converts a plan to JSON form and adds the description of its robot, so that a reader needs no other file.
     #[must_use]
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
     }
 
-    /// Returns the JSON in one line, with its newline, for pipes.
+    /// Returns the JSON of the plan in one line that ends with a newline, for pipes.
     #[must_use]
     pub fn to_line(&self) -> String {
         sanitize::json_line(self)
     }
 
-    /// Returns the JSON in many lines, for files.
+    /// Returns the JSON of the plan in indented lines, for files.
     #[must_use]
     pub fn to_text(&self) -> String {
-        // Serialization fails only for maps whose keys are not strings, and there are no such maps.
+        // Serialization fails only for maps whose keys are not strings, which a plan does not contain.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
     }
 }

@@ -1,7 +1,7 @@
 //! Plans as JSON, in the format `growbot-plan/1`: mm and degrees, numbers in full precision.
 //!
-//! [`PlanFile`] is the text form: reading it checks that fields and types are right. [`PlanFile::check`] checks that
-//! the plan is consistent and for this robot. [`open`] does both.
+//! [`PlanFile::parse`] checks the fields and their types. [`PlanFile::check`] checks that the plan is consistent and
+//! was made for a robot. [`open`] does both.
 
 mod check;
 mod check_error;
@@ -23,7 +23,7 @@ use crate::robot_file::{self, RobotFileError};
 use crate::scene_planning::{self, SceneCheckError};
 use crate::warning::NEAR_OBSTACLE;
 
-/// Format that this version writes and reads.
+/// Name and version of the format of plan files that this version writes and reads.
 pub const FORMAT: &str = "growbot-plan/1";
 
 /// Error of reading a plan file.
@@ -32,47 +32,47 @@ pub enum PlanFileError {
     /// The file cannot be read.
     #[error(transparent)]
     Input(#[from] InputError),
-    /// The JSON ends in the middle.
+    /// The JSON text ends in the middle of the plan.
     #[error(
         "{file} ends in the middle of the plan, at line {line}: the file is incomplete; copy it again, or plan again"
     )]
     Truncated {
-        /// The file.
+        /// Name of the plan file.
         file: String,
-        /// Line at which it ends.
+        /// Number of the line at which the text ends, from 1.
         line: usize,
     },
     /// The file is not JSON.
     #[error("{file} is not JSON ({reason}): give a file that `growbot plan -o` wrote")]
     NotJson {
-        /// The file.
+        /// Name of the plan file.
         file: String,
-        /// Error and its position.
+        /// Error of the JSON parser with its position.
         reason: String,
     },
-    /// The plan has another format version.
+    /// The plan has another version of the format.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: plan again with this version")]
     OtherFormat {
-        /// The file.
+        /// Name of the plan file.
         file: String,
         /// Format that the file names.
         found: String,
     },
-    /// The JSON is not a plan.
+    /// The text is JSON, but not a plan.
     #[error("{file} is not a plan ({reason}): give a file that `growbot plan -o` wrote")]
     NoPlan {
-        /// The file.
+        /// Name of the plan file.
         file: String,
-        /// Error and its position.
+        /// Error of the JSON parser with its position.
         reason: String,
     },
-    /// The plan's robot is unknown.
+    /// The plan does not contain the description of its robot, and that robot is not built in.
     #[error(
         "{file} is for robot {robot:?}, which it does not describe and which is not built in: give the robot's file \
          with --robot"
     )]
     UnknownRobot {
-        /// The file.
+        /// Name of the plan file.
         file: String,
         /// Name of the plan's robot.
         robot: String,
@@ -80,30 +80,31 @@ pub enum PlanFileError {
     /// The robot's description is not valid.
     #[error(transparent)]
     Robot(#[from] RobotFileError),
-    /// The plan is not clear of the scene that it names.
+    /// The scene of the plan cannot be loaded, has changed, or the plan is not clear of it.
     #[error(transparent)]
     Scene(#[from] SceneCheckError),
-    /// The plan is not consistent, or not for this robot.
+    /// The plan is not consistent, or was made for another robot.
     #[error("{file}: {fault}")]
     Fault {
-        /// The file.
+        /// Name of the plan file.
         file: String,
-        /// The fault.
+        /// Error of the failed check.
         fault: PlanCheckError,
     },
 }
 
-/// The version alone, which distinguishes a plan of another version from an invalid file.
+/// The field `format` of a plan file. It is parsed alone first, to distinguish a plan of another version from an
+/// invalid file.
 #[derive(Deserialize)]
 struct Version {
     format: String,
 }
 
 impl PlanFile {
-    /// Parses a plan's JSON. `file` is its name in error messages.
+    /// Parses the JSON text of a plan. `file` is the name of the plan file in error messages.
     ///
     /// # Errors
-    /// If the text is cut short, is not JSON, has another version, or has other fields than a plan.
+    /// If the text is incomplete, is not JSON, has another version of the format, or has other fields than a plan.
     pub fn parse(text: &str, file: &str) -> Result<Self, PlanFileError> {
         let file = || file.to_owned();
         let classify = |error: serde_json::Error| match error.classify() {
@@ -122,11 +123,11 @@ impl PlanFile {
         serde_json::from_str(text).map_err(classify)
     }
 
-    /// Returns the robot of this plan: the one described there, or else the built-in one of its name. `file` is the
-    /// name of the plan in error messages.
+    /// Returns the robot of this plan: from the description in the plan, or else the built-in robot of that name.
+    /// `file` is the name of the plan file in error messages.
     ///
     /// # Errors
-    /// If the description is not valid, or the name is not that of a built-in robot.
+    /// If the description is not valid, or the plan contains none and the robot is not built in.
     pub fn own_robot(&self, file: &str) -> Result<Robot, PlanFileError> {
         let file = || file.to_owned();
         match &self.robot_description {
@@ -143,25 +144,28 @@ impl PlanFile {
 /// A plan that was read and checked.
 #[derive(Debug)]
 pub struct LoadedPlan {
-    /// The plan's robot.
+    /// Robot for which the plan was made.
     pub robot: Robot,
-    /// The plan.
+    /// The checked plan.
     pub plan: Plan,
-    /// The scene that the plan leads through, if the plan names a scene.
+    /// Scene from which the plan was proven to be clear. `None` if the plan names no scene.
     pub scene: Option<LoadedScene>,
 }
 
-/// Reads a plan (`-`: from standard input), finds its robot, and checks the plan against it in full.
+/// Reads a plan file (`-` for standard input), loads its robot, and checks the plan in full. A scene that the plan
+/// names is loaded too.
 ///
-/// The robot is the one given here or, if none is, the plan's own ([`PlanFile::own_robot`]).
+/// `robot` is the name or the file of the robot. If it is `None`, the robot of the plan is used
+/// ([`PlanFile::own_robot`]).
 ///
 /// # Errors
-/// Any fault of the file, the robot's description, or the plan.
+/// If the file, the robot's description, the plan or its scene is not valid.
 pub fn open(path: &FilePath, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
     read(&input::read_text(path)?, &input::display_name(path), robot)
 }
 
-/// Like [`open`], but also loads the scene that the plan names, or the scene given here, which must have the same hash.
+/// Like [`open`], but also returns the scene. `scene` is the scene's file, which must have the hash in the plan. If it
+/// is `None`, the file that the plan names is loaded.
 ///
 /// # Errors
 /// Like [`open`].
@@ -173,15 +177,15 @@ pub fn open_in_scene(
     read_in_scene(&input::read_text(path)?, &input::display_name(path), robot, scene)
 }
 
-/// Like [`open`], but takes the text. `file` is its name in error messages.
+/// Like [`open`], but takes the text of the plan file. `file` is the name of the plan file in error messages.
 ///
 /// # Errors
-/// Any fault of the text, the robot's description, or the plan.
+/// If the text, the robot's description, the plan or its scene is not valid.
 pub fn read(text: &str, file: &str, robot: Option<&FilePath>) -> Result<(Robot, Plan), PlanFileError> {
     read_in_scene(text, file, robot, None).map(|LoadedPlan { robot, plan, .. }| (robot, plan))
 }
 
-/// Like [`open_in_scene`], but takes the text. `file` is its name in error messages.
+/// Like [`open_in_scene`], but takes the text of the plan file. `file` is the name of the plan file in error messages.
 ///
 /// # Errors
 /// Like [`read`].

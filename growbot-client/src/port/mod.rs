@@ -1,6 +1,7 @@
-//! The line to a robot's board: a serial line, a TCP connection or any other byte stream.
+//! Connections to a robot's board (ports): a serial line, a TCP connection or any other byte stream.
 //!
-//! - [`Port`]: the interface of a line; [`stream`]: lines of the operating system; [`faulty`]: a line with faults.
+//! - [`Port`]: the interface of a connection; [`stream`]: TCP connections and serial devices; [`serial`]: serial
+//!   devices; [`faulty`]: a connection with simulated faults.
 
 pub mod faulty;
 pub mod serial;
@@ -14,50 +15,51 @@ use std::time::Duration;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use rustix::time::{ClockId, clock_gettime};
 
-/// The line to a robot, which carries bytes in both directions.
+/// A connection to a robot's board, which carries bytes in both directions.
 pub trait Port {
     /// Sends bytes.
     ///
     /// # Errors
-    /// If the line is broken.
+    /// If the connection is broken.
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError>;
 
-    /// Waits until bytes arrive. Returns 0 after the timeout, on the robot's own clock if it has one.
+    /// Waits until bytes arrive, and reads them into the buffer. Returns their number, or 0 after the timeout. For a
+    /// port with a virtual clock, the timeout is measured on that clock.
     ///
     /// # Errors
-    /// If the line is broken.
+    /// If the connection is broken.
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError>;
 
-    /// Sends the emergency stop in one piece. The stop overtakes bytes that wait to be sent, if the line can drop those
-    /// bytes.
+    /// Sends the bytes of the emergency stop in one write. On a serial device, bytes that wait to be sent are dropped
+    /// first.
     ///
     /// # Errors
-    /// If the line is broken, or accepts no bytes now.
+    /// If the connection is broken, or accepts no bytes now.
     fn send_emergency_stop(&mut self) -> Result<(), PortError> {
         self.send(&EMERGENCY_STOP)
     }
 
-    /// Returns the time on the clock of [`Port::receive`]: real time, unless the port has a virtual clock.
+    /// Returns the time on the clock that measures the timeouts of [`Port::receive`]: real time, unless the port has a
+    /// virtual clock.
     fn now(&self) -> Duration {
         time_since_boot()
     }
 
-    /// Reports whether a healthy board's clock runs like [`Port::now`]. The clock of an emulated board stands still
-    /// while a busy machine runs other programs.
+    /// Reports whether the clock of a healthy board runs at the same rate as [`Port::now`]. This is false for an
+    /// emulated board, whose clock stands still while a busy machine runs other programs.
     fn has_comparable_clock(&self) -> bool {
         true
     }
 
-    /// Returns a port on the same line with which another thread can send the emergency stop. From the first use of the
-    /// emergency port on, this port neither sends nor receives, and blocks until the emergency port is dropped. `None`
-    /// if the robot ends with this program.
+    /// Returns a second port on the same connection with which another thread can send the emergency stop. From its
+    /// first use until it is dropped, all calls of this port block. `None` if the robot is simulated in this program
+    /// and ends with it.
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         None
     }
 }
 
-/// A port with several owners: for example, a test breaks parts of a simulated tip while a host communicates with its
-/// board.
+/// A port with several owners. For example, a test breaks parts of a simulated robot while a client uses the port.
 impl<P: Port> Port for Rc<RefCell<P>> {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.borrow_mut().send(bytes)
@@ -110,7 +112,7 @@ impl Port for Box<dyn Port> {
     }
 }
 
-/// Returns the real time since the machine was started, including its sleep.
+/// Returns the real time since the host was started, including the time in which it slept.
 #[must_use]
 pub fn time_since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
@@ -138,10 +140,10 @@ pub enum PortError {
     /// No program listens at the address.
     #[error("no response at {0} ({1}): check the address and that the robot is on")]
     Unreachable(String, String),
-    /// The line worked before and broke.
+    /// The connection worked before, but is now broken.
     #[error("lost the connection to {0} ({1}): check the cable; laid layers are kept")]
     Lost(String, String),
-    /// The time of a simulated board does not advance.
+    /// A simulated board has failed, for example because its time does not advance.
     #[error(transparent)]
     Simulated(Box<dyn Error + Send + Sync>),
 }

@@ -1,11 +1,11 @@
-//! A serial device: raw bytes at 115200 baud.
+//! Serial devices: raw bytes at 115200 baud.
 //!
-//! Growbot's commands share devices by an advisory lock (`flock`): the holder of the lock has the device. The emergency
-//! stop does not take this lock, and no command opens a device for exclusive use (`TIOCEXCL`). It can therefore open
-//! the device beside the command that holds it.
+//! A growbot command that uses a device holds an advisory lock on it (`flock`), so that a second command is refused.
+//! The emergency stop does not take this lock, and no command opens a device for exclusive use (`TIOCEXCL`). The
+//! emergency stop can therefore open a device that another command uses.
 //!
-//! If two programs read one device, each gets some of the bytes. So the emergency stop has a lock of its own, on the
-//! device's bytes (`fcntl`). While it is held, the holder of the device reads nothing, so the emergency stop receives
+//! If two programs read one device, each receives some of the bytes. The emergency stop therefore takes a second lock
+//! (`fcntl`). While this lock is held, the command that uses the device reads nothing, so the emergency stop receives
 //! the board's acknowledgement.
 
 use std::fs::{self, File};
@@ -21,27 +21,28 @@ use rustix::termios::{Action, ControlModes, OptionalActions, QueueSelector, tcfl
 
 use super::PortError;
 
-/// Rate of serial lines, baud.
+/// Baud rate of serial devices.
 const BAUD: u32 = 115_200;
-/// Time for which a device may accept no byte before it counts as lost.
+/// Maximum time for which a device may accept no byte to send. Then the connection counts as lost.
 const STALLED: Duration = Duration::from_secs(2);
-/// Time for which an emergency stop waits for a device that accepts nothing. The stop is then sent again.
+/// Maximum time for which an emergency stop waits for a device that accepts no byte. The caller then sends the stop
+/// again.
 const EMERGENCY_WAIT: Duration = Duration::from_millis(100);
-/// Interval at which a holder polls whether the emergency stop of another program is over. The emergency stop tries to
-/// lock the bytes at the same interval.
+/// Interval at which a command that uses a device polls whether the emergency stop of another program is over. The
+/// emergency stop tries to take its lock at the same interval.
 const SILENCE_LOOK: Duration = Duration::from_millis(2);
-/// Maximum number of tries to lock the bytes.
+/// Maximum number of attempts of an emergency stop to take its lock.
 const SILENCE_TRIES: u32 = 10;
 
-/// An open serial device. It never blocks for longer than the requested wait.
+/// An open serial device. No call blocks for longer than its timeout.
 pub struct Serial {
     file: File,
-    /// True if this handle sends an emergency stop. The other handles of the device neither send nor receive meanwhile.
+    /// True if this handle is used to send an emergency stop. Such a handle reads even while other handles must not.
     is_for_emergency: bool,
 }
 
 impl Serial {
-    /// Opens a device and locks it against growbot's other commands.
+    /// Opens a device and takes its lock, so that no other growbot command can open it.
     ///
     /// # Errors
     /// If the device is missing, busy or forbidden, or is not a serial device.
@@ -56,15 +57,16 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Opens a device even if another program holds it. For the emergency stop only.
+    /// Opens a device even if another growbot command uses it. For the emergency stop only.
     ///
     /// # Errors
-    /// Like [`Serial::open`], but busy only if a program other than growbot has opened the device for exclusive use.
+    /// Like [`Serial::open`], but not [`PortError::Busy`]. [`PortError::Exclusive`] if a program has opened the device
+    /// for exclusive use.
     pub fn open_for_emergency_stop(device: &str) -> Result<Self, PortError> {
         let serial = Self::open_shared(device, true)?;
         serial.set_up().map_err(|error| unusable(device, &error))?;
         for _ in 0..SILENCE_TRIES {
-            // Without the lock, another stop or two may be needed until the acknowledgement is received.
+            // Without the lock, the stop may have to be sent once or twice more until the acknowledgement is received.
             if fcntl_lock(&serial.file, FlockOperation::NonBlockingLockExclusive).is_ok() {
                 break;
             }
@@ -73,14 +75,14 @@ impl Serial {
         Ok(serial)
     }
 
-    /// Reports whether this handle must not read, because another program uses the line for an emergency stop.
+    /// Reports whether this handle must not read, because another program sends an emergency stop to the device.
     fn must_yield(&self) -> bool {
         if self.is_for_emergency {
             return false;
         }
         match fcntl_lock(&self.file, FlockOperation::NonBlockingLockShared) {
             Ok(()) => {
-                // Unlocking fails as rarely as locking.
+                // An error of unlocking is ignored, because it is as unlikely as one of locking.
                 let _ = fcntl_lock(&self.file, FlockOperation::NonBlockingUnlock);
                 false
             }
@@ -97,7 +99,7 @@ impl Serial {
         }
     }
 
-    /// Sets raw bytes, 8N1, no flow control, no modem lines.
+    /// Sets the device to 115200 baud, raw bytes, 8N1, without flow control and modem lines.
     fn set_up(&self) -> io::Result<()> {
         let mut settings = tcgetattr(&self.file)?;
         settings.make_raw();
@@ -107,7 +109,7 @@ impl Serial {
         Ok(tcsetattr(&self.file, OptionalActions::Now, &settings)?)
     }
 
-    /// Returns a handle of the same device for the emergency stop of another thread.
+    /// Returns a second handle of this device, with which another thread can send the emergency stop.
     ///
     /// # Errors
     /// If the system has no more file descriptors.
@@ -115,10 +117,11 @@ impl Serial {
         Ok(Self { file: self.file.try_clone()?, is_for_emergency: true })
     }
 
-    /// Sends bytes. Calls `gives_up` every 100 ms while the device accepts none.
+    /// Sends bytes. While the device accepts no byte, `gives_up` is called every 100 ms, and sending ends if it returns
+    /// true.
     ///
     /// # Errors
-    /// If the device is gone, accepts no byte for two seconds, or `gives_up` returns true.
+    /// If the device is gone or accepts no byte for two seconds, or if `gives_up` has returned true.
     pub fn send(&mut self, bytes: &[u8], gives_up: impl Fn() -> bool) -> io::Result<()> {
         let mut left = bytes;
         let mut since = Instant::now();
@@ -141,13 +144,13 @@ impl Serial {
         Ok(())
     }
 
-    /// Sends bytes in one write, before all bytes that wait to be sent. The waiting bytes are dropped.
+    /// Drops all bytes that wait in the device to be sent, and sends these bytes in one write.
     ///
     /// # Errors
-    /// If the device is gone, or does not accept them as a whole within 100 ms.
+    /// If the device is gone, or does not accept all bytes within 100 ms.
     pub fn send_ahead(&mut self, bytes: &[u8]) -> io::Result<()> {
-        // The queued bytes precede the emergency, and the rest of a frame would only delay it. Both calls may fail on a
-        // device without a queue. The write then reports the error.
+        // Queued bytes are older than the emergency stop and would only delay it. Both calls may fail on a device
+        // without a queue. The write then reports the error.
         let _ = tcflush(&self.file, QueueSelector::OFlush);
         let _ = tcflow(&self.file, Action::OOn);
         let sent = match self.file.write(bytes) {
@@ -163,8 +166,8 @@ impl Serial {
         Ok(())
     }
 
-    /// Waits for bytes. `None` after the timeout, if another program has read them first, or if `leaves` returns true
-    /// once bytes have arrived, because these bytes belong to another thread.
+    /// Waits for bytes and reads them into the buffer. Returns their number. `None` after the timeout, if another
+    /// program has read the bytes, or if `leaves` returns true, because the bytes are then for another thread.
     ///
     /// # Errors
     /// If the device is gone.
@@ -193,7 +196,7 @@ impl Serial {
         }
     }
 
-    /// Waits until the device is ready, or the timeout is over.
+    /// Waits until the device can be read or written (`for_what`), or the timeout is over.
     fn wait(&self, for_what: PollFlags, timeout: Duration) -> io::Result<()> {
         let timeout = Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
         match poll(&mut [PollFd::new(&self.file, for_what)], Some(&timeout)) {
@@ -203,12 +206,12 @@ impl Serial {
     }
 }
 
-/// Reports whether an error only means that nothing can be read or written now.
+/// Reports whether an error is temporary: nothing can be read or written now, but perhaps later.
 fn is_passing(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted)
 }
 
-/// Returns the error for a device that cannot be used.
+/// Converts an error of the operating system to the error for a device that cannot be opened.
 fn unusable(device: &str, error: &io::Error) -> PortError {
     let name = device.to_string();
     match error.kind() {
@@ -218,13 +221,13 @@ fn unusable(device: &str, error: &io::Error) -> PortError {
     }
 }
 
-/// Returns the name of the program that has a device open.
+/// Returns the name of a program that has a device open, or "another program" if it is unknown.
 fn holder(device: &str) -> String {
     found_holder(device).unwrap_or_else(|| "another program".to_string())
 }
 
-/// Returns the name of the program that has a device open, if the system reports it. Linux reports it for the programs
-/// of this user.
+/// Returns the name and process number of a program that has a device open. `None` if it is unknown: Linux shows only
+/// the programs of this user.
 fn found_holder(device: &str) -> Option<String> {
     let device = fs::canonicalize(device).ok()?;
     let has_it = |process: &Path| {
@@ -232,7 +235,7 @@ fn found_holder(device: &str) -> Option<String> {
         open.filter_map(|file| fs::read_link(file.path()).ok()).any(|file| file == device)
     };
     let processes = fs::read_dir("/proc").ok()?.flatten().filter(|entry| {
-        // Skip `self` and the number of this program.
+        // Skip the entry `self` and that of this process.
         let number: Option<u32> = entry.file_name().to_str().and_then(|name| name.parse().ok());
         number.is_some_and(|number| number != std::process::id())
     });
@@ -242,7 +245,7 @@ fn found_holder(device: &str) -> Option<String> {
     })
 }
 
-/// Lists the available serial devices for an error message.
+/// Returns the end of an error message, which lists the available serial devices.
 fn available_ports_hint() -> String {
     let names: Vec<String> =
         serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();

@@ -1,4 +1,4 @@
-//! A robot at the other end of a TCP connection or a serial line.
+//! Ports of the operating system: TCP connections and serial devices.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};
@@ -15,31 +15,30 @@ use super::{Port, PortError};
 
 /// Timeout of a connection attempt.
 const CONNECT: Duration = Duration::from_secs(5);
-/// Time for which a connection may accept no byte before it counts as lost.
+/// Maximum time for which a TCP connection may accept no byte to send. Then the connection counts as lost.
 const STALLED: Duration = Duration::from_secs(2);
-/// Timeout of a read that is made after bytes have arrived. It is not zero, because a timeout of zero means to wait for
-/// ever.
+/// Timeout of a read after bytes have arrived. It is not zero, because a timeout of zero is not valid for a socket.
 const AT_ONCE: Duration = Duration::from_millis(1);
-/// Interval at which a stream that waits for an emergency stop of another thread checks whether that stop is over.
+/// Interval at which a stream that is blocked by an emergency stop of another thread polls whether that stop is over.
 const YIELD_POLL_INTERVAL: Duration = Duration::from_millis(5);
 
-/// A robot at the other end of a stream of bytes.
+/// A TCP connection or a serial device as a [`Port`].
 pub struct Stream {
     name: String,
     bytes: Bytes,
-    /// Number of streams over this connection with which an emergency stop is being sent.
+    /// Number of streams on this connection that are sending an emergency stop. All streams of the connection share it.
     emergencies: Arc<AtomicU32>,
     role: StreamRole,
 }
 
-/// Use of a stream: several streams may share one connection.
+/// Use of a stream. Several streams may share one connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum StreamRole {
-    /// Requests and responses. Such a stream waits while an emergency stop is being sent.
+    /// The stream carries requests and responses. It blocks while an emergency stop is being sent.
     Requests,
-    /// An emergency stop that has not been sent.
+    /// The stream is for an emergency stop, which has not been sent.
     Emergency,
-    /// An emergency stop that is being sent. All streams for requests wait until this stream is dropped.
+    /// The stream is sending an emergency stop. Streams for requests block until this stream is dropped.
     ActiveEmergency,
 }
 
@@ -49,10 +48,10 @@ enum Bytes {
 }
 
 impl Stream {
-    /// Connects to `HOST:PORT`.
+    /// Connects to a TCP address `HOST:PORT`.
     ///
     /// # Errors
-    /// [`PortError::Unreachable`] with the system's reason.
+    /// [`PortError::Unreachable`] with the reason of the operating system.
     pub fn tcp(address: &str) -> Result<Self, PortError> {
         let unreachable = |error: io::Error| PortError::Unreachable(address.to_string(), error.to_string());
         let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
@@ -65,7 +64,7 @@ impl Stream {
         Err(unreachable(last))
     }
 
-    /// Connects within a time limit, which includes the resolution of the name.
+    /// Connects to a TCP address within a time limit, which includes the resolution of the host's name.
     ///
     /// # Errors
     /// Like [`Stream::tcp`], or if the time is over.
@@ -82,7 +81,7 @@ impl Stream {
         })
     }
 
-    /// Wraps an existing connection.
+    /// Creates a port from an existing TCP connection. `name` is its name in error messages.
     ///
     /// # Errors
     /// If the system refuses to send short messages immediately.
@@ -92,7 +91,7 @@ impl Stream {
         Ok(Self::new(name, Bytes::Tcp(stream)))
     }
 
-    /// Opens a serial device, unless another growbot holds it.
+    /// Opens a serial device, unless another growbot command uses it.
     ///
     /// # Errors
     /// Like [`Serial::open`].
@@ -100,7 +99,7 @@ impl Stream {
         Ok(Self::new(device.to_string(), Bytes::Serial(Serial::open(device)?)))
     }
 
-    /// Opens a serial device for the emergency stop, whether or not another program holds it.
+    /// Opens a serial device for the emergency stop, even if another growbot command uses it.
     ///
     /// # Errors
     /// Like [`Serial::open_for_emergency_stop`].
@@ -116,21 +115,19 @@ impl Stream {
         PortError::Lost(self.name.clone(), error.to_string())
     }
 
-    /// Reports whether this stream must wait, because an emergency-stop stream of another thread uses the connection.
+    /// Reports whether this stream must block, because another stream is sending an emergency stop on the connection.
     fn is_left_to_emergency(&self) -> bool {
         self.role == StreamRole::Requests && self.emergencies.load(Ordering::SeqCst) > 0
     }
 
-    /// Waits while emergency-stop streams of other threads use this connection, until the last of those streams is
-    /// dropped.
+    /// Blocks while other streams are sending an emergency stop on this connection, until these streams are dropped.
     fn block_if_yielded(&self) {
         while self.is_left_to_emergency() {
             thread::sleep(YIELD_POLL_INTERVAL);
         }
     }
 
-    /// Makes all streams that send requests over this connection in this program wait, until this emergency-stop stream
-    /// is dropped.
+    /// Makes all streams for requests on this connection block until this emergency-stop stream is dropped.
     fn take_line(&mut self) {
         if self.role == StreamRole::Emergency {
             self.role = StreamRole::ActiveEmergency;
@@ -156,7 +153,7 @@ impl Drop for Stream {
     }
 }
 
-/// Waits until bytes have arrived or the timeout is over.
+/// Waits until bytes have arrived. Returns an error after the timeout.
 fn wait_for_bytes(stream: &TcpStream, timeout: Duration) -> io::Result<()> {
     let timeout = Timespec { tv_sec: timeout.as_secs().cast_signed(), tv_nsec: timeout.subsec_nanos().into() };
     match poll(&mut [PollFd::new(stream, PollFlags::IN)], Some(&timeout)) {
@@ -166,7 +163,7 @@ fn wait_for_bytes(stream: &TcpStream, timeout: Duration) -> io::Result<()> {
     }
 }
 
-/// Reports whether an error only means that the timeout is over.
+/// Reports whether an error means only that no bytes arrived within the timeout.
 fn is_timeout(error: &io::Error) -> bool {
     matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock | io::ErrorKind::Interrupted)
 }
@@ -188,7 +185,7 @@ impl Port for Stream {
         let (emergencies, yields) = (&self.emergencies, self.role == StreamRole::Requests);
         let received = match &mut self.bytes {
             Bytes::Tcp(stream) => wait_for_bytes(stream, timeout).and_then(|()| {
-                // Bytes that arrive during an emergency stop belong to it.
+                // Bytes that arrive during an emergency stop are read by the stream that sends the stop.
                 match yields && emergencies.load(Ordering::SeqCst) > 0 {
                     true => Err(io::ErrorKind::WouldBlock.into()),
                     false => stream.set_read_timeout(Some(AT_ONCE)).and_then(|()| stream.read(buffer)),
@@ -219,7 +216,7 @@ impl Port for Stream {
     }
 
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
-        // Without this port, an interrupted program advises to cut the power.
+        // If this fails, a program that is interrupted advises its user to cut the power.
         self.try_clone().ok().map(|line| Box::new(line) as Box<dyn Port + Send>)
     }
 }
@@ -231,7 +228,7 @@ mod tests {
 
     use super::*;
 
-    /// The far end accepts one connection, as a robot behind TCP does.
+    /// Tests a server that accepts only one connection, as a robot at a TCP port does.
     #[test]
     fn an_emergency_stop_uses_the_open_connection_and_returns_it() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
@@ -240,7 +237,7 @@ mod tests {
         let mut receive = [0; 8];
         for _ in 0..3 {
             let mut stop = line.emergency_port().unwrap();
-            // The end for requests waits already. It leaves what arrives to the stop.
+            // The stream for requests is already receiving. It does not read bytes that arrive during the stop.
             let (received, arrived) = mpsc::channel();
             let worker = thread::spawn(move || {
                 let mut bytes = [0; 8];

@@ -22,14 +22,14 @@ use crate::feedback::EncoderReference;
 use crate::growth::{Amendment, Command, JobEvent};
 use crate::plan_file::TipPoseJson;
 
-/// A line of a run log: an event and the time of day at which it was written.
+/// A line of a run log: an event, and the date and time at which it was written.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RunLine {
     /// The event.
     #[serde(flatten)]
     pub event: RunEvent,
-    /// Time of day, RFC 3339 with milliseconds.
+    /// Date and time at which the line was written, RFC 3339 with milliseconds.
     #[serde(default, deserialize_with = "lenient")]
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub utc: Option<String>,
@@ -55,9 +55,9 @@ pub enum RunEvent {
     Status(BoardStatus),
     /// A layer was laid.
     Laid(LaidLayer),
-    /// A layer of a simulated tip as its plastic lies.
+    /// A layer of a simulated tip with its errors, as the plastic lies.
     Simulated(SimulatedLayer),
-    /// With feedback: the filament's encoder counts from this value on.
+    /// With feedback: growth is measured from this reading of the filament's encoder on.
     EncoderReference(EncoderReference),
     /// With feedback: an amendment is about to be sent. It takes effect unless `amendment-rejected` follows.
     Amendment(Amendment),
@@ -66,11 +66,11 @@ pub enum RunEvent {
         /// Reason of the refusal. Null if the amendment only came too late.
         reason: Option<String>,
     },
-    /// With feedback in a scene: the rest takes another path, because the previous one would be too near to an
-    /// obstacle.
+    /// With feedback in a scene: the remaining layers follow another path, because the previous path would be too near
+    /// to an obstacle.
     Detour(Detour),
-    /// With feedback in a scene: the rest would be too near to an obstacle and no other path was found, so the robot
-    /// pauses.
+    /// With feedback in a scene: the remaining layers would be too near to an obstacle and no other path was found, so
+    /// the robot pauses.
     ClearanceViolation(ClearanceViolation),
     /// With feedback: more layers of the job are sent.
     LayersSent {
@@ -86,9 +86,9 @@ pub enum RunEvent {
         /// The command.
         command: Command,
     },
-    /// The board has refused the command.
+    /// The latest command failed.
     CommandFailed {
-        /// Reason of the refusal.
+        /// Reason of the failure.
         reason: String,
     },
     /// The board does not respond.
@@ -110,7 +110,7 @@ pub enum RunEvent {
 pub struct BoardRecord {
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
-    /// Hash of the link's messages.
+    /// Hash of the schema of the link's messages.
     #[serde(with = "super::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub schema: u64,
@@ -163,7 +163,7 @@ pub struct BoardStatus {
     /// Time since the board started, ms.
     #[serde(default, deserialize_with = "lenient")]
     pub uptime_ms: Option<u64>,
-    /// Time of day at which the last layer is expected, RFC 3339. Null unless the robot grows at a known pace.
+    /// Expected date and time of the last layer, RFC 3339. Null unless the robot grows at a known pace.
     #[serde(default, deserialize_with = "lenient")]
     pub finish_utc: Option<String>,
 }
@@ -187,11 +187,11 @@ impl From<&Status> for BoardStatus {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct LayerJson {
-    /// Angle of greatest deposition, degrees.
+    /// Angle in the tip's frame at which most material is laid, degrees. The tube bends away from it.
     pub alpha_deg: f64,
     /// Mean height, mm.
     pub height_mm: f64,
-    /// Tilt, degrees.
+    /// Angle between the lower and the upper side of the layer, degrees.
     pub tilt_deg: f64,
 }
 
@@ -201,7 +201,7 @@ pub struct LayerJson {
 pub struct LaidLayer {
     /// Index of the layer, from 0.
     pub layer: u32,
-    /// Bytes of the link, 24 hexadecimal digits. Null if nothing is known of the layer.
+    /// The layer in the bytes of the link, 24 hexadecimal digits. Null if nothing is known of the layer.
     #[serde(default, with = "super::hexadecimal::layer")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built: Option<LayerBytes>,
@@ -250,13 +250,13 @@ impl From<MeasuredJson> for LayerReadings {
     }
 }
 
-/// A layer of a simulated tip as its plastic lies.
+/// A layer of a simulated tip with its errors, as the plastic lies.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SimulatedLayer {
     /// Index of the layer, from 0.
     pub layer: u32,
-    /// The layer as it came out.
+    /// Dimensions of the layer with its errors.
     #[serde(flatten)]
     pub numbers: LayerJson,
     /// Pose of the tip after the layer.
@@ -264,8 +264,8 @@ pub struct SimulatedLayer {
     pub tip: Option<TipPoseJson>,
 }
 
-/// Converts an event of a job to events of a log. `laid_tip` is the simulated tip after the layers reported so far, and
-/// is updated with each of its layers.
+/// Converts an event of a job to events of a run log. `laid_tip` is the frame of the simulated tip after the layers
+/// that were converted so far, and is updated here.
 #[must_use]
 pub fn to_run_events(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {

@@ -18,13 +18,13 @@ pub struct RunHeader {
     /// Version of the program that has written it.
     #[serde(default)]
     pub growbot: String,
-    /// Time of day at the start, RFC 3339 with milliseconds.
+    /// Date and time at the start of the growth, RFC 3339 with milliseconds.
     #[serde(default)]
     pub started_utc: String,
-    /// The command line.
+    /// Command line with which the program was started.
     #[serde(default)]
     pub command_line: Vec<String>,
-    /// The port, as it was given.
+    /// The port as the user gave it.
     #[serde(default)]
     pub port: String,
     /// Kind of tip that lays the body.
@@ -63,9 +63,9 @@ pub struct RunHeader {
 pub struct ResumeRecord {
     /// Version of the program.
     pub growbot: String,
-    /// The command line.
+    /// Command line with which the program was started.
     pub command_line: Vec<String>,
-    /// The port, as it was given.
+    /// The port as the user gave it.
     pub port: String,
 }
 
@@ -97,7 +97,7 @@ impl From<SensorNoise> for SensorNoiseJson {
 }
 
 impl SensorNoiseJson {
-    /// Returns the noise. `None` if a number is negative.
+    /// Converts to the noise for the feedback. `None` if a number is negative or NaN.
     pub(super) fn checked(self) -> Option<SensorNoise> {
         let Self { odometry, direction } = self;
         (odometry >= 0.0 && direction >= 0.0).then_some(SensorNoise { odometry, direction })
@@ -199,7 +199,7 @@ impl From<&ErrorModel> for DisturbancesJson {
     }
 }
 
-/// Rounds a number to its original form, because conversion to fractions and radians, and back, changes its last
+/// Rounds a number to 13 significant digits, because conversion to a fraction or to radians, and back, changes its last
 /// digits.
 fn as_given(number: f64) -> f64 {
     format!("{number:.12e}").parse().unwrap_or(number)

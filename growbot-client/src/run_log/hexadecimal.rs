@@ -1,10 +1,11 @@
-//! Layers and hashes of a log as hexadecimal digits: layers in the bytes of the link, hashes as 16 digits.
+//! Serialization of layers and hashes in a run log as hexadecimal digits: 24 digits for the 12 bytes of a layer, 16
+//! digits for a hash.
 //!
-//! The modules are for `#[serde(with)]`. A layer as built that cannot be read counts as unknown.
+//! The modules are for the attribute `#[serde(with)]`.
 
 use growbot_core::layer_bytes::LayerBytes;
 
-/// Formats a layer as 24 digits.
+/// Formats the bytes of a layer as 24 hexadecimal digits.
 pub(super) fn hex(bytes: &LayerBytes) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
@@ -15,7 +16,7 @@ pub fn hex_of(layers: &[LayerBytes]) -> String {
     layers.iter().map(hex).collect()
 }
 
-/// Parses layers from the hexadecimal digits of their bytes.
+/// Parses layers from 24 hexadecimal digits each. `None` if the text is anything else.
 pub(super) fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
     let digits: Vec<u8> =
         text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
@@ -31,7 +32,7 @@ pub(super) fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
     Some(layers.iter().map(layer).collect())
 }
 
-/// Layers in one string.
+/// For `#[serde(with)]`: layers as one string of 24 hexadecimal digits each.
 pub mod layers {
     use growbot_core::layer_bytes::LayerBytes;
     use serde::de::Error;
@@ -48,25 +49,25 @@ pub mod layers {
     }
 }
 
-/// A layer that may be unknown.
+/// For `#[serde(with)]`: an optional layer as 24 hexadecimal digits.
 pub mod layer {
     use growbot_core::layer_bytes::LayerBytes;
     use serde::{Deserializer, Serialize, Serializer};
 
-    /// Serializes a layer.
+    /// Serializes a layer, or null for `None`.
     #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(layer: &Option<LayerBytes>, to: S) -> Result<S::Ok, S::Error> {
         layer.as_ref().map(super::hex).serialize(to)
     }
 
-    /// Deserializes a layer. `None` if it cannot be read.
+    /// Deserializes a layer. `None` if the value is null or not a layer.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LayerBytes>, D::Error> {
         let text: Option<String> = super::super::lenient::lenient(from)?;
         Ok(text.and_then(|text| super::unhex(&text)?.first().copied()))
     }
 }
 
-/// A hash.
+/// For `#[serde(with)]`: a hash as 16 hexadecimal digits.
 pub mod hash {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serializer};
@@ -84,18 +85,18 @@ pub mod hash {
     }
 }
 
-/// A hash that may be missing.
+/// For `#[serde(with)]`: an optional hash as 16 hexadecimal digits.
 pub mod hash_or_none {
     use serde::de::Error;
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-    /// Serializes a hash.
+    /// Serializes a hash, or null for `None`.
     #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &Option<u64>, to: S) -> Result<S::Ok, S::Error> {
         hash.map(crate::plan_file::format_hash).serialize(to)
     }
 
-    /// Deserializes a hash.
+    /// Deserializes a hash, or `None` from null.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
         let read = |text: String| {
             u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash")))

@@ -1,4 +1,4 @@
-//! Fields that a reader can do without.
+//! Deserialization of fields that are not essential for an event.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Deserializer};

@@ -1,5 +1,5 @@
-//! The log of a growth: one JSON object a line, each flushed. A log that is cut off anywhere is readable up to there,
-//! and a log with torn lines is readable except for these.
+//! The log of a growth (run log): a file with one JSON object per line, flushed after each line. If a log is cut off or
+//! contains damaged lines, all its other lines can still be read.
 //!
 //! The first line contains the versions, the command, the robot, the plan, the layers that were sent, and the
 //! disturbances of a simulated tip. The other lines contain the events, among them the layers as built, in the bytes of
@@ -10,8 +10,8 @@
 //! - [`RunEvent`]: the events of a log, with [`RunHeader`] in the first line and [`GrowthResult`] in the last.
 //!
 //! The position of a simulated layer's plastic is logged once two later layers have begun, because it no longer changes
-//! then. Views, exports and `replay` show that body and the commanded one beside it. The commanded body is the one that
-//! the steps define. Of a robot, only that body is known.
+//! then. Views, exports and `replay` show the body of this plastic, and beside it the commanded body, which is computed
+//! from the steps of the motors. For a real robot, only the commanded body is known.
 
 mod event;
 mod header;
@@ -52,7 +52,7 @@ use crate::plan::Plan;
 use crate::plan_file::PlanFile;
 use crate::sanitize::json_line;
 
-/// Name and version of the format, in the first line.
+/// Name and version of the format of run logs, which the first line contains.
 pub const FORMAT: &str = "growbot-run/4";
 
 /// File extensions of run logs.
@@ -61,10 +61,10 @@ const ENDINGS: [&str; 2] = ["jsonl", "json"];
 /// Error of writing a log.
 #[derive(Debug, thiserror::Error)]
 pub enum RunLogError {
-    /// The log cannot be created or resumed.
+    /// The log's file cannot be created, or an existing log cannot be opened to resume it.
     #[error("cannot write the run log {file}: {error}; choose another file with --log")]
     Begin {
-        /// The file.
+        /// Name of the log's file.
         file: String,
         /// Error of the operating system.
         error: io::Error,
@@ -75,7 +75,7 @@ pub enum RunLogError {
          there, the growth continues"
     )]
     Write {
-        /// The file.
+        /// Name of the log's file.
         file: String,
         /// Error of the operating system.
         error: io::Error,
@@ -86,10 +86,10 @@ pub enum RunLogError {
          with --overwrite; --log without a name chooses a new one"
     )]
     Exists {
-        /// The file.
+        /// Name of the log's file.
         file: String,
     },
-    /// The file is not a valid place for a log.
+    /// The file has a wrong extension, or is an input of the command.
     #[error(transparent)]
     Place(#[from] FileError),
 }
@@ -106,54 +106,56 @@ impl RunLogError {
     }
 }
 
-/// Port of a growth and disturbances of its tip, for the first line of its log.
+/// Port, disturbances and use of the scene of a growth, for the first line of its log.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RunOrigin<'a> {
-    /// The port, as it was given.
+    /// The port as the user gave it.
     pub port: &'a str,
-    /// Disturbances of a simulated tip. `None` for a robot.
+    /// Disturbances of a simulated tip. `None` for a real robot.
     pub imperfection: Option<&'a ErrorModel>,
-    /// True if the growth ignores its scene.
+    /// True if the body is grown without regard to the scene of its plan.
     pub ignores_scene: bool,
 }
 
 impl<'a> From<&'a str> for RunOrigin<'a> {
-    /// Creates the origin from a port. Nothing is known of its tip.
+    /// Creates the origin of a growth on this port, with the tip of a real robot.
     fn from(port: &'a str) -> Self {
         Self { port, imperfection: None, ignores_scene: false }
     }
 }
 
-/// An open log, or none.
+/// Writer of a run log. It may be disabled, and then writes nothing.
 #[derive(Default)]
 pub struct RunLog(Option<OpenLog>);
 
-/// An open log.
+/// State of a log that is being written.
 struct OpenLog {
     lines: LineQueue,
     file: String,
-    /// True if the file belongs to this growth alone.
+    /// True if this growth has created the file, so the file may be deleted if the growth does not begin.
     is_new: bool,
-    /// The earlier log that is to be replaced, until the first layer is laid.
+    /// Earlier log that this log replaces. It is deleted once the first layer is laid. `None` afterwards, or without an
+    /// earlier log.
     replaced: Option<DisplacedFile>,
-    /// The simulated tip after the layers whose position was logged.
+    /// Frame of the simulated tip after the layers whose position was logged.
     laid_tip: Frame,
-    /// Forecast from which finish times are computed. `None` if the pace is unknown.
+    /// Forecast from which the finish time in each status is computed. `None` if the pace is unknown.
     forecast: Option<Forecast>,
 }
 
 impl RunLog {
-    /// Returns a log that writes nothing.
+    /// Returns a disabled log, which writes nothing.
     #[must_use]
     pub fn disabled() -> Self {
         Self::default()
     }
 
-    /// Creates a log with versions, command, port, plan and layers. `feedback` is the assumed noise of the sensors, if
-    /// there is feedback.
+    /// Creates a log file and writes its header. `feedback` is the noise of the sensors that the feedback assumes,
+    /// `None` without feedback.
     ///
     /// # Errors
-    /// If the file cannot be created. An existing log is not overwritten, because it may be the only record of a body.
+    /// If the file cannot be created, or exists already. An existing log is not overwritten, because it may be the only
+    /// record of a body.
     pub fn create<'a>(
         path: &Path,
         plan: &Plan,
@@ -173,7 +175,7 @@ impl RunLog {
     }
 
     /// Like [`RunLog::create`], but replaces an existing log. The existing log is deleted once a layer of the new body
-    /// is laid. If the growth does not begin, it stays.
+    /// is laid. If the growth does not begin, [`RunLog::discard`] restores the existing log.
     ///
     /// # Errors
     /// Like [`RunLog::create`].
@@ -220,7 +222,8 @@ impl RunLog {
         log.with_header(plan, job, feedback, origin.into())
     }
 
-    /// Returns a file name that does not exist yet: `growth-2026-11-23T014500.jsonl` with the current time, UTC.
+    /// Returns a name for a log file that does not exist yet in the current directory: `growth-2026-11-23T014500.jsonl`
+    /// with the current time, UTC.
     #[must_use]
     pub fn free_name() -> PathBuf {
         let now: String = utc_now().chars().filter(|letter| *letter != ':').take("2026-11-23T014500".len()).collect();
@@ -257,7 +260,7 @@ impl RunLog {
             plan: PlanFile::with_robot(plan, job.robot),
         }));
         if let Err(error) = log.write(header) {
-            // A log that could not be created leaves no file behind.
+            // Delete the file of a log that could not be created.
             log.discard();
             return Err(match error {
                 RunLogError::Write { file, error } => RunLogError::Begin { file, error },
@@ -267,7 +270,8 @@ impl RunLog {
         Ok(log)
     }
 
-    /// Creates a log that writes to any output, for a body that begins at this frame.
+    /// Creates a log without a header that writes to any output. `base_from_start` is the frame at which the body
+    /// begins.
     fn to(out: Box<dyn Write + Send>, file: &str, base_from_start: Frame) -> Self {
         Self(Some(OpenLog {
             lines: LineQueue::new(out),
@@ -279,7 +283,7 @@ impl RunLog {
         }))
     }
 
-    /// Resumes a log on a new line. Its existing content stays.
+    /// Opens an existing log and appends a line for the resumed growth. `record` is the content of the log.
     ///
     /// # Errors
     /// If the file cannot be written.
@@ -321,7 +325,7 @@ impl RunLog {
         }
     }
 
-    /// Writes an event, after all lines that could not be written before.
+    /// Writes an event, after all earlier lines that could not be written.
     ///
     /// # Errors
     /// If the file cannot be written, for example because a disk is full. The line then waits, and is retried with the
@@ -340,13 +344,14 @@ impl RunLog {
             if let RunEvent::Status(status) = &mut event {
                 status.finish_utc = finish.map(utc_text);
             }
-            // All of them wait if the first cannot be written.
+            // If one event cannot be written, it and the following ones wait.
             written = self.write(event).and(written);
         }
         written
     }
 
-    /// Deletes the log of a job that never began, because nothing was grown. An earlier log stays.
+    /// Deletes the log of a growth that did not begin, and restores the earlier log that it replaced. Does nothing to a
+    /// log that was resumed.
     pub fn discard(self) {
         if let Some(open) = self.0.filter(|open| open.is_new) {
             match open.replaced {
@@ -356,7 +361,8 @@ impl RunLog {
         }
     }
 
-    /// Writes the result. It follows all lines that wait, so in the file only the lost ones count as missing.
+    /// Writes the result of the growth as the last line. The result contains the number of lines that are missing in
+    /// the log because they were dropped.
     ///
     /// # Errors
     /// Like [`RunLog::record`].
@@ -366,7 +372,7 @@ impl RunLog {
         self.write(RunEvent::End { result: Box::new(GrowthResult { log_lines_missing, ..result.clone() }) })
     }
 
-    /// Writes all lines that could not be written before.
+    /// Writes all earlier lines that could not be written.
     ///
     /// # Errors
     /// Like [`RunLog::record`].
@@ -375,7 +381,7 @@ impl RunLog {
         open.lines.drain().map_err(|error| RunLogError::Write { file: open.file.clone(), error })
     }
 
-    /// Returns the number of lines of the log that are not in the file: waiting lines and lost lines.
+    /// Returns the number of lines that are not in the file: those that wait and those that were dropped.
     #[must_use]
     pub fn missing_lines(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())
@@ -388,16 +394,16 @@ impl RunLog {
     }
 }
 
-/// Returns the command line of this program.
+/// Returns the command line with which this program was started.
 fn command_line() -> Vec<String> {
     std::env::args_os().map(|part| part.to_string_lossy().into_owned()).collect()
 }
 
-/// Format of dates and times: seconds have three decimals.
+/// Format of dates and times, with three decimals of the seconds.
 const MILLISECONDS: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
 
-/// Returns the current time in RFC 3339 format with milliseconds. The length is constant.
+/// Returns the current time (UTC) in RFC 3339 format with milliseconds. The text always has the same length.
 #[must_use]
 pub fn utc_now() -> String {
     utc_text(OffsetDateTime::now_utc())

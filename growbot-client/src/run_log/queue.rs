@@ -1,12 +1,13 @@
-//! Queue of log lines for a file. If the file cannot be written, lines wait, and no line stays torn.
+//! Queue of log lines for a file. If the file cannot be written, the lines wait in memory, and a line that was written
+//! in part is written again as a whole.
 
 use std::collections::VecDeque;
 use std::io::{self, Write};
 
-/// Maximum number of bytes of waiting lines. Further lines are lost.
+/// Maximum total length of the waiting lines, bytes. Further lines are dropped.
 const MAX_WAITING: usize = 64 << 20;
 
-/// Queue of lines for a file.
+/// Queue of log lines that are written to a file in order.
 pub(super) struct LineQueue {
     out: Box<dyn Write + Send>,
     /// Lines that are not written yet, the oldest first.
@@ -30,12 +31,12 @@ impl LineQueue {
         self.waiting.len() + self.lost
     }
 
-    /// Returns the number of lines that were dropped.
+    /// Returns the number of lines that were dropped because the queue was full.
     pub fn lost(&self) -> usize {
         self.lost
     }
 
-    /// Writes the waiting lines and this line, which must end with a newline.
+    /// Writes the waiting lines, and then this line, which must end with a newline.
     pub fn write(&mut self, line: String) -> io::Result<()> {
         if self.waiting_bytes + line.len() > MAX_WAITING {
             self.lost += 1;
@@ -46,8 +47,8 @@ impl LineQueue {
         self.drain()
     }
 
-    /// Writes the waiting lines. If a failure left a part of a line, ends it first and writes the whole line on a new
-    /// one.
+    /// Writes the waiting lines. If only a part of the first one was written before a failure, that part is ended by a
+    /// newline, and the whole line is written again.
     pub fn drain(&mut self) -> io::Result<()> {
         while let Some(line) = self.waiting.front() {
             if self.torn > 0 {

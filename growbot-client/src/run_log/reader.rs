@@ -1,5 +1,5 @@
-//! The lines of a log: one JSON object each. A line that is not one, because a disk was full or a byte was corrupted,
-//! is skipped and counted, and reading continues at the next line.
+//! Reader of the lines of a run log, each of which is a JSON object. A line that is not a JSON object, because a disk
+//! was full or a byte was corrupted, is skipped and counted.
 
 use serde_json::{Map, Value};
 
@@ -15,7 +15,7 @@ pub struct Damage {
     pub lines: usize,
     /// Line number of the first line that is not a JSON object, counted from 1.
     pub first: usize,
-    /// Number of bytes at the end that belong to a line that was cut off.
+    /// Number of bytes at the end of the log that belong to an incomplete line.
     pub cut_off: usize,
 }
 
@@ -38,22 +38,23 @@ impl Damage {
     }
 }
 
-/// Iterator over the events of a log. Events that this version does not know, or cannot read, are skipped.
+/// Iterator over the events of a log. Events with an unknown name or invalid values are skipped.
 pub struct Events<'a> {
     rest: &'a [u8],
     number: usize,
-    /// Parts that could not be read so far.
+    /// Parts of the log that could not be read so far.
     pub damage: Damage,
 }
 
 impl<'a> Events<'a> {
-    /// Iterates over the events of a log from its bytes.
+    /// Creates an iterator over all events in the bytes of a log.
     #[must_use]
     pub fn of(log: &'a [u8]) -> Self {
         Self { rest: log, number: 0, damage: Damage::default() }
     }
 
-    /// Iterates over the events after the header, which is the first line that is a JSON object.
+    /// Creates an iterator over the events in the bytes of a log after the header, which is the first line that is a
+    /// JSON object.
     #[must_use]
     pub fn after_header(log: &'a [u8]) -> Self {
         let mut events = Self::of(log);
@@ -61,7 +62,7 @@ impl<'a> Events<'a> {
         events
     }
 
-    /// Returns the next line that is a JSON object.
+    /// Returns the next line that is a JSON object. `None` at the end of the log.
     pub(super) fn next_line(&mut self) -> Option<LogLine> {
         while !self.rest.is_empty() {
             let end = self.rest.iter().position(|byte| *byte == b'\n').map_or(self.rest.len(), |end| end + 1);
@@ -71,7 +72,7 @@ impl<'a> Events<'a> {
             let text = line.trim_ascii();
             match (text.len() <= LONGEST_LINE).then(|| LogLine::read(text)).flatten() {
                 Some(line) => return Some(line),
-                // This line was torn before its first byte.
+                // An empty line: writing failed before the first byte of a line.
                 None if text.is_empty() => {}
                 None if !line.ends_with(b"\n") => self.damage.cut_off = line.len(),
                 None => {
@@ -100,9 +101,9 @@ impl Iterator for Events<'_> {
 
 /// A line that is a JSON object.
 pub(super) enum LogLine {
-    /// An event.
+    /// An event that this version can read.
     Event(RunEvent),
-    /// Another object: an event that this version does not know, or with values that it cannot read.
+    /// The fields of another JSON object: an event with an unknown name or invalid values.
     Other(Map<String, Value>),
 }
 

@@ -1,5 +1,5 @@
-//! Content of a run log: the job, the layers as the board has built them, and for a simulated tip the position of its
-//! plastic.
+//! Content of a run log: the job, the layers as the board has built them, and the true position of the plastic of a
+//! simulated tip.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ use crate::plan::Plan;
 use crate::plan_file::{self, PlanFile, PlanFileError, pose_from_json};
 use crate::scene_planning::{self, SceneCheckError};
 
-/// Maximum height of a layer, mm, and maximum tilt, radians, that the bytes of the link can hold.
+/// Maximum height of a layer that the bytes of the link can hold, mm, and maximum tilt, radians.
 const MAX_HEIGHT: f64 = 256.0;
 const MAX_TILT: f64 = 1.0;
 
@@ -40,9 +40,9 @@ pub enum ReadRunLogError {
     /// The first line is not the header of a run log.
     #[error("{file} is not a run log ({reason}): give a file that `growbot grow --log` wrote")]
     Header {
-        /// The file.
+        /// Name of the log's file.
         file: String,
-        /// Error of the header.
+        /// Reason why the first line is not a valid header.
         reason: String,
     },
     /// The plan in the log is not valid.
@@ -50,19 +50,19 @@ pub enum ReadRunLogError {
     Plan(#[from] PlanFileError),
 }
 
-/// Source of a recorded body.
+/// Source from which a recorded body is known.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BodyKind {
-    /// The true position of the plastic of a simulated tip.
+    /// The body is the plastic of a simulated tip at its true position.
     Laid,
-    /// The steps that a simulated robot's board has made.
+    /// The body is computed from the steps that a simulated robot's board has made.
     Commanded,
-    /// The steps that a robot's board has made.
+    /// The body is computed from the steps that a real robot's board has made.
     AsBuilt,
 }
 
 impl BodyKind {
-    /// Returns the name for users.
+    /// Returns the name of the source for users.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -72,7 +72,7 @@ impl BodyKind {
         }
     }
 
-    /// Returns the name as a heading of a table or a picture.
+    /// Returns the name of the source with a capital letter, for the heading of a table or a picture.
     #[must_use]
     pub fn title(self) -> &'static str {
         match self {
@@ -83,34 +83,35 @@ impl BodyKind {
     }
 }
 
-/// Content of a run log, as far as it goes.
+/// Content of a run log. A log that was cut off is read up to its last complete line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedRun {
-    /// The robot.
+    /// Name and hash of the robot that has grown the body.
     pub robot: RobotId,
     /// Kind of tip that laid the body.
     pub tip: TipKind,
     /// True if the body was grown without regard to its scene.
     pub ignore_scene: bool,
-    /// The plan.
+    /// Plan that the header of the log contains.
     pub plan: PlanFile,
-    /// Assumed noise of the sensors. `None` without feedback.
+    /// Noise of the sensors that the feedback assumed. `None` without feedback.
     pub feedback: Option<SensorNoise>,
     /// Plan id of the job after its latest amendment.
     pub plan_id: u64,
-    /// Number of layers of the job.
+    /// Number of layers of the job after its latest amendment.
     pub total: u32,
-    /// The layers that were sent.
+    /// Layers that were sent to the board, as commanded.
     pub layers: Vec<LayerBytes>,
-    /// Layers as built, from the first on. `None` for a layer of which nothing is known.
+    /// Layers as built, from the first layer on. `None` for a layer of which nothing is known.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Measurements after each layer.
+    /// Sensor readings after each layer in `as_built`. `None` for a layer without readings.
     pub measured: Vec<Option<LayerReadings>>,
-    /// Starts of the count of the filament.
+    /// Readings of the filament's encoder from which the feedback measured growth, in order.
     pub(super) counts: Vec<CountBefore>,
     /// Number of amendments that the board has accepted.
     amendments: u32,
-    /// The part of the job that the latest amendment has replaced.
+    /// Part of the job that the latest amendment has replaced, for the case that the board has refused it. `None`
+    /// without an amendment.
     replaced: Option<ReplacedLayers>,
     /// Name of the board's latest state, if the log contains one.
     pub board_state: Option<String>,
@@ -118,16 +119,16 @@ pub struct RecordedRun {
     pub result: Option<GrowthResult>,
     /// Indices of the layers whose lines are missing, in order. They were laid, but the log has lost their data.
     pub lost: Vec<usize>,
-    /// Parts that could not be read.
+    /// Parts of the log that could not be read.
     pub damage: Damage,
-    /// For a simulated tip: the layers as its plastic lies, perhaps one more than are laid. `None` for a layer whose
-    /// position is not in the log.
+    /// For a simulated tip: layers with their errors, as the plastic lies, including a layer in progress. `None` for a
+    /// layer whose position is not in the log.
     simulated: Vec<Option<Layer>>,
     /// Name of the file in error messages.
     file: String,
 }
 
-/// A robot in the header of a log.
+/// Identity of the robot in the header of a log.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RobotId {
     /// Name of the robot.
@@ -136,30 +137,30 @@ pub struct RobotId {
     pub hash: u64,
 }
 
-/// A count of the filament's encoder.
+/// A reading of the filament's encoder before a layer, from which the feedback measured growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct CountBefore {
-    /// Index of the layer before which the count was taken.
+    /// Index of the layer before which the encoder was read.
     pub layer: usize,
-    /// The count.
+    /// The reading, with the boot number of the board.
     pub count: EncoderReference,
 }
 
 /// The part of a job that an amendment has replaced.
 #[derive(Debug, Clone, PartialEq, Eq)]
 struct ReplacedLayers {
-    /// Plan id before.
+    /// Plan id of the job before the amendment.
     plan_id: u64,
-    /// Number of layers before.
+    /// Number of layers of the job before the amendment.
     total: u32,
-    /// Index of the first layer that was replaced.
+    /// Index of the first layer that the amendment has replaced.
     from: usize,
-    /// The layers that were replaced.
+    /// Layers that the amendment has replaced.
     layers: Vec<LayerBytes>,
 }
 
 impl RecordedRun {
-    /// Reads all complete lines of a log.
+    /// Reads a run log from a file, or from standard input for `-`.
     ///
     /// # Errors
     /// [`ReadRunLogError`].
@@ -167,7 +168,7 @@ impl RecordedRun {
         Self::read(&read_bytes(path, MAX_LOG_BYTES)?, &display_name(path))
     }
 
-    /// Reads the bytes of a log. `file` is its name in error messages.
+    /// Reads a run log from its bytes. `file` is the name of the log in error messages.
     ///
     /// # Errors
     /// [`ReadRunLogError::Header`] or [`ReadRunLogError::Plan`].
@@ -194,7 +195,8 @@ impl RecordedRun {
         Ok(record)
     }
 
-    /// Returns the layers as the board's steps have built them. An unknown layer is as it was sent.
+    /// Returns the laid layers as built, computed from the board's steps. A layer of which nothing is known is returned
+    /// as it was sent.
     pub fn commanded(&self) -> impl Iterator<Item = LayerBytes> {
         as_built_or_commanded(&self.as_built, &self.layers)
     }
@@ -211,7 +213,7 @@ impl RecordedRun {
         self.result.as_ref().map_or(OutcomeKind::Unfinished, |result| result.outcome)
     }
 
-    /// Returns the error of the board's clock, if the board was stopped because of this error.
+    /// Returns the measured error of the board's clock. `None` unless the growth was stopped because of this error.
     #[must_use]
     pub fn clock_drift(&self) -> Option<ClockDrift> {
         self.result.as_ref()?.clock_drift
@@ -223,9 +225,9 @@ impl RecordedRun {
         self.tip == TipKind::Simulated
     }
 
-    /// Returns the layers as the plastic of a simulated tip lies, including the one in progress. A layer whose position
-    /// is not in the log is as the steps have built it. `None` for a robot, or if the log has layers but no position of
-    /// any of them.
+    /// Returns the layers of a simulated tip with their errors, as the plastic lies, including a layer in progress. A
+    /// layer whose position is not in the log is returned as the board's steps have built it. `None` for a real robot,
+    /// or if the log has laid layers but no position of any of them.
     #[must_use]
     pub fn simulated(&self) -> Option<Vec<Layer>> {
         let says = self.as_built.is_empty() || self.simulated.iter().any(Option::is_some);
@@ -241,7 +243,7 @@ impl RecordedRun {
         })
     }
 
-    /// Returns the source of the body: the position of its plastic, or the steps.
+    /// Returns the source from which the body is known: the position of its plastic, or the steps of the board.
     #[must_use]
     pub fn body_kind(&self) -> BodyKind {
         match (self.tip, self.simulated()) {
@@ -257,8 +259,7 @@ impl RecordedRun {
         self.is_simulated() && self.simulated.get(index).is_some_and(Option::is_some)
     }
 
-    /// Returns the number of laid layers of a simulated tip whose position is not in the log. The one in progress is
-    /// not laid.
+    /// Returns the number of laid layers of a simulated tip whose position is not in the log. 0 for a real robot.
     #[must_use]
     pub fn missing_simulated_layers(&self) -> usize {
         if self.is_simulated() {
@@ -268,14 +269,15 @@ impl RecordedRun {
         }
     }
 
-    /// Returns the layers as built up to the first whose line is lost. The board need not report these layers again.
+    /// Returns the layers as built before the first layer whose line is lost. The board need not report these layers
+    /// again when the growth is resumed.
     #[must_use]
     pub fn known_layers(&self) -> Vec<Option<LayerBytes>> {
         let end = self.lost.first().copied().unwrap_or(self.as_built.len());
         self.as_built.get(..end).unwrap_or(&self.as_built).to_vec()
     }
 
-    /// Returns the frame at which the body begins. If the plan has no valid start, that is the frame of the base.
+    /// Returns the frame at which the body begins. If the plan has no valid start, returns the identity.
     #[must_use]
     pub(super) fn start_frame(&self) -> Frame {
         pose_from_json("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
@@ -292,15 +294,15 @@ impl RecordedRun {
     /// Returns the plan after checking it against its robot.
     ///
     /// # Errors
-    /// Any fault of the plan, or another robot.
+    /// If the plan is not valid, or was made for another robot.
     pub fn plan(&self, robot: &Robot) -> Result<Plan, PlanFileError> {
         self.plan.check(robot).map_err(|fault| PlanFileError::Fault { file: self.file.clone(), fault })
     }
 
-    /// Returns start and goal of the body.
+    /// Returns the start pose and the goal pose of the plan.
     ///
     /// # Errors
-    /// If one of them is not a valid pose.
+    /// If the start or the goal is not a valid pose.
     pub fn start_and_goal(&self) -> Result<(Pose, Pose), PlanFileError> {
         let fault = |fault| PlanFileError::Fault { file: self.file.clone(), fault };
         Ok((
@@ -309,8 +311,8 @@ impl RecordedRun {
         ))
     }
 
-    /// Adapts the record to the job that the board stores. If the board has refused the latest amendment, the amendment
-    /// is reverted.
+    /// Reverts the latest amendment if `plan_id`, the job that the board stores, is that of the job before it, because
+    /// the board has then not applied the amendment.
     pub fn sync_to_board(&mut self, plan_id: u64) {
         if self.replaced.as_ref().is_some_and(|before| before.plan_id == plan_id) {
             self.revert_amendment();
@@ -326,10 +328,11 @@ impl RecordedRun {
         }
     }
 
-    /// Loads the scene of the plan, which is beside the log or given. `None` for a plan without a scene.
+    /// Loads the scene of the plan from the file `given`, or else from the one that the plan names, relative to the
+    /// directory of the log. `None` for a plan without a scene.
     ///
     /// # Errors
-    /// If it is missing or has changed, or the plan is not clear of it.
+    /// If the scene is missing or has changed, or the plan is not clear of it.
     pub fn scene(
         &self,
         plan: &Plan,
@@ -342,8 +345,8 @@ impl RecordedRun {
         Ok(Some(loaded))
     }
 
-    /// Returns the feedback in its state at the end of the log. With `scene`, it stays clear of a scene from there on.
-    /// `None` for a growth without feedback.
+    /// Returns the feedback in its state at the end of the log, to resume the growth. With `scene`, its corrections are
+    /// then checked to stay clear of the scene. `None` for a growth without feedback.
     #[must_use]
     pub fn feedback<'a>(
         &self,
@@ -354,7 +357,8 @@ impl RecordedRun {
         self.replay_feedback(job, plan, scene, |_| ())
     }
 
-    /// Returns the tip after each layer, as feedback estimated it. `None` for a growth without feedback.
+    /// Returns the frame of the tip after each layer as the feedback estimated it. `None` for a growth without
+    /// feedback.
     #[must_use]
     pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
         let mut path = Vec::with_capacity(self.as_built.len());
@@ -362,7 +366,7 @@ impl RecordedRun {
         Some(path)
     }
 
-    /// Replays the feedback of the whole log and calls `after_layer` after each layer.
+    /// Computes the feedback again from all layers and readings in the log, and calls `after_layer` after each layer.
     fn replay_feedback<'a>(
         &self,
         job: &Job<'a>,
@@ -421,8 +425,8 @@ impl RecordedRun {
             RunEvent::EncoderReference(count) => self.counts.push(CountBefore { layer: self.as_built.len(), count }),
             RunEvent::Amendment(amendment) => self.amend(amendment),
             RunEvent::AmendmentRejected { .. } => self.revert_amendment(),
-            // The job before the latest amendment had the layers that the amendment replaced, not those that were sent
-            // since.
+            // The layers that this replaces are dropped, because reverting the latest amendment restores the layers
+            // from before that amendment.
             RunEvent::LayersSent { from, layers } => drop(self.replace(from as usize, layers)),
             RunEvent::Resumed(_) => self.result = None,
             RunEvent::End { result } => self.result = Some(*result),
@@ -440,19 +444,20 @@ impl RecordedRun {
         }
     }
 
-    /// Replaces the layers from an index on. Returns the previous ones.
+    /// Replaces the sent layers from an index on. Returns the replaced layers, or `None` if the index is beyond the
+    /// layers.
     fn replace(&mut self, from: usize, layers: Vec<LayerBytes>) -> Option<Vec<LayerBytes>> {
         let before = (from <= self.layers.len()).then(|| self.layers.split_off(from))?;
         self.layers.extend(layers);
         Some(before)
     }
 
-    /// Records a laid layer. Layers before it whose lines are missing were laid too.
+    /// Records a laid layer. Earlier layers that are not in the log are recorded as lost, because they were laid too.
     fn apply_laid(&mut self, laid: &LaidLayer) {
         let (index, next) = (laid.layer as usize, self.as_built.len());
         let measured = laid.measured.map(LayerReadings::from);
         if let Ok(at) = self.lost.binary_search(&index) {
-            // It is reported again after a resumption.
+            // After a resumption, the board has reported the layer again.
             self.lost.remove(at);
             if let (Some(layer), Some(known)) = (self.as_built.get_mut(index), self.measured.get_mut(index)) {
                 (*layer, *known) = (laid.as_built, measured);
@@ -464,14 +469,14 @@ impl RecordedRun {
             self.as_built.push(laid.as_built);
             self.measured.push(measured);
         }
-        // Otherwise it is reported again after a resumption, and the first report stays valid.
+        // Otherwise the layer was already reported, and the first report stays valid.
     }
 
-    /// Records the position of a layer of a simulated tip.
+    /// Records the position of a layer of a simulated tip, if its values are valid.
     fn place(&mut self, placed: &SimulatedLayer) {
         let LayerJson { alpha_deg, height_mm, tilt_deg } = placed.numbers;
         let (index, tilt) = (placed.layer as usize, radians(tilt_deg));
-        // There may be one more layer in progress than the job has.
+        // The log may contain the position of one layer in progress after the last layer of the job.
         let is_one = index <= self.layers.len().max(self.simulated.len());
         if is_one
             && (0.0..=MAX_HEIGHT).contains(&height_mm)
@@ -488,7 +493,7 @@ impl RecordedRun {
     }
 }
 
-/// Returns the error of a first line that is not a readable header: in its format, its plan, or another field.
+/// Returns the error for a first line that is not a valid header: its format, its plan or another field is wrong.
 fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
     let wrong = |reason: String| ReadRunLogError::Header { file: file.to_string(), reason };
     match fields.get("format").and_then(Value::as_str) {

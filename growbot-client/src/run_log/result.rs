@@ -84,7 +84,8 @@ pub struct GrowthResult {
     /// The interrupted layer. Null if none was.
     #[serde(default, deserialize_with = "lenient")]
     pub interrupted: Option<InterruptedLayerJson>,
-    /// In the output of `replay` on a simulated robot: the arrival if its plastic lay as commanded.
+    /// In the output of `replay` for a simulated robot: pose of the tip and its errors if each layer had been laid as
+    /// commanded.
     #[serde(default, deserialize_with = "lenient")]
     pub commanded: Option<ArrivalJson>,
     /// In the output of `replay`: number of lines of the log that could not be read.
@@ -118,18 +119,18 @@ pub enum OutcomeKind {
     Refused,
     /// In the output of `replay`: the log has no end.
     Unfinished,
-    /// In a log: an outcome of another version.
+    /// In a log: an outcome that this version of growbot does not know.
     Unknown,
 }
 
-/// Deserializes an outcome. An outcome of another version becomes `Unknown`.
+/// Deserializes an outcome. A value that this version does not know becomes `Unknown`.
 fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<OutcomeKind, D::Error> {
     let outcome = Value::deserialize(deserializer)?;
     Ok(serde_json::from_value(outcome).unwrap_or(OutcomeKind::Unknown))
 }
 
 impl OutcomeKind {
-    /// Returns the name in files.
+    /// Returns the name of the outcome in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -176,13 +177,13 @@ pub struct ArrivalJson {
     pub final_pose: TipPoseJson,
     /// Distance from the goal, mm.
     pub position_error_mm: f64,
-    /// Distance from the goal over the length of the planned path. 0 if the path has no length.
+    /// Distance from the goal divided by the length of the planned path. 0 if the path has no length.
     pub normalized_position_error: f64,
     /// Difference of the headings, degrees. Null if the tip or its goal is vertical.
     pub heading_error_deg: Option<f64>,
     /// Difference of the pitches, degrees.
     pub pitch_error_deg: f64,
-    /// Angle between the two directions, degrees.
+    /// Angle between the directions of tip and goal, degrees.
     pub direction_error_deg: f64,
 }
 
@@ -217,14 +218,15 @@ pub struct FeedbackResult {
     pub direction_sd_deg: f64,
     /// Estimated systematic error of the growth, percent.
     pub growth_bias_percent: f64,
-    /// For a simulated robot: distance of the estimate from the tip, mm.
+    /// For a simulated robot: distance of the estimate from the true tip, mm.
     pub estimate_error_mm: Option<f64>,
-    /// For a simulated robot: angle between the directions of the estimate and the tip, degrees.
+    /// For a simulated robot: angle between the directions of the estimate and the true tip, degrees.
     pub estimate_direction_error_deg: Option<f64>,
 }
 
 impl FeedbackResult {
-    /// Creates the result of the feedback on the way to a plan's goal. `truth` is the true tip, if known.
+    /// Converts the result of the feedback of a growth. `truth` is the arrival of the true tip of a simulated robot,
+    /// `None` for a real robot.
     #[must_use]
     pub fn new(fed_back: &FeedbackReport, plan: &Plan, truth: Option<&Arrival>) -> Self {
         let FeedbackReport { amendments, estimate, .. } = fed_back;
@@ -257,7 +259,7 @@ pub struct InterruptedLayerJson {
 }
 
 impl InterruptedLayerJson {
-    /// Creates the bounds for the layer of this index.
+    /// Converts an interrupted layer, whose index is `layer`.
     #[must_use]
     pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
         let share = |sectors: u8| f64::from(sectors) / SECTORS as f64;
@@ -266,7 +268,8 @@ impl InterruptedLayerJson {
 }
 
 impl GrowthResult {
-    /// Creates the result of a growth that has not begun, or of which nothing is known.
+    /// Creates the result of a growth in which nothing was grown, or of which nothing is known. The tip is at the
+    /// start.
     #[must_use]
     pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
@@ -297,7 +300,7 @@ impl GrowthResult {
         }
     }
 
-    /// Creates the result of a growth that has ended. If a scene is given, the body is checked for contact with it.
+    /// Creates the result of a growth that has ended. With a scene, the clearance of the body from it is computed.
     #[must_use]
     pub fn new(
         grown: &GrowthReport,

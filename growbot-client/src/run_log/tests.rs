@@ -22,7 +22,7 @@ fn log(lines: &[Value]) -> Vec<u8> {
     log_from("tcp:robot:1".into(), lines)
 }
 
-/// Like [`log`], but with the origin of the growth.
+/// Like [`log`], but with this origin of the growth.
 fn log_from(origin: RunOrigin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
@@ -67,7 +67,7 @@ fn amendments_are_read_back_without_those_that_the_board_refused() {
     assert_eq!(record.measured[1], Some(LayerReadings::default()));
     let count = EncoderReference { boot_id: 5, laid: 0, filament_pulses: Some(3) };
     assert_eq!(record.counts, [CountBefore { layer: 0, count }]);
-    // The board has or has not accepted the latest amendment.
+    // Two cases: the board has accepted the latest amendment, or has not.
     record.sync_to_board(9);
     assert_eq!(record.plan_id, 9);
     record.sync_to_board(7);
@@ -85,7 +85,7 @@ fn feedback_is_none_if_the_header_has_none() {
     assert_eq!(RecordedRun::read(&bytes, "log").unwrap().feedback, None);
 }
 
-/// A disk that is full from a number of bytes on, until space is freed.
+/// A disk that accepts a number of bytes and is then full, until space is freed.
 #[derive(Clone, Default)]
 struct Disk(Arc<Mutex<(Vec<u8>, usize)>>);
 

@@ -1,24 +1,25 @@
-//! A body as a tree of stretches, each with a ball or chord that bounds it.
+//! A body as a binary tree of parts, each with a ball or a chord that bounds its position.
 
 use growbot_core::helicoid::{Helicoid, HelicoidIntegrator};
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// Length of the pieces into which a helicoidal arc is divided at first, radii. Each is one step of the integration.
+/// Maximum length of the short arcs into which a helicoidal arc is divided, radii. Each is one step of the integration.
 const HELICOID_PIECE: f64 = 0.25;
 
-/// A stretch of the body that one formula describes: a segment, or a short piece of a helicoidal arc.
+/// A leaf of the tree: a segment of the path, or a short part of a helicoidal arc.
 pub(super) struct BodyPiece {
     pub(super) base_from_start: Frame,
     pub(super) segment: Segment,
-    /// Length of the body up to the start of the piece. `turned` is the angle by which it has turned there.
+    /// Length of the body up to the start of the piece, mm. `turned` is the angle by which the body has turned up to
+    /// there, radians.
     pub(super) at: f64,
     pub(super) turned: f64,
 }
 
 impl BodyPiece {
-    /// Returns the point after this length along the piece.
+    /// Returns the point at this length along the piece, mm.
     pub(super) fn point(&self, along: f64) -> Vector3<f64> {
         let part = match self.segment {
             Segment::Arc { alpha, bend, length } => {
@@ -30,21 +31,23 @@ impl BodyPiece {
         (self.base_from_start * part.step()).translation.vector
     }
 
-    /// Returns the node of a part of this piece, at most the whole.
+    /// Returns the node for a part of this piece. `index` is the index of the piece. `from` and `to` are the ends of
+    /// the part: length along the piece (mm), and point.
     fn part(&self, index: usize, from: (f64, Vector3<f64>), to: (f64, Vector3<f64>)) -> BodyNode {
         let length = to.0 - from.0;
         let curvature = self.segment.curvature();
         let turned = |along: f64| self.turned + curvature * along;
         BodyNode {
             span: Span { from: self.at + from.0, to: self.at + to.0, turned: [turned(from.0), turned(to.0)] },
-            // Any point of the part is within half its length of one of the ends.
+            // Each point of the part is within half its length of one of its ends.
             reach: (curvature * length * length / 8.0).min(0.5 * length),
             kind: NodeKind::Part { piece: index, along: [from.0, to.0], ends: [from.1, to.1] },
         }
     }
 }
 
-/// A stretch of the body: its ends, mm, and the turn of the direction up to each end, radians.
+/// A part of the body: the lengths along the body up to its ends, mm, and the angles by which the body has turned up to
+/// its ends, radians.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Span {
     pub(super) from: f64,
@@ -58,29 +61,31 @@ impl Span {
     }
 }
 
-/// A node of the tree over the body: a stretch and its bound.
+/// A node of the tree: a part of the body, and a bound of its position.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct BodyNode {
     pub(super) span: Span,
-    /// Maximum distance of the stretch from its chord or centre.
+    /// Maximum distance of the part from its chord or from the centre of its ball, mm.
     pub(super) reach: f64,
     pub(super) kind: NodeKind,
 }
 
 #[derive(Debug, Clone, Copy)]
 pub(super) enum NodeKind {
-    /// Several pieces round a centre, with the indices of two nodes of [`Body::groups`].
+    /// Several pieces within a ball around `centre`. `halves` are the indices of the two child nodes in
+    /// [`CollisionBody::groups`].
     Group { centre: Vector3<f64>, halves: [usize; 2] },
-    /// A part of a piece, between two points along it.
+    /// A part of the piece of index `piece`. `along` are the lengths along the piece up to its ends, mm, and `ends` are
+    /// the points there.
     Part { piece: usize, along: [f64; 2], ends: [Vector3<f64>; 2] },
 }
 
-/// A body as a tree of stretches.
+/// A body as a binary tree of parts.
 pub(super) struct CollisionBody {
     pieces: Vec<BodyPiece>,
-    /// All groups and whole pieces; the last is the root.
+    /// Nodes of all groups and of all whole pieces. The last node is the root.
     pub(super) groups: Vec<BodyNode>,
-    /// Only points beyond this count as the later one of a pair, mm.
+    /// Length along the body beyond which the later point of each compared pair must lie, mm.
     pub(super) since: f64,
 }
 
@@ -108,7 +113,7 @@ impl CollisionBody {
                 plain => push(plain),
             }
         }
-        // The sum of many short pieces may differ in the last digit from that of long ones.
+        // The sum of many short lengths may differ in its last digit from the sum of a few long ones.
         let mut body = Self { pieces, groups: Vec::new(), since: since * (1.0 + 1e-12) };
         if !body.pieces.is_empty() {
             body.group(0, body.pieces.len());
@@ -116,7 +121,8 @@ impl CollisionBody {
         body
     }
 
-    /// Makes the tree over these pieces (at least one) and returns the index of its root.
+    /// Builds the tree over the pieces from index `first` up to `end` (exclusive, at least one piece). Returns the
+    /// index of its root.
     fn group(&mut self, first: usize, end: usize) -> usize {
         let node = match self.pieces.get(first) {
             Some(piece) if end - first == 1 => {
@@ -141,7 +147,7 @@ impl CollisionBody {
         self.groups.len() - 1
     }
 
-    /// Returns the two halves of a node.
+    /// Returns the nodes of the two halves of a node.
     pub(super) fn halves(&self, node: &BodyNode) -> [BodyNode; 2] {
         match node.kind {
             NodeKind::Group { halves, .. } => halves.map(|half| self.groups[half]),
@@ -155,13 +161,14 @@ impl CollisionBody {
     }
 }
 
-/// Divides a helicoidal arc into short ones.
+/// Divides a helicoidal arc into short helicoidal arcs, and calls `push` with each. `radius` and `length` are in mm.
 fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segment)) {
     let count = libm::ceil(length / radius / HELICOID_PIECE).max(1.0);
     let short = length / count;
     let mut walk = HelicoidIntegrator::new(curve);
     for _ in 0..count as usize {
-        // This is the rest of the same curve: m at this point and p, in the frame of this tip.
+        // The rest of the curve is a helicoidal arc with `m` at this point as its `m0` and the same `p`, both in the
+        // frame of the tip here.
         let start_from_tip = walk.frame();
         let tip_from_start = start_from_tip.rotation.inverse();
         let m0 = tip_from_start * curve.m(&start_from_tip.translation.vector);
@@ -171,7 +178,7 @@ fn divide(curve: &Helicoid, radius: f64, length: f64, push: &mut impl FnMut(Segm
 }
 
 impl BodyNode {
-    /// Returns a ball that contains the stretch: centre and radius.
+    /// Returns a ball that contains the part: its centre and its radius, mm.
     fn ball(&self) -> (Vector3<f64>, f64) {
         match self.kind {
             NodeKind::Group { centre, .. } => (centre, self.reach),
@@ -184,7 +191,8 @@ impl BodyNode {
     }
 }
 
-/// Returns a lower bound of the distance between two nodes, and its position on each, 0 to 1.
+/// Returns a lower bound of the distance between the parts of two nodes, mm, and the positions of the two nearest
+/// points as fractions of the parts' lengths.
 pub(super) fn bound(a: &BodyNode, b: &BodyNode) -> (f64, [f64; 2]) {
     if let (NodeKind::Part { ends: ends_a, .. }, NodeKind::Part { ends: ends_b, .. }) = (&a.kind, &b.kind) {
         let (distance, at) = between_chords(ends_a, ends_b);
@@ -194,7 +202,8 @@ pub(super) fn bound(a: &BodyNode, b: &BodyNode) -> (f64, [f64; 2]) {
     (((centre_a - centre_b).norm() - reach_a - reach_b).max(0.0), [0.5; 2])
 }
 
-/// Returns the distance of two line segments, and the position of the nearest point on each, 0 to 1.
+/// Returns the distance between two line segments, mm, and the positions of their nearest points as fractions of their
+/// lengths.
 fn between_chords([a0, a1]: &[Vector3<f64>; 2], [b0, b1]: &[Vector3<f64>; 2]) -> (f64, [f64; 2]) {
     let (along_a, along_b, apart) = (a1 - a0, b1 - b0, a0 - b0);
     let (aa, bb, ab) = (along_a.norm_squared(), along_b.norm_squared(), along_a.dot(&along_b));
@@ -202,7 +211,7 @@ fn between_chords([a0, a1]: &[Vector3<f64>; 2], [b0, b1]: &[Vector3<f64>; 2]) ->
     let share = |part: f64, whole: f64| if whole > 0.0 { (part / whole).clamp(0.0, 1.0) } else { 0.0 };
     let on_a = |on_b: f64| share(ab * on_b - a_apart, aa);
     let on_b = |on_a: f64| share(ab * on_a + b_apart, bb);
-    // The nearest pair is either that of the infinite lines, or includes an end of a segment.
+    // The nearest points are either those of the two infinite lines, or one of them is an end of a segment.
     let crossing = share(ab * b_apart - a_apart * bb, aa * bb - ab * ab);
     let pairs = [[crossing, on_b(crossing)], [on_a(0.0), 0.0], [on_a(1.0), 1.0], [0.0, on_b(0.0)], [1.0, on_b(1.0)]];
     let distance = |[s, t]: [f64; 2]| (apart + along_a * s - along_b * t).norm();

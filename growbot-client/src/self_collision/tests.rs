@@ -30,7 +30,7 @@ fn segment() -> impl Strategy<Value = Segment> {
     ]
 }
 
-/// Returns points at most `step` mm apart, each with its distance along the body.
+/// Returns points of a body at most `step` mm apart, each with its length along the body.
 fn points(path: &[Segment], step: f64) -> Vec<(f64, Vector3<f64>)> {
     let (mut points, mut tip, mut at) = (Vec::new(), Frame::identity(), 0.0);
     for segment in path {
@@ -53,7 +53,7 @@ fn points(path: &[Segment], step: f64) -> Vec<(f64, Vector3<f64>)> {
     points
 }
 
-/// Returns the minimum distance of points that are not neighbours, from all pairs.
+/// Returns the minimum distance over all pairs of points that are not neighbours.
 fn by_looking_at_all(path: &[Segment], since: f64, step: f64) -> f64 {
     let points = points(path, step);
     let mut min = f64::INFINITY;
@@ -145,7 +145,7 @@ fn distance_between_antiparallel_segments_is_measured() {
 
 #[test]
 fn long_bodies_need_few_pair_checks() {
-    // A body of 10 km that stays clear of itself, one that winds 200 times round, and one that meets itself everywhere.
+    // A body of 10 km that stays clear of itself, one of 200 turns, and one that collides with itself everywhere.
     let min_distance = |path: &[Segment], max_pairs: usize| {
         let (found, pairs) = search(path, DIAMETER, 0.0);
         println!("{} segments: {pairs} pairs", path.len());

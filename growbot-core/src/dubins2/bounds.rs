@@ -9,20 +9,22 @@ use core::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
 use super::path_types::Tangent;
 
-/// An angle that is less than this below a full turn, radians, counts as 0, because its true value may be 0. The
-/// arc-tangent approximation errs by up to 0.004 rad, so the difference of two angles errs by up to 0.008 rad. The test
-/// `no_path_type_is_shorter_than_its_bound` checks all margins of this module.
+/// Max difference between an angle and a full turn, radians, at which the angle counts as 0 in a lower bound, because
+/// its true value may be 0. The arc-tangent approximation errs by up to 0.004 rad, so the difference of two angles errs
+/// by up to 0.008 rad. The test `no_path_type_is_shorter_than_its_bound` checks all margins of this module.
 const ANGLE_MARGIN: f32 = 0.01;
-/// Margin of a path length, in radii, for the errors of its angles. The arc-tangent approximation errs by up to 0.004
-/// rad. The length of LRL contains four such errors (0.016), so the margin is about twice what LRL needs.
+/// Margin of the lower bound of a path's length, radii, for the errors of its angles. The arc-tangent approximation
+/// errs by up to 0.004 rad. The length of the path type LRL (left, right, left) contains four such errors (0.016), so
+/// the margin is about twice what LRL needs.
 const LENGTH_MARGIN: f32 = 0.03;
-/// Margin of a path length for each radius of its line. It is several times the rounding error of single precision,
-/// 6e-8.
+/// Margin of the lower bound of a path's length, as a fraction of the length of the path's line. It is several times
+/// the rounding error of single precision, 6e-8.
 const RELATIVE_MARGIN: f32 = 1e-6;
-/// Two circles may coincide if their centres are closer than this (radii). The lower bound of their path type is then
-/// 0.
+/// Max distance between the centres of two circles, radii, at which the circles may coincide. The lower bound of their
+/// path type is then 0.
 const COINCIDING: f32 = 1e-4;
-/// Tolerance for a square below 0: larger than the rounding error of single precision.
+/// Max amount by which rounding may make a square negative, radii squared. It is larger than the rounding error of
+/// single precision.
 const EDGE: f32 = 1e-4;
 
 /// Returns a lower bound of the length of each of [`super::PathType::ALL`], infinite if that path type does not exist.
@@ -47,7 +49,8 @@ pub(super) fn lower_bounds(tangents: &[Tangent; 4]) -> [f32; 6] {
     [lsl, rsr, lsr, rsl, lrl, rlr]
 }
 
-/// Returns the lower bound of LRL, from the distance and the direction between the outer circles.
+/// Returns the lower bound of the length of LRL (left, right, left), from the distance and the direction between the
+/// centres of its first and its last circle.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn three_arcs(distance: f32, along: f32, heading: f32) -> f32 {
     let square = (4.0 - distance) * (4.0 + distance);
@@ -64,7 +67,7 @@ fn margin(line: f32) -> f32 {
     LENGTH_MARGIN + RELATIVE_MARGIN * line
 }
 
-/// Returns the contribution of an angle to a bound.
+/// Returns the contribution of an arc's angle to the lower bound of a path's length.
 #[inline(always)]
 fn turn(angle: f32) -> f32 {
     if angle > TAU - ANGLE_MARGIN { 0.0 } else { angle }
@@ -76,7 +79,8 @@ fn wrap(angle: f32) -> f32 {
     angle + (PI - PI.copysign(angle))
 }
 
-/// Returns the direction of a vector in [0, 2 pi], to 0.004 (the arc tangent is that of Rajan et al. 2006).
+/// Returns the direction of a vector in [0, 2 pi], with an error of up to 0.004 rad (the arc tangent is that of Rajan
+/// et al. 2006).
 #[cfg_attr(not(target_os = "none"), inline(always))]
 fn direction(x: f32, y: f32) -> f32 {
     let (along, across) = (x.abs(), y.abs());

@@ -32,9 +32,9 @@ use path_types::{PlanarGoal, Tangent, lengths};
 /// A pose in the plane: x, y in radii, heading in radians.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPose {
-    /// Forwards from the start, radii.
+    /// Distance forwards from the start, radii.
     pub x: f64,
-    /// To the left of the start, radii.
+    /// Distance to the left of the start, radii.
     pub y: f64,
     /// Heading of the pose relative to the start's, counter-clockwise, radians.
     pub heading: f64,
@@ -53,7 +53,7 @@ pub enum Direction {
 
 use Direction::{Left, Right, Straight};
 
-/// One of the six path types.
+/// Type of a planar path, by the directions of its three segments.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PathType {
     /// Left, straight, left.
@@ -88,10 +88,10 @@ impl PathType {
     }
 }
 
-/// A path of one of the types. Segments may have a length of 0.
+/// A planar path of one of the six types. Segments may have a length of 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PlanarPath {
-    /// The path type.
+    /// Type of the path.
     pub path_type: PathType,
     /// Length of each segment, radii. The length of an arc is its angle.
     pub lengths: [f64; 3],
@@ -109,7 +109,7 @@ impl PlanarPath {
         self.path_type.directions().into_iter().zip(self.lengths).filter(|(_, length)| *length > 0.0)
     }
 
-    /// Returns the end of the path, by forward integration.
+    /// Returns the pose at the end of the path, by forward integration.
     #[must_use]
     pub fn end(&self) -> PlanarPose {
         let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
@@ -133,7 +133,8 @@ impl PlanarPath {
         at
     }
 
-    /// Returns the error of the path's end at the goal: the larger of distance (radii) and angle (radians).
+    /// Returns the error of the path's end at the goal: the distance (radii) or the angle (radians), whichever is
+    /// larger.
     #[must_use]
     pub fn goal_error(&self, goal: &PlanarPose) -> f64 {
         let end = self.end();
@@ -143,11 +144,11 @@ impl PlanarPath {
 }
 
 /// Max difference in length (radii) of paths that count as equally long: the rounding error that [`path_types`]
-/// accepts. The first of them in the order of [`PathType::ALL`] is returned, so that ties are decided in the same way
-/// on every machine.
+/// accepts. Of such paths, the first in the order of [`PathType::ALL`] is returned, so that ties are decided in the
+/// same way on every machine.
 const TIE: f64 = 1e-12;
 
-/// Returns the shortest path to a goal.
+/// Returns the shortest planar path from the start to a goal.
 ///
 /// ```
 /// use growbot_core::dubins2::{PlanarPose, PathType, shortest};
@@ -168,8 +169,8 @@ pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     }
 }
 
-/// Returns the shortest path. Only path types whose lower bound is small enough are built. The result does not depend
-/// on the bounds.
+/// Returns the shortest path of all types. Only path types whose lower bound is small enough are built. The result does
+/// not depend on the bounds.
 #[inline(always)]
 fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
     let mut likeliest = PathType::Lsl;
@@ -188,8 +189,8 @@ fn shortest_within(tangents: &[Tangent; 4], bounds: [f32; 6]) -> PlanarPath {
     shortest_of_several(tangents, bounds, first)
 }
 
-/// Reports whether a path type of this bound is certainly longer than the shortest path. A bound that is NaN excludes
-/// nothing. The rounding to single precision is within the margins of the bounds.
+/// Reports whether paths of a type with this lower bound (radii) are certainly longer than the length `shortest`
+/// (radii). A bound that is NaN excludes nothing. The rounding to single precision is within the margins of the bounds.
 fn is_longer(bound: f32, shortest: f64) -> bool {
     bound > (shortest + TIE) as f32
 }

@@ -7,10 +7,11 @@ use super::{PathType, PlanarPath, PlanarPose};
 use crate::angle::wrap_positive;
 use crate::trigonometry;
 
-/// Max error at the goal, radii, of a path that avoids a needless turn, or exists, only because of this tolerance. It
-/// is some thousand times the rounding of `f64` within some 60 radii.
+/// Max error at the goal, radii, that a path may have in order to avoid a full turn that rounding has caused, or in
+/// order to exist at all. It is some thousand times the rounding of `f64` within some 60 radii.
 const NEAR: f64 = 9e-13;
-/// Max error beyond some 60 radii, as a fraction of the distance, because the goal itself has fewer digits there.
+/// Max error at goals beyond some 60 radii, as a fraction of their distance, in place of [`NEAR`]. It grows with the
+/// distance because the goal itself has fewer digits there.
 const NEAR_AT_DISTANCE: f64 = 9e-13 / 64.0;
 /// The tangent of pi/8, to three digits. It only selects one of two formulas that are both exact.
 const TAN_PI_8: f64 = 0.414;
@@ -19,7 +20,7 @@ const TAN_PI_8: f64 = 0.414;
 pub(super) struct PlanarGoal {
     x: f64,
     y: f64,
-    /// Between -pi and pi.
+    /// Heading of the goal, between -pi and pi, radians.
     heading: f64,
     sine: f64,
     /// 1 - cos(heading), exact to the last digit even for tiny headings.
@@ -44,8 +45,8 @@ impl PlanarGoal {
     /// Returns the path of an arc, a line and an arc of which neither arc is longer than pi. `None` if such a path does
     /// not exist.
     ///
-    /// No path is shorter. From the start, and backwards from the goal, no path turns faster into the direction of the
-    /// line, so no path advances further in that direction.
+    /// If such a path exists, no path is shorter. From the start, and backwards from the goal, no path turns faster
+    /// into the direction of the line, so no path advances further in that direction.
     #[cfg_attr(not(target_os = "none"), inline(always))]
     pub(super) fn by_short_arcs(&self) -> Option<PlanarPath> {
         let &Self { x, y, heading, sine, versine } = self;
@@ -86,8 +87,8 @@ impl PlanarGoal {
         [self.tangent(true, true), self.tangent(false, true), self.tangent(true, false), self.tangent(false, false)]
     }
 
-    /// Returns one tangent. For path types that begin to the right the plane is mirrored, so that they begin to the
-    /// left.
+    /// Returns the tangent of one path type: LSL, RSR, LSR or RSL. For path types that begin to the right the plane is
+    /// mirrored, so that they begin to the left.
     #[cfg_attr(not(target_os = "none"), inline(always))]
     fn tangent(&self, to_left: bool, outer: bool) -> Tangent {
         let mirror = 2.0 * f64::from(u8::from(to_left)) - 1.0;
@@ -105,9 +106,10 @@ impl PlanarGoal {
     }
 }
 
-/// A tangent from a circle of the start to a circle of the goal.
+/// A tangent from a circle of the start to a circle of the goal. If the path type begins to the right, the plane is
+/// mirrored. Lengths are in radii.
 pub(super) struct Tangent {
-    /// True for the outer tangent, of LSL. False for the inner one, of LSR.
+    /// True for the outer tangent, the line of LSL. False for the inner tangent, the line of LSR.
     pub(super) outer: bool,
     /// x component of a vector in the direction of the tangent.
     pub(super) x: f64,
@@ -121,7 +123,8 @@ pub(super) struct Tangent {
     pub(super) heading: f64,
 }
 
-/// Returns the lengths of the segments of one of [`PathType::ALL`], infinite if that path does not exist.
+/// Returns the lengths of the three segments of a path type, radii. They are infinite if a path of this type does not
+/// exist.
 #[cfg_attr(not(target_os = "none"), inline(always))]
 pub(super) fn lengths(tangents: &[Tangent; 4], path_type: PathType) -> [f64; 3] {
     let index = path_type as usize;
@@ -130,13 +133,14 @@ pub(super) fn lengths(tangents: &[Tangent; 4], path_type: PathType) -> [f64; 3] 
 }
 
 impl Tangent {
-    /// Reports whether LSR may have two arcs of at most pi, from sine and versine of the goal's heading.
+    /// Reports whether the path LSR of this tangent may have two arcs of at most pi. The arguments are the sine and the
+    /// versine of the goal's heading.
     fn has_short_arcs(&self, sine: f64, versine: f64) -> bool {
         let &Self { x, y, .. } = self;
         (y >= 0.0) & ((y - x * sine) - y * versine >= 0.0)
     }
 
-    /// Returns the lengths of LSL or LSR.
+    /// Returns the lengths of the segments of LSL or LSR, radii.
     ///
     /// The arcs of LSL add up to the heading, or to a turn more if the line's direction is not between those of start
     /// and goal. If rounding may have caused the extra turn, the line is turned back. The error of the path at the goal
@@ -162,8 +166,9 @@ impl Tangent {
     }
 }
 
-/// Returns the lengths of LRL, between the same circles as LSL, if the circles are close enough. The middle arc is
-/// longer than pi, because with a shorter one LRL is never the shortest path.
+/// Returns the lengths of the segments of LRL from those of LSL, because its first and its last circle are the same.
+/// The lengths are infinite if the circles are too far apart. The middle arc is longer than pi, because with a shorter
+/// one LRL is never the shortest path.
 ///
 /// The centres form a triangle with sides 4 cos(base), 2 and 2. Each outer arc turns further than that of LSL, by the
 /// triangle's angle `base` plus a quarter turn.
@@ -182,7 +187,7 @@ fn three_arcs([first, distance, last]: [f64; 3]) -> [f64; 3] {
     [turned(first), 2.0 * further, turned(last)]
 }
 
-/// Returns the max error at a goal at this distance that still counts as reached, radii.
+/// Returns the max error (radii) with which a goal at this distance (radii) still counts as reached.
 fn nearness(distance: f64) -> f64 {
     let far = NEAR_AT_DISTANCE * distance;
     if far > NEAR { far } else { NEAR }
@@ -223,7 +228,7 @@ fn octant(less: f64, more: f64) -> f64 {
     upper * FRAC_PI_4 + trigonometry::atan_of_sixteenth(less / (more + f64::MIN_POSITIVE))
 }
 
-/// Wraps an angle between -2 pi and 2 pi to [0, 2 pi).
+/// Wraps an angle between -2 pi and 2 pi to [0, 2 pi), radians.
 fn wrap(angle: f64) -> f64 {
     let wrapped = if angle < 0.0 { angle + TAU } else { angle };
     if wrapped >= TAU { 0.0 } else { wrapped }

@@ -8,10 +8,11 @@ use super::*;
 
 /// Max error of a path at the goal, radii and radians, for goals within some 60 radii.
 const GOAL_TOLERANCE: f64 = 1e-12;
-/// Max error beyond some 60 radii, as a fraction of the distance, because the goal itself has fewer digits there.
+/// Max error of a path at goals beyond some 60 radii, as a fraction of the distance, because the goal itself has fewer
+/// digits there.
 const GOAL_TOLERANCE_PER_DISTANCE: f64 = 1e-12 / 64.0;
 
-/// A goal, and the length of a path to it that was constructed by hand.
+/// A goal, and the length of a path to it that the test has constructed.
 #[derive(Debug, Clone, Copy)]
 struct Laid {
     goal: PlanarPose,
@@ -31,7 +32,7 @@ fn assert_arrives(goal: &PlanarPose) -> PlanarPath {
     path
 }
 
-/// Asserts that the path reaches the goal and is not longer than the constructed path.
+/// Asserts that the path found reaches the goal and is not longer than the constructed path.
 fn assert_as_short(laid: &Laid) {
     let path = assert_arrives(&laid.goal);
     assert!(path.length() <= laid.length + 1e-9, "{laid:?}: {path:?} is {} long", path.length());
@@ -41,12 +42,12 @@ fn any_path_type() -> impl Strategy<Value = PathType> + Clone {
     prop::sample::select(&PathType::ALL)
 }
 
-/// Generates LSL or RSR.
+/// Generates one of the path types LSL and RSR.
 fn outer() -> impl Strategy<Value = PathType> {
     prop::sample::select(&[PathType::Lsl, PathType::Rsr])
 }
 
-/// Generates LSR or RSL.
+/// Generates one of the path types LSR and RSL.
 fn inner() -> impl Strategy<Value = PathType> {
     prop::sample::select(&[PathType::Lsr, PathType::Rsl])
 }
@@ -105,7 +106,8 @@ fn line() -> impl Strategy<Value = Laid> {
     })
 }
 
-/// Generates goals at the start, up to a rounding error, with any number of turns.
+/// Generates goals at the position and in the direction of the start, up to a rounding error, with any number of turns
+/// added to the heading.
 fn coincident() -> impl Strategy<Value = Laid> {
     (-4e-13..4e-13, -4e-13..4e-13, -4e-13..4e-13, -3_i8..4).prop_map(|(x, y, off, turns)| Laid {
         goal: PlanarPose { x, y, heading: off + f64::from(turns) * TAU },
@@ -132,7 +134,7 @@ fn tiny_step() -> impl Strategy<Value = Laid> {
     })
 }
 
-/// Generates goals of every family, each also moved off its edge by a rounding error or more.
+/// Generates goals of all families above, many of them displaced by a rounding error or more.
 fn any_goal() -> impl Strategy<Value = PlanarPose> {
     let laid = prop_oneof![
         whole_path_type(),
@@ -156,7 +158,7 @@ fn any_goal() -> impl Strategy<Value = PlanarPose> {
     prop_oneof![2 => random_goal(), 2 => near_goal(), 1 => far_goal(), 5 => off]
 }
 
-/// Returns the shortest path with all path types built.
+/// Returns the shortest path of all path types, each of which is built.
 fn shortest_of_all(goal: &PlanarPose) -> PlanarPath {
     shortest_within(&PlanarGoal::new(goal).tangents(), [0.0; 6])
 }

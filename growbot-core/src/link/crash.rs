@@ -24,27 +24,27 @@ use super::reset_cause::ResetCause;
 pub const CRASH_WORDS: usize = 32;
 /// A crash record in the form that a board retains and sends.
 pub type CrashWords = [u32; CRASH_WORDS];
-/// Number of words before the saved registers.
+/// Number of words of a crash record before the saved registers.
 pub const HEAD_WORDS: usize = 9;
-/// Number of words that the processor saves when it takes an exception, without floating-point registers.
+/// Number of words that the processor saves on the stack when it takes an exception, without floating-point registers.
 pub const FRAME_WORDS: usize = 8;
-/// Number of words of the stack above the saved registers.
+/// Number of words of a crash record that hold the stack above the saved registers.
 pub const STACK_WORDS: usize = CRASH_WORDS - HEAD_WORDS - FRAME_WORDS;
 
-/// CFSR: MMFAR holds the address of the fault.
+/// Bit of the CFSR that is set if the MMFAR holds the address of the fault.
 const MMARVALID: u32 = 1 << 7;
-/// CFSR: BFAR holds the address of the fault.
+/// Bit of the CFSR that is set if the BFAR holds the address of the fault.
 const BFARVALID: u32 = 1 << 15;
-/// CFSR: the registers could not be saved (MSTKERR, STKERR).
+/// Bits of the CFSR that are set if the registers could not be saved on the stack (MSTKERR, STKERR).
 const NOT_STACKED: u32 = 1 << 4 | 1 << 12;
-/// EXC_RETURN: clear if the stack frame has space for the floating-point registers.
+/// Bit of EXC_RETURN that is clear if the stack frame has space for the floating-point registers.
 const BASIC_FRAME: u32 = 1 << 4;
-/// Bytes of the stack that an exception uses, without the floating-point registers and with them.
+/// Number of bytes of the stack that an exception uses, without the floating-point registers and with them.
 const FRAME_BYTES: [u32; 2] = [32, 104];
-/// xPSR on the stack: the processor skipped a word to align the frame.
+/// Bit of the saved xPSR that is set if the processor skipped a word to align the stack frame.
 const ALIGNED: u32 = 1 << 9;
 
-/// Bits of the CFSR, with their names and meanings.
+/// Bits of the CFSR: number, name and meaning.
 const CFSR_BITS: [(u32, &str, &str); 17] = [
     (0, "IACCVIOL", "an instruction fetch from a forbidden address"),
     (1, "DACCVIOL", "an access that is not allowed"),
@@ -65,14 +65,14 @@ const CFSR_BITS: [(u32, &str, &str); 17] = [
     (25, "DIVBYZERO", "a division by zero"),
 ];
 
-/// Returns the number of bytes that the processor saved on the stack when it took an exception.
+/// Returns the number of bytes that the processor saved on the stack when it took an exception with this EXC_RETURN.
 #[must_use]
 pub const fn frame_bytes(exc_return: u32) -> u32 {
     let [basic, extended] = FRAME_BYTES;
     if exc_return & BASIC_FRAME != 0 { basic } else { extended }
 }
 
-/// Returns the number that stands for a crash's cause in its first word.
+/// Returns the number that stands for the cause of a crash in the first word of its record.
 #[must_use]
 pub const fn cause_code(cause: ResetCause) -> u32 {
     match cause {
@@ -82,14 +82,14 @@ pub const fn cause_code(cause: ResetCause) -> u32 {
     }
 }
 
-/// A decoded crash.
+/// A decoded crash record.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CrashRecord {
     /// The cause of the crash, and of the reset that followed.
     pub cause: ResetCause,
     /// The boot in which the crash occurred ([`super::message::BoardInfo::boot_id`]).
     pub boot_id: u32,
-    /// CRC-32C of the image that crashed. `None` if the image was not sealed.
+    /// CRC-32C of the firmware image that crashed. `None` if the image had no seal (a CRC that is stored in it).
     pub image: Option<u32>,
     /// Number of the exception: 2 is the non-maskable interrupt, 3 a hard fault, 16 and above an interrupt.
     pub exception: u32,
@@ -99,25 +99,25 @@ pub struct CrashRecord {
     pub cfsr: u32,
     /// Hard fault status register.
     pub hfsr: u32,
-    /// Address of the failed access. `None` if the processor does not know it.
+    /// Address of the memory access that failed. `None` if the processor has not recorded it.
     pub address: Option<u32>,
-    /// Stack pointer before the exception. Without a frame, the stack pointer at which the exception was taken.
+    /// Stack pointer before the exception. If `frame` is `None`, the stack pointer at which the exception was taken.
     pub sp: u32,
-    /// Words of the stack from `sp` on, as far as they are known. If the stack pointer is below the stack, the words of
-    /// the stack that may be return addresses.
+    /// Words of the stack from `sp` on. Words beyond the end of the stack are 0. If the stack pointer is below the
+    /// stack, the words of the stack that may be return addresses.
     pub stack: [u32; STACK_WORDS],
 }
 
 /// Registers that the processor saved when it took an exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CrashFrame {
-    /// R0 to R3, and R12.
+    /// Registers R0 to R3 and R12, in this order.
     pub registers: [u32; 5],
     /// Link register: return address of the interrupted function.
     pub lr: u32,
-    /// Program counter.
+    /// Program counter: address at which the exception interrupted the program.
     pub pc: u32,
-    /// Program status register.
+    /// Program status register (xPSR).
     pub xpsr: u32,
 }
 
@@ -152,7 +152,7 @@ impl From<&CrashWords> for CrashRecord {
 }
 
 impl CrashRecord {
-    /// Returns the names and meanings of the CFSR's bits that are set.
+    /// Returns the names and meanings of the bits that are set in the CFSR.
     pub fn reasons(&self) -> impl Iterator<Item = (&'static str, &'static str)> {
         let cfsr = self.cfsr;
         CFSR_BITS.into_iter().filter(move |(bit, ..)| cfsr >> bit & 1 != 0).map(|(_, name, meaning)| (name, meaning))

@@ -37,7 +37,7 @@ pub enum DriverProblem {
     Reset,
     /// The voltage of the driver's charge pump is too low.
     Undervoltage,
-    /// The driver is hot, and close to its shutdown temperature.
+    /// The driver is hot: its temperature is close to that at which it shuts down.
     Hot,
     /// The driver is too hot and has switched its motor off.
     OverTemperature,
@@ -45,16 +45,16 @@ pub enum DriverProblem {
     ShortToGround,
     /// A wire of the motor touches the supply or another wire.
     ShortToSupply,
-    /// The driver has switched its motor off, and its flags no longer show the reason.
+    /// The driver has switched its motor off, but its flags no longer show why.
     ShutDown,
     /// A wire of the motor is not connected.
     OpenLoad,
-    /// The motor does not turn although it is stepped.
+    /// The motor does not turn although it receives steps.
     Stall,
 }
 
 impl DriverProblem {
-    /// All problems.
+    /// All problems that a driver can report.
     pub const ALL: [Self; 11] = [
         Self::Silent,
         Self::NotConfigured,
@@ -69,7 +69,7 @@ impl DriverProblem {
         Self::Stall,
     ];
 
-    /// Returns the code of the problem.
+    /// Returns the code of the problem, as programs print it.
     #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
@@ -111,12 +111,12 @@ impl DriverProblem {
     }
 }
 
-/// A driver with a problem.
+/// Report of a problem of one stepper driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct DriverReport {
-    /// The driver's motor.
+    /// Motor that the driver drives.
     pub motor: Motor,
-    /// The problem.
+    /// Problem of the driver.
     pub problem: DriverProblem,
 }
 

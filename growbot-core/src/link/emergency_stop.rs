@@ -1,5 +1,5 @@
-//! The emergency stop on the link: eight bytes that the receiver recognises at any place in the stream, ahead of all
-//! queues and in any session.
+//! The emergency stop on the link: eight bytes that the receiver recognises at any position in the stream of bytes,
+//! before any queue and in any session.
 //!
 //! The sequence begins and ends with the zero that ends frames, and the bytes between are shorter than any frame. So no
 //! sequence of whole frames contains it. A receiver checks each byte as it arrives, before any queue.
@@ -7,21 +7,21 @@
 /// The bytes of the emergency stop, in the order of sending.
 pub const EMERGENCY_STOP: [u8; 8] = [0x00, 0xE5, 0x70, 0x9E, 0xE5, 0x70, 0x9E, 0x00];
 
-/// Finds [`EMERGENCY_STOP`] in a stream of bytes.
+/// Detector of [`EMERGENCY_STOP`] in a stream of bytes.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct EmergencyStopDetector {
-    /// The latest eight bytes, with the newest in the lowest place.
+    /// The latest eight bytes of the stream. The newest is the least significant.
     latest: u64,
 }
 
 impl EmergencyStopDetector {
-    /// Creates a recogniser at the beginning of a stream.
+    /// Creates a detector at the beginning of a stream.
     #[must_use]
     pub const fn new() -> Self {
         Self { latest: u64::MAX }
     }
 
-    /// Receives a byte and reports whether it completes the sequence.
+    /// Takes the next byte of the stream, and reports whether this byte completes an emergency stop.
     pub const fn push(&mut self, byte: u8) -> bool {
         self.latest = self.latest << 8 | byte as u64;
         self.latest == u64::from_be_bytes(EMERGENCY_STOP)

@@ -3,7 +3,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// A fault of a board. Every fault switches heater and steppers off.
+/// A fault of a board. Every fault switches the heater and the steppers off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum Fault {
     /// The thermistor reads as if its wire were cut.
@@ -12,19 +12,19 @@ pub enum Fault {
     ThermistorShort,
     /// There has been no temperature reading for half a second.
     ThermistorSilent,
-    /// The nozzle is above the robot's max temperature.
+    /// The nozzle is hotter than the robot's max temperature.
     OverTemperature,
     /// The nozzle cooled below the min extrusion temperature while growing.
     UnderTemperature,
-    /// The nozzle did not reach its temperature in time.
+    /// The nozzle did not reach its target temperature within the robot's heating timeout.
     HeatingTooSlow,
-    /// The head turned by more than a turn without passing its index mark.
+    /// In homing, the head made one and a half turns without passing its index mark.
     IndexNotFound,
     /// A layer needs steps at a higher rate than the step interrupt makes them.
     StepRate,
-    /// The board's own hardware did not carry out a command.
+    /// A pin of the board, or its output for the heater, did not carry out a command.
     Hardware,
-    /// The reading of the thermistor does not change although the power varies.
+    /// The reading of the thermistor does not change although the heater's power varies.
     ThermistorFrozen,
     /// The reading of the thermistor fell faster than the nozzle can cool.
     ThermistorDetached,
@@ -34,7 +34,7 @@ pub enum Fault {
     HeaterStuckOn,
     /// The heater uses more energy than the nozzle can need.
     HeaterEnergy,
-    /// The head made a full turn without its index mark.
+    /// While laying layers, the head made a full turn without passing its index mark.
     IndexMissing,
     /// The index sensor detects its mark at every angle.
     IndexStuck,
@@ -50,23 +50,23 @@ pub enum Fault {
     SupplyLow,
     /// The supply's voltage is above the robot's max.
     SupplyHigh,
-    /// A layer, or the homing, did not end in time.
+    /// A layer, or the homing, took longer than it may.
     MotionOverdue,
     /// The step interrupt has stopped.
     StepsStalled,
-    /// The board restarted during its work because its supply dropped.
+    /// The board restarted during operation because its supply voltage dropped.
     BrownOut,
-    /// The board restarted during its work because its watchdog was not fed.
+    /// The board restarted during operation because its watchdog was not fed.
     WatchdogReset,
-    /// The board restarted during its work because its processor faulted.
+    /// The board restarted during operation because its processor faulted.
     ProcessorFault,
-    /// The board restarted during its work because its stack overflowed.
+    /// The board restarted during operation because its stack overflowed.
     StackOverflow,
-    /// The board restarted during its work because of a loss of power or an external reset.
+    /// The board restarted during operation because of a loss of power or an external reset.
     PowerLost,
     /// The nozzle gets hotter although the heater's second switch is open.
     HeaterSwitchWelded,
-    /// The firmware's image in the board's flash differs from its seal.
+    /// The firmware image in the board's flash does not match the CRC in its seal.
     ImageCorrupt,
     /// The crystal does not oscillate, so the board's clock is not reliable.
     ClockFailed,
@@ -112,7 +112,7 @@ impl Fault {
         Self::DebugProbe,
     ];
 
-    /// Returns the code of the fault.
+    /// Returns the code of the fault, as programs print it.
     #[must_use]
     pub const fn code(self) -> &'static str {
         match self {

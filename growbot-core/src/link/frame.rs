@@ -21,34 +21,35 @@ pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
 
-/// Version of the frame format and of its header.
+/// Version of the frame format and of its header. It is the first byte of a frame, before the COBS encoding.
 pub const FRAME_VERSION: u8 = 2;
-/// Max length of a body, bytes.
+/// Max length of a frame's body, bytes.
 pub const MAX_BODY_LEN: usize = 224;
-/// Length of the header, bytes: version, kind, session, sequence number, acknowledgement.
+/// Length of a frame's header, bytes: version, kind, session, sequence number, acknowledgement.
 const HEADER_LEN: usize = 10;
 const CHECKSUM_LEN: usize = 4;
-/// Max length of a frame before COBS, bytes.
+/// Max length of a frame before its COBS encoding, bytes.
 const MAX_RAW_LEN: usize = HEADER_LEN + MAX_BODY_LEN + CHECKSUM_LEN;
-/// Max length of a frame on the link, bytes. COBS adds one byte to up to 254, and a zero ends the frame.
+/// Max length of a frame on the link, bytes. The COBS encoding adds one byte for up to 254 bytes, and a zero ends the
+/// frame.
 pub const MAX_FRAME_LEN: usize = MAX_RAW_LEN + 2;
 
-/// The header of a frame, without the version.
+/// The header of a frame, without the byte for the version.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct FrameHeader {
     /// Kind of the message ([`super::message::Message::kind`]).
     pub kind: u8,
-    /// The session that the host opened with its `Hello`. The session of a response is that of its request.
+    /// The session that the host opened with its `Hello`. A response has the session of its request.
     pub session: u32,
-    /// Sequence number of this request, or of this event, in its session. It counts from 1 and skips 0 when it wraps. A
-    /// response has no sequence number, so it is 0.
+    /// Sequence number of this request, or of this event, in its session. The numbers count from 1 and skip 0 when they
+    /// wrap. The field is 0 in a response, which has no sequence number.
     pub seq: u16,
-    /// In a response, the sequence number of its request. In a frame from a host, the sequence number of the latest
-    /// event that the host has received, with all events before it. 0 if there is none.
+    /// In a response, the sequence number of the request. In a frame from a host, the sequence number of the latest
+    /// event such that the host has received this event and all events before it. 0 if there is none.
     pub ack: u16,
 }
 
-/// Returns the sequence number that follows a sequence number.
+/// Returns the sequence number after `seq`. After 65,535 it continues with 1.
 #[must_use]
 pub const fn next_seq(seq: u16) -> u16 {
     match seq.wrapping_add(1) {
@@ -57,40 +58,41 @@ pub const fn next_seq(seq: u16) -> u16 {
     }
 }
 
-/// Reports whether a sequence number comes after another one, by the shorter distance round the range.
+/// Reports whether `seq` comes after `other`. Because sequence numbers wrap, the shorter way round the range of `u16`
+/// decides.
 #[must_use]
 pub const fn is_seq_after(seq: u16, other: u16) -> bool {
     (seq.wrapping_sub(other) as i16) > 0
 }
 
-/// A frame that was received whole.
+/// A received frame, after its checksum and version have been checked.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct LinkFrame {
-    /// The header.
+    /// Header of the frame.
     pub header: FrameHeader,
-    /// The message in postcard form.
+    /// Body of the frame: the message in postcard form.
     pub body: Vec<u8, MAX_BODY_LEN>,
 }
 
-/// A frame as sent on the link, with the zero that ends it.
+/// The bytes of a frame as sent on the link, with the zero that ends it.
 pub type FrameBytes = Vec<u8, MAX_FRAME_LEN>;
 
-/// Error of bytes that are not a frame.
+/// Error of bytes that are not a valid frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
-    /// The bytes are not COBS, or too short, or the checksum does not match.
+    /// The bytes are not a COBS encoding, or are too short, or the checksum does not match.
     #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot firmware at the other end")]
     Garbled,
-    /// More bytes arrived without a zero than a frame can have.
+    /// More bytes arrived without a zero than the longest frame has.
     #[error("{MAX_FRAME_LEN} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
     TooLong,
-    /// The frame is whole, but of another version.
+    /// The frame is valid, but has another version.
     #[error(
         "the other side uses version {version} of the link protocol, this side {FRAME_VERSION}: flash or install the \
          same release"
     )]
     Version {
-        /// The version of the frame.
+        /// Version in the received frame.
         version: u8,
     },
 }
@@ -143,9 +145,9 @@ fn decode(bytes: &[u8]) -> Result<LinkFrame, FrameError> {
     })
 }
 
-/// Decodes COBS. Each run of bytes begins with its length, which counts the length byte too. Each run stands for its
-/// bytes and a zero after them, unless it is of max length or the last. `None` if the bytes are not COBS. (The decoder
-/// of the `cobs` crate leaves panics in the firmware.)
+/// Decodes COBS (Consistent Overhead Byte Stuffing). Each run of bytes begins with its length, which counts the length
+/// byte too. Each run stands for its bytes and a zero after them, unless it is of max length or the last. `None` if the
+/// bytes are not a COBS encoding. (The decoder of the `cobs` crate leaves panics in the firmware.)
 fn unstuff(bytes: &[u8]) -> Option<Vec<u8, MAX_RAW_LEN>> {
     let mut raw = Vec::new();
     let mut left = bytes;
@@ -160,16 +162,18 @@ fn unstuff(bytes: &[u8]) -> Option<Vec<u8, MAX_RAW_LEN>> {
     Some(raw)
 }
 
-/// Finds frames in a stream of bytes.
+/// Decoder that finds frames in a stream of bytes.
 #[derive(Debug, Clone, Default)]
 pub struct FrameDecoder {
     bytes: Vec<u8, MAX_FRAME_LEN>,
-    /// True if too many bytes arrived without a zero. Bytes up to the next zero are ignored.
+    /// True if more bytes arrived without a zero than the longest frame has. Further bytes up to the next zero are
+    /// ignored.
     overrun: bool,
 }
 
 impl FrameDecoder {
-    /// Receives a byte. Returns the frame that the byte completes, if any, or the error of the bytes received.
+    /// Takes the next byte of the stream. If the byte ends a frame, returns the frame, or the error of the bytes before
+    /// it.
     pub fn push(&mut self, byte: u8) -> Option<Result<LinkFrame, FrameError>> {
         if byte != 0 {
             if self.bytes.push(byte).is_err() {

@@ -14,11 +14,11 @@ pub enum ResetCause {
     Watchdog,
     /// The processor faulted.
     ProcessorFault,
-    /// The reset pin, a debug probe, or a reset that software requested.
+    /// The board was reset by its reset pin, by a debug probe, or by its own software.
     External,
     /// The firmware used more stack than is available.
     StackOverflow,
-    /// The crystal stopped.
+    /// The crystal of the board's clock stopped.
     ClockFailed,
 }
 

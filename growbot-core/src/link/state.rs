@@ -3,7 +3,7 @@
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-/// State of a board.
+/// State of a board, which its firmware reports to hosts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum State {
     /// The board is inactive. Heater and steppers are off.
@@ -25,14 +25,16 @@ pub enum State {
     Fault,
     /// The board has just started and tests its sensors. Everything is off.
     SelfTest,
-    /// A long pause has switched the heater off. The board stores the job, and `Start` continues it.
+    /// A pause lasted longer than the robot's limit, so the board switched the heater off. The board stores the job,
+    /// and `Start` continues it.
     Parked,
-    /// The board oscillates the nozzle round a temperature to find the gains of its controller.
+    /// The board makes the temperature of the nozzle oscillate round a target to find the gains of the heater's
+    /// controller.
     Tuning,
     /// The emergency stop was pressed. Heater and steppers are off until the emergency stop is released and cleared.
     EmergencyStop,
-    /// The nozzle is hot, and head and feed move as a host requests, without a job. The board leaves this state after
-    /// some minutes.
+    /// The nozzle is hot, and head and feed move as a host requests, without a job. The board leaves this state by
+    /// itself after some minutes.
     Maintenance,
 }
 

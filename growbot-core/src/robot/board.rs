@@ -22,18 +22,19 @@ pub enum BoardKind {
     Stm32f405,
     /// A Raspberry Pi Pico, to which the user connects drivers and switches.
     Pico,
-    /// A BTT SKR Pico, with four TMC2209.
+    /// A BTT SKR Pico, with four TMC2209 stepper drivers.
     SkrPico,
 }
 
-/// The controller board and its pins. Without this table, the pins are those of the board that runs the firmware.
+/// The controller board and its pins. If a robot file does not contain this table, the board that runs the firmware
+/// uses its default pins.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct BoardDescription {
-    /// Kind of the board. A board of another kind refuses the description.
+    /// Kind of the board. A board of another kind refuses the robot description.
     pub kind: BoardKind,
-    /// Pins that differ from those of the kind.
+    /// Pins of signals that are not at the default pin of the board's kind.
     #[serde(default)]
     pub pins: PinOverrides,
 }
@@ -43,82 +44,82 @@ pub struct BoardDescription {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
 pub struct PinOverrides {
-    /// STEP of the head's driver.
+    /// GPIO pin for STEP of the head's stepper driver.
     pub head_step: Option<u8>,
-    /// DIR of the head's driver.
+    /// GPIO pin for DIR of the head's stepper driver.
     pub head_direction: Option<u8>,
-    /// EN of the head's driver.
+    /// GPIO pin for EN of the head's stepper driver.
     pub head_enable: Option<u8>,
-    /// STEP of the feed's driver.
+    /// GPIO pin for STEP of the feed's stepper driver.
     pub feed_step: Option<u8>,
-    /// DIR of the feed's driver.
+    /// GPIO pin for DIR of the feed's stepper driver.
     pub feed_direction: Option<u8>,
-    /// EN of the feed's driver.
+    /// GPIO pin for EN of the feed's stepper driver.
     pub feed_enable: Option<u8>,
-    /// PWM output for the power of the heater.
+    /// GPIO pin of the PWM output that sets the power of the heater.
     pub heater: Option<u8>,
-    /// Second switch in the supply of the heater.
+    /// GPIO pin of the output that closes the second switch in the supply of the heater.
     pub heater_enable: Option<u8>,
-    /// PWM output for the fan.
+    /// GPIO pin of the PWM output for the fan.
     pub fan: Option<u8>,
-    /// Fault outputs of the drivers, joined.
+    /// GPIO pin of the input for the fault outputs of the stepper drivers, which are joined on one wire.
     pub driver_fault: Option<u8>,
-    /// Switch that detects filament.
+    /// GPIO pin of the input for the switch that detects filament.
     pub filament_presence: Option<u8>,
-    /// The encoder that the filament turns.
+    /// GPIO pin of the input for the encoder that the filament turns.
     pub filament_motion: Option<u8>,
-    /// The head's index sensor.
+    /// GPIO pin of the input for the head's index sensor.
     pub index: Option<u8>,
-    /// Emergency-stop button.
+    /// GPIO pin of the input for the emergency-stop button.
     pub emergency_stop: Option<u8>,
-    /// SDA of the orientation sensor.
+    /// GPIO pin for SDA (I2C data) of the orientation sensor.
     pub orientation_data: Option<u8>,
-    /// SCL of the orientation sensor.
+    /// GPIO pin for SCL (I2C clock) of the orientation sensor.
     pub orientation_clock: Option<u8>,
-    /// Voltage divider of the thermistor, 26 to 29.
+    /// GPIO pin of the input for the voltage divider of the thermistor, one of the ADC pins 26 to 29.
     pub thermistor: Option<u8>,
-    /// Voltage divider of the supply, 26 to 29.
+    /// GPIO pin of the input for the voltage divider of the supply, one of the ADC pins 26 to 29.
     pub supply: Option<u8>,
 }
 
-/// Signal on a wire between the board and the tip.
+/// A signal of the board, which has a pin: a wire to a driver, a heater, a fan, a sensor or a button.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Signal {
-    /// STEP of the head's driver.
+    /// STEP input of the head's stepper driver.
     HeadStep,
-    /// DIR of the head's driver.
+    /// DIR input of the head's stepper driver.
     HeadDirection,
-    /// EN of the head's driver.
+    /// EN input of the head's stepper driver.
     HeadEnable,
-    /// STEP of the feed's driver.
+    /// STEP input of the feed's stepper driver.
     FeedStep,
-    /// DIR of the feed's driver.
+    /// DIR input of the feed's stepper driver.
     FeedDirection,
-    /// EN of the feed's driver.
+    /// EN input of the feed's stepper driver.
     FeedEnable,
-    /// Power of the heater.
+    /// PWM output that sets the power of the heater.
     Heater,
-    /// Second switch in the supply of the heater.
+    /// Output that closes the second switch in the supply of the heater.
     HeaterEnable,
-    /// The fan.
+    /// PWM output for the fan.
     Fan,
-    /// Fault outputs of the drivers, joined.
+    /// Input for the fault outputs of the stepper drivers, which are joined on one wire.
     DriverFault,
-    /// Switch that detects filament.
+    /// Input for the switch that detects filament.
     FilamentPresence,
-    /// The encoder that the filament turns.
+    /// Input for the encoder that the filament turns.
     FilamentMotion,
-    /// The head's index sensor.
+    /// Input for the head's index sensor.
     Index,
-    /// Emergency-stop button.
+    /// Input for the emergency-stop button.
     EmergencyStop,
-    /// SDA of the orientation sensor.
+    /// SDA (I2C data) of the orientation sensor.
     OrientationData,
-    /// SCL of the orientation sensor.
+    /// SCL (I2C clock) of the orientation sensor.
     OrientationClock,
-    /// Voltage divider of the thermistor.
+    /// Analog input for the voltage divider of the thermistor.
     Thermistor,
-    /// Voltage divider of the supply.
+    /// Analog input for the voltage divider of the supply.
     Supply,
 }
 
@@ -145,7 +146,7 @@ impl Signal {
         Self::Supply,
     ];
 
-    /// Returns the name of the signal in the table `[board.pins]`.
+    /// Returns the name of the signal in the table `[board.pins]` of a robot file.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -187,7 +188,7 @@ impl Signal {
         }
     }
 
-    /// Reports whether the signal belongs to a stepper driver.
+    /// Reports whether the signal is an input of a stepper driver (STEP, DIR or EN).
     fn is_motor_signal(self) -> bool {
         matches!(
             self,
@@ -212,7 +213,7 @@ impl fmt::Display for Signal {
 }
 
 impl PinOverrides {
-    /// Returns the pin that the table gives for a signal.
+    /// Returns the pin that is set for a signal. `None` if the signal has the default pin of the board.
     #[must_use]
     pub fn get(&self, signal: Signal) -> Option<u8> {
         match signal {
@@ -260,7 +261,8 @@ impl BoardKind {
         }
     }
 
-    /// Returns the terminal of a signal, as the board labels it.
+    /// Returns the label of a signal's default terminal, as printed on the board. `None` if this kind has no terminal
+    /// for the signal.
     #[must_use]
     pub fn terminal(self, signal: Signal) -> Option<&'static str> {
         match self {
@@ -270,7 +272,7 @@ impl BoardKind {
         }
     }
 
-    /// Returns the board's own use of a pin that is not on a terminal or not free.
+    /// Returns the purpose for which the board itself uses a pin. `None` if the pin is free for a signal.
     pub(super) fn reserved(self, pin: u8) -> Option<&'static str> {
         match (self, pin) {
             (_, 0 | 1) => Some("the link's UART"),
@@ -284,8 +286,9 @@ impl BoardKind {
         }
     }
 
-    /// Reports whether a signal has a fixed pin. On some kinds of board all signals have one. On others those of
-    /// soldered stepper drivers have one, because each driver has its own address.
+    /// Reports whether the description cannot change the pin of a signal on this kind of board. On an `stm32f405` all
+    /// pins are fixed. On an `skr-pico` the pins of the soldered stepper drivers are fixed, because each driver has its
+    /// own address.
     pub(super) fn has_fixed_pin(self, signal: Signal) -> bool {
         match self {
             Self::Stm32f405 => true,
@@ -294,7 +297,7 @@ impl BoardKind {
         }
     }
 
-    /// Reports whether the board's stepper drivers are TMC2209 that the firmware configures.
+    /// Reports whether the board has soldered TMC2209 stepper drivers that the firmware configures.
     #[must_use]
     pub fn has_onboard_drivers(self) -> bool {
         matches!(self, Self::SkrPico)
@@ -337,8 +340,8 @@ fn pico_pin(signal: Signal) -> u8 {
     }
 }
 
-/// Returns pin and terminal of a signal. `None` for two signals: the drivers report faults over their UART, and the
-/// supply is not measured.
+/// Returns the pin and the label of the terminal of a signal on an SKR Pico. `None` for `DriverFault`, because the
+/// drivers report faults over their UART, and for `Supply`, because the board does not measure it.
 fn skr_pico_place(signal: Signal) -> Option<(u8, &'static str)> {
     Some(match signal {
         Signal::HeadStep => (11, "XM"),

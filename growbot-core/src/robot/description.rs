@@ -10,19 +10,19 @@ use super::BoardDescription;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RobotDescription {
-    /// The robot's name: letters, digits and hyphens.
+    /// The robot's name: lower-case letters, digits and hyphens.
     #[cfg_attr(feature = "schema", schemars(with = "str", extend("pattern" = "^[a-z0-9-]+$", "maxLength" = 32)))]
     pub name: String<32>,
-    /// Radius that plans use unless the user requests another, mm.
+    /// Radius of the arcs in plans, mm, unless the user requests another radius.
     pub planning_radius_mm: f64,
     /// True if this is a test bench under supervision. A test bench heats even if a debug probe is attached. A robot
-    /// that grows must not.
+    /// that grows must not do so.
     #[serde(default)]
     pub test_bench: bool,
-    /// The controller board and its pins. By default any board, with its own pins.
+    /// The controller board and its pins. By default the description fits any board, which then uses its default pins.
     #[serde(default)]
     pub board: Option<BoardDescription>,
-    /// The sizes that bound the curvature.
+    /// The sizes of the tip that bound the curvature.
     pub geometry: Geometry,
     /// One layer of material and its limits.
     pub layer: LayerDescription,
@@ -31,10 +31,10 @@ pub struct RobotDescription {
     /// The wall's material. Default: PLA.
     #[serde(default)]
     pub material: Material,
-    /// The mass at the body's end.
+    /// The tip at the end of the body, with its mass.
     #[serde(default)]
     pub tip: Tip,
-    /// The motion of both steppers.
+    /// The step interrupt and the motion of the two stepper motors, of head and feed.
     pub motion: Motion,
     /// The head, which turns the nozzle round the deposition plane.
     pub head: Head,
@@ -49,18 +49,18 @@ pub struct RobotDescription {
     /// The fan that cools the print. Default: no fan.
     #[serde(default)]
     pub fan: Fan,
-    /// The nozzle's temperature in a pause.
+    /// The temperature of the nozzle in a pause, and the times at which it changes.
     #[serde(default)]
     pub pause: Pause,
     /// The supply of heater and motors.
     #[serde(default)]
     pub supply: Supply,
-    /// The sensors beyond thermistor and index sensor. Default: none.
+    /// The sensors in addition to thermistor and index sensor. Default: none.
     #[serde(default)]
     pub sensors: Sensors,
 }
 
-/// The sizes that bound the curvature (Eq 7).
+/// The sizes of the tip that bound the curvature of the body (Eq 7 of the paper).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -78,11 +78,11 @@ pub struct Geometry {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LayerDescription {
-    /// Mean height of a full layer, mm.
+    /// Max mean height of a layer, mm. Layers on tight bends, and layers that divide a segment equally, are lower.
     pub height_mm: f64,
-    /// Min height that prints well, on the inner side of a bend, mm.
+    /// Min height of a layer that prints well, on the inner side of a bend, mm.
     pub height_min_mm: f64,
-    /// Max height, on the outer side of a bend, mm.
+    /// Max height of a layer, on the outer side of a bend, mm.
     pub height_max_mm: f64,
     /// Max tilt of one layer, degrees.
     pub tilt_max_deg: f64,
@@ -121,14 +121,14 @@ pub struct Tip {
     pub mass_g: f64,
 }
 
-/// Method of varying the material round a turn.
+/// Method by which the amount of material per angle varies within a turn of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
 pub enum FeedStrategy {
-    /// The head turns at constant speed, and the feed is modulated.
+    /// The head turns at constant speed, and the speed of the feed varies.
     Feed,
-    /// The feed is constant, and the head turns more slowly where the layer needs more material.
+    /// The feed has constant speed, and the head turns more slowly where the layer needs more material.
     Speed,
 }
 
@@ -144,15 +144,15 @@ pub enum HeadRotation {
     Alternate,
 }
 
-/// The motion of both steppers.
+/// The step interrupt and the motion of the two stepper motors, of head and feed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Motion {
-    /// Rate of the step interrupt, Hz. A step pulse is high for one tick and low for at least one. A board reaches at
-    /// most 100 kHz. A robot that needs a higher rate can only be simulated.
+    /// Rate of the step interrupt, Hz. A step pulse is high for one tick of the interrupt and low for at least one. A
+    /// board reaches at most 100 kHz. A robot that needs a higher rate can only be simulated.
     pub tick_hz: u32,
-    /// Method of varying the material round a turn.
+    /// Method by which the amount of material per angle varies within a turn of the head.
     pub strategy: FeedStrategy,
     /// True if a low level enables the stepper drivers. This is the usual wiring.
     pub enable_low: bool,
@@ -189,7 +189,7 @@ pub struct Head {
     /// Max instantaneous change of speed, turns/s. Up to this speed the motor needs no ramp.
     #[serde(default = "defaults::unlimited")]
     pub speed_jump_turns_per_s: f64,
-    /// Configuration of the head's TMC2209, on a board that has them.
+    /// Configuration of the head's TMC2209 stepper driver, for boards that have such drivers.
     #[serde(default)]
     pub driver: Option<DriverSettings>,
 }
@@ -217,7 +217,7 @@ pub struct Feed {
     /// Speed at which filament is retracted and pushed forward again, mm/s.
     #[serde(default = "defaults::retract_mm_per_s")]
     pub retract_mm_per_s: f64,
-    /// Configuration of the feed's TMC2209, on a board that has them.
+    /// Configuration of the feed's TMC2209 stepper driver, for boards that have such drivers.
     #[serde(default)]
     pub driver: Option<DriverSettings>,
 }
@@ -227,7 +227,7 @@ pub struct Feed {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct DriverSettings {
-    /// Current of a motor's phase, A rms.
+    /// Current in each phase of the motor, A rms.
     pub current_a: f64,
     /// Chopper mode of the driver.
     #[serde(default)]
@@ -236,8 +236,8 @@ pub struct DriverSettings {
     /// them.
     #[serde(default = "defaults::microsteps")]
     pub microsteps: u16,
-    /// Load at which the motor counts as stalled, from the driver's SGTHRS: 0 for never, 255 for very early. It is
-    /// allowed only in StealthChop. Without it, the board does not check for stalls.
+    /// Load at which the motor counts as stalled, as the driver's register SGTHRS: 0 for never, 255 for very early. It
+    /// is allowed only in StealthChop. If it is absent, the board does not check for stalls.
     #[serde(default)]
     pub stall_threshold: Option<u8>,
     /// Resistance of the sense resistors on the board, ohm.
@@ -265,7 +265,7 @@ impl DriverSettings {
     }
 }
 
-/// Chopper mode of a driver, which regulates the motor's current.
+/// Chopper mode of a stepper driver: the method by which it regulates the current of the motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "lowercase")]
@@ -277,14 +277,15 @@ pub enum ChopperMode {
     SpreadCycle,
 }
 
-/// The filament of the robot: a full spool.
+/// The filament of the robot, on a full spool.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Filament {
-    /// Length on the spool when growth begins, mm. A plan that needs more has the warning `filament-short`.
+    /// Length of filament on the spool when growth begins, mm. A plan that needs more has the warning `filament-short`.
     pub spool_mm: f64,
-    /// Heat that the nozzle gives to the filament, J/(mm^3 K): density times specific heat. A value of 0 neglects it.
+    /// Heat that the nozzle gives to the filament, per volume and temperature rise, J/(mm^3 K): density times specific
+    /// heat. A value of 0 neglects it.
     #[serde(default)]
     pub heat_j_per_mm3_k: f64,
 }
@@ -294,27 +295,27 @@ pub struct Filament {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Heater {
-    /// Temperature while growing, degrees Celsius.
+    /// Target temperature of the nozzle while growing, degrees Celsius.
     pub target_c: f64,
     /// Min temperature at which filament is fed, degrees Celsius.
     pub extrusion_min_c: f64,
     /// Max temperature of the nozzle, degrees Celsius. Above it the heater is switched off.
     pub max_c: f64,
-    /// Half width of the band round the target in which the nozzle counts as hot, degrees Celsius.
+    /// Half width of the band round the target temperature in which the nozzle counts as hot, degrees Celsius.
     pub band_c: f64,
-    /// Max time from cold to hot, s.
+    /// Max time in which the nozzle must heat up from cold to the target temperature, s.
     pub heating_timeout_s: f64,
-    /// Proportional gain, duty (0 to 1) per degree.
+    /// Proportional gain of the heater's controller, duty (0 to 1) per degree.
     pub kp: f64,
-    /// Integral gain, duty per degree and second.
+    /// Integral gain of the heater's controller, duty per degree and per second.
     pub ki: f64,
-    /// Derivative gain, duty per degree a second.
+    /// Derivative gain of the heater's controller, duty per (degree per second).
     pub kd: f64,
-    /// Power at full duty, W.
+    /// Power of the heater at full duty, W.
     pub power_w: f64,
     /// Heat capacity of the nozzle, J/K.
     pub heat_capacity_j_per_k: f64,
-    /// Heat loss to the surroundings, W/K.
+    /// Heat loss of the nozzle to the surroundings, W/K.
     pub loss_w_per_k: f64,
 }
 
@@ -325,16 +326,16 @@ pub struct Heater {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Thermistor {
-    /// Resistance at 25 degrees Celsius, ohm.
+    /// Resistance of the thermistor at 25 degrees Celsius, ohm.
     #[serde(default)]
     pub r25_ohm: Option<f64>,
-    /// Beta, K.
+    /// Coefficient Beta of the thermistor, K.
     #[serde(default)]
     pub beta_k: Option<f64>,
     /// Coefficients A (1/K), B (1/K) and C (1/K) of `1/T = A + B ln R + C (ln R)^3`, with R in ohm.
     #[serde(default)]
     pub steinhart_hart: Option<[f64; 3]>,
-    /// Pull-up resistor, ohm.
+    /// Resistance of the pull-up resistor, ohm.
     pub pull_up_ohm: f64,
 }
 
@@ -343,41 +344,42 @@ pub struct Thermistor {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Fan {
-    /// Duty while growing, 0 to 1. A value of 0 means that the robot has no fan.
+    /// Duty of the fan while growing, 0 to 1. A value of 0 means that the robot has no fan.
     pub growing_duty: f64,
     /// Heat that the fan takes from the nozzle at full duty, W/K, in addition to [`Heater::loss_w_per_k`].
     pub loss_w_per_k: f64,
 }
 
-/// The nozzle's temperature in a pause.
+/// The temperature of the nozzle in a pause, and the times at which it changes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Pause {
-    /// Standby temperature of the nozzle, degrees Celsius. If [`Heater::target_c`] is lower, that is used.
+    /// Standby temperature of the nozzle in a pause, degrees Celsius. If [`Heater::target_c`] is lower, the nozzle has
+    /// that temperature.
     pub standby_c: f64,
-    /// Time from the beginning of the pause to standby, s.
+    /// Time from the beginning of a pause to standby, s.
     pub standby_after_s: f64,
-    /// Time from the beginning of the pause until the board parks with its heater off, s.
+    /// Time from the beginning of a pause until the board switches the heater off and parks (state `Parked`), s.
     pub off_after_s: f64,
 }
 
-/// The supply of heater and motors, read by a 12-bit ADC behind a divider.
+/// The supply of heater and motors, whose voltage a 12-bit ADC measures behind a divider.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Supply {
-    /// Voltage at which the heater has [`Heater::power_w`], V.
+    /// Nominal supply voltage, at which the heater has the power [`Heater::power_w`], V.
     pub nominal_v: f64,
-    /// Min voltage, V. Below it the board switches everything off.
+    /// Min supply voltage, V. Below it the board switches everything off.
     pub min_v: f64,
-    /// Max voltage, V. Above it the board switches everything off.
+    /// Max supply voltage, V. Above it the board switches everything off.
     pub max_v: f64,
-    /// Voltage at the ADC's full scale, V.
+    /// Supply voltage at which the ADC reads its full scale, V.
     pub full_scale_v: f64,
 }
 
-/// The sensors of a robot beyond thermistor and index sensor, with their wiring.
+/// The sensors of a robot in addition to thermistor and index sensor, with their wiring.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields, default)]
@@ -386,7 +388,7 @@ pub struct Sensors {
     pub filament_presence: Option<DigitalInput>,
     /// Encoder that the filament turns.
     pub filament_motion: Option<FilamentMotion>,
-    /// Fault outputs of the stepper drivers, joined.
+    /// Fault outputs of the stepper drivers, joined on one wire.
     pub driver_fault: Option<DigitalInput>,
     /// Emergency-stop button.
     pub emergency_stop: Option<DigitalInput>,
@@ -396,28 +398,29 @@ pub struct Sensors {
     pub orientation: bool,
 }
 
-/// An input with two levels.
+/// A digital input of a sensor or a button.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct DigitalInput {
-    /// True if the active level is low. Active means filament present, a driver's fault, or the button pressed.
+    /// True if the active level of the input is low. Active means filament present, a driver's fault, or the button
+    /// pressed.
     pub active_low: bool,
 }
 
-/// An encoder that the filament turns.
+/// An encoder that the filament turns, to detect that the filament moves.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct FilamentMotion {
-    /// Length of filament from one rising edge to the next, mm.
+    /// Length of filament from one rising edge of the encoder's signal to the next, mm.
     pub mm_per_pulse: f64,
-    /// Length of filament fed without an edge at which the filament counts as jammed, mm.
+    /// Length of filament that is fed without an edge of the encoder's signal until the filament counts as jammed, mm.
     pub jam_mm: f64,
 }
 
 impl Default for Material {
-    /// Printed PLA: 2.3 GPa along a print, and 30 MPa from layer to layer.
+    /// Returns the values of printed PLA: 2.3 GPa along the body, and a strength of 30 MPa between layers.
     fn default() -> Self {
         Self { density_g_per_cm3: 1.24, youngs_modulus_mpa: 2300.0, strength_mpa: 30.0 }
     }
@@ -441,7 +444,7 @@ impl Default for Supply {
     }
 }
 
-/// Defaults of fields that are absent from a file.
+/// Defaults of fields that are absent from a robot file.
 mod defaults {
     /// Returns a limit that no robot reaches.
     pub fn unlimited() -> f64 {

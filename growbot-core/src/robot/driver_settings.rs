@@ -1,9 +1,9 @@
-//! The checks of the settings of stepper drivers that the firmware configures.
+//! The checks of the settings of the stepper drivers that the firmware configures.
 
 use super::validate::CheckedField;
 use super::{ChopperMode, DriverSettings, RobotDescription, RobotError};
 
-/// Reason why a driver's settings are not valid: the field, its value, and the remedy.
+/// Reason why the settings of a stepper driver are not valid, with the field, its value, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DriverError {
     /// Settings are given for a driver of a board that has no configurable drivers.
@@ -39,7 +39,7 @@ pub enum DriverError {
     },
 }
 
-/// Names of a driver's fields in a robot file.
+/// Names of the fields of one stepper driver in a robot file.
 struct DriverFields {
     table: &'static str,
     current_a: &'static str,
@@ -63,7 +63,8 @@ const FEED_DRIVER: DriverFields = DriverFields {
     sense_ohm: "feed.driver.sense_ohm",
 };
 
-/// Checks the drivers' settings. They are required if the board has configurable drivers, and not allowed otherwise.
+/// Checks the settings of both stepper drivers. They are required if the board has configurable drivers, and not
+/// allowed otherwise.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     let has_drivers = robot.board.is_some_and(|board| board.kind.has_onboard_drivers());
     for (driver, fields) in [(&robot.head.driver, HEAD_DRIVER), (&robot.feed.driver, FEED_DRIVER)] {

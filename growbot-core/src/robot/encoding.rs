@@ -3,16 +3,16 @@
 
 use super::{MAX_ENCODED_LEN, Robot, RobotError};
 
-/// Version of the encoding. It changes whenever a field of [`super::RobotDescription`] is added, removed, moved or
-/// given another meaning.
+/// Version of the encoding of robot descriptions. It changes whenever a field of [`super::RobotDescription`] is added,
+/// removed, moved or redefined.
 pub const ENCODING_VERSION: u8 = 2;
 
-/// Max size of a description with its version, bytes.
+/// Max size of an encoded description, including the byte with its version, bytes.
 pub const MAX_VERSIONED_LEN: usize = 1 + MAX_ENCODED_LEN;
 
 impl Robot {
-    /// Decodes a description with its version. The checks are those of a robot file, and that a board can drive the
-    /// robot.
+    /// Decodes a byte with the version and the description after it. Checks the description as [`Robot::new`] does, and
+    /// that a board can drive the robot.
     ///
     /// # Errors
     /// Returns [`RobotError::VersionMismatch`] or [`RobotError::Unreadable`] if the bytes are not a description of this
@@ -29,7 +29,8 @@ impl Robot {
         }
     }
 
-    /// Encodes the description with its version. Equal hashes mean equal bytes.
+    /// Encodes the description, with a byte before it that holds the version of the encoding. Robots with equal
+    /// [`Robot::hash`] give equal bytes.
     ///
     /// # Errors
     /// Returns [`RobotError::TooLong`] if `buffer` is too short. Up to [`MAX_VERSIONED_LEN`] bytes are needed.

@@ -5,7 +5,7 @@ use super::driver_settings::DriverError;
 use super::pins::PinError;
 use crate::compact_number::CompactNumber;
 
-/// Reason why a robot description is not valid: the field, its value, the limit, and the remedy.
+/// Reason why a robot description is not valid, with the field, its value, the limit, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum RobotError {
     /// A number is NaN or infinite.
@@ -25,7 +25,7 @@ pub enum RobotError {
         value: f64,
         /// Min value that is accepted.
         limit: f64,
-        /// Source of the limit, and the remedy.
+        /// Reason for the limit, and the remedy.
         advice: &'static str,
     },
     /// A number is too large.
@@ -37,13 +37,13 @@ pub enum RobotError {
         value: f64,
         /// Max value that is accepted.
         limit: f64,
-        /// Source of the limit, and the remedy.
+        /// Reason for the limit, and the remedy.
         advice: &'static str,
     },
-    /// The name has a character that is not safe in a file name or a command.
+    /// The robot's name is empty, or has a character that is not safe in a file name or a command.
     #[error("name may have lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
     Name,
-    /// The thermistor has no equation, or two.
+    /// The description gives no equation for the thermistor, or two equations.
     #[error(
         "thermistor needs either r25_ohm and beta_k, or steinhart_hart, but not both: its data sheet gives one or the \
          other"
@@ -58,7 +58,7 @@ pub enum RobotError {
     /// The description is too long to encode.
     #[error("the description does not fit its 768 bytes: shorten the name")]
     TooLong,
-    /// The description is in another version of the encoding than this release reads.
+    /// The description is encoded in another version than the one that this release reads.
     #[error(
         "the description has encoding version {version}, but this release reads {ENCODING_VERSION}: use firmware and \
          desktop of the same release"
@@ -67,7 +67,7 @@ pub enum RobotError {
         /// Version of the encoding of the description.
         version: u8,
     },
-    /// The bytes are not a description of this version.
+    /// The bytes are not a robot description in this version of the encoding.
     #[error(
         "the bytes are not a robot description of this version: build the firmware and the desktop from the same \
          source"

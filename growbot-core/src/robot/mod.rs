@@ -44,7 +44,7 @@ pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 pub const MAX_ENCODED_LEN: usize = 768;
 
 impl Robot {
-    /// Checks a description.
+    /// Creates a robot from a description, after checking the description.
     ///
     /// # Errors
     /// Returns the first field that is not finite, out of its range, or inconsistent with another one, with its value
@@ -65,18 +65,18 @@ impl Robot {
         validate::check_for_board(&self.description)
     }
 
-    /// Creates a robot that [`Robot::new`] has checked before, with the hash from that check. The build of the firmware
-    /// stores both in its image.
+    /// Creates a robot, without checks, from a description that [`Robot::new`] has accepted before and the hash that it
+    /// computed. The build of the firmware stores both in the image.
     #[must_use]
     pub fn from_checked(description: RobotDescription, hash: u64) -> Self {
         Self { description, hash }
     }
 
-    /// Decodes the postcard form of [`Robot::encode`].
+    /// Decodes a description from the postcard form that [`Robot::encode`] gives, and checks it.
     ///
     /// # Errors
-    /// Returns [`RobotError::Unreadable`] if the bytes are not a description, up to their last one. Otherwise returns
-    /// the errors of [`Robot::new`].
+    /// Returns [`RobotError::Unreadable`] if the bytes are not exactly one description. Otherwise returns the errors of
+    /// [`Robot::new`].
     pub fn decode(bytes: &[u8]) -> Result<Self, RobotError> {
         match postcard::take_from_bytes(bytes) {
             Ok((description, [])) => Self::new(description),
@@ -104,7 +104,8 @@ impl Robot {
         &self.description.name
     }
 
-    /// Returns the CRC-64 over the postcard form of the whole description. Equal hashes mean the same machine.
+    /// Returns the CRC-64 over the postcard form of the whole description. Robots with equal hashes have equal
+    /// descriptions.
     #[must_use]
     pub fn hash(&self) -> u64 {
         self.hash
@@ -128,14 +129,14 @@ impl Robot {
         radians(self.description.layer.tilt_max_deg)
     }
 
-    /// Returns the min radius by the packaging limit (Eq 7), mm.
+    /// Returns the min radius of curvature by the packaging limit (Eq 7), mm.
     #[must_use]
     pub fn min_radius_by_packaging(&self) -> f64 {
         let geometry = &self.description.geometry;
         min_radius_by_packaging(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
     }
 
-    /// Returns the min radius by the limits of a layer, mm.
+    /// Returns the min radius of curvature by the limits of a layer's height and tilt, mm.
     #[must_use]
     pub fn min_radius_by_layers(&self) -> f64 {
         let layer = &self.description.layer;
@@ -143,8 +144,8 @@ impl Robot {
         min_radius_by_layers(self.tip_radius(), layer.height_mm, layer.height_min_mm, layer.height_max_mm, tilt_max)
     }
 
-    /// Returns R_min, the min radius of the centreline, mm. It is the larger of the packaging limit and the limit by
-    /// the layers.
+    /// Returns R_min, the min radius of curvature of the centreline, mm. It is the larger of the radius by the
+    /// packaging limit and the radius by the limits of a layer.
     #[must_use]
     pub fn min_radius(&self) -> f64 {
         self.min_radius_by_packaging().max(self.min_radius_by_layers())
@@ -164,7 +165,7 @@ impl Robot {
         LayerMotion::of(&self.description, layer)
     }
 
-    /// Checks that the motors can follow the profile of this layer.
+    /// Checks that the motors can follow the changes of speed within this layer.
     ///
     /// # Errors
     /// Returns [`LayerError::Acceleration`] if they cannot.
@@ -172,15 +173,15 @@ impl Robot {
         self.layer_motion(layer).check()
     }
 
-    /// Checks that this layer can be laid. It must not exceed the max height or tilt, and it must have material all
-    /// round. Steps must not be faster than the step interrupt makes them, nor change faster than the motors can
-    /// follow.
+    /// Checks that the robot can lay this layer. The layer must not exceed the max height or the max tilt, and it must
+    /// have material all round. Its steps must not be faster than the step interrupt makes them, and its speeds must
+    /// not change faster than the motors can follow.
     ///
     /// `slack` is the fraction by which a layer may exceed a limit, to allow for rounding. A layer thinner than the min
     /// height can be laid (a plan with one has a warning). A layer without material on its inner side cannot be laid.
     ///
     /// # Errors
-    /// Returns the limit that the layer exceeds, with the value.
+    /// Returns a [`LayerError`] with the value of the layer and the limit that it exceeds.
     pub fn check_layer(&self, layer: &Layer, slack: f64) -> Result<(), LayerError> {
         let limits = &self.description.layer;
         if !(layer.alpha.is_finite() && layer.height.is_finite() && layer.tilt.is_finite()) {
@@ -213,8 +214,8 @@ impl Robot {
         core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
     }
 
-    /// Returns the second moment of area of the printed wall about a diameter, mm^4. About the tube's axis it is twice
-    /// that.
+    /// Returns the second moment of area of the printed wall about a diameter, mm^4. The second moment about the tube's
+    /// axis is twice this value.
     #[must_use]
     pub fn wall_second_moment(&self) -> f64 {
         let (radius, width) = (self.tip_radius(), self.description.wall.width_mm);
@@ -228,13 +229,13 @@ impl Robot {
         core::f64::consts::FRAC_PI_4 * diameter * diameter
     }
 
-    /// Returns the length of filament for a mm of body, mm/mm.
+    /// Returns the length of filament for 1 mm of body, mm/mm.
     #[must_use]
     pub fn filament_per_length(&self) -> f64 {
         self.wall_area() / self.filament_area()
     }
 
-    /// Returns the number of feed steps for a mm of body, 1/mm.
+    /// Returns the number of motor steps of the feed for 1 mm of body, 1/mm.
     #[must_use]
     pub fn feed_steps_per_length(&self) -> f64 {
         self.filament_per_length() * self.description.feed.steps_per_mm

@@ -6,16 +6,16 @@ use super::{BoardDescription, BoardKind, RobotDescription, Signal};
 const RP2040_PINS: usize = 30;
 /// The first GPIO pin of the RP2040 with a channel of the analog-to-digital converter.
 pub const FIRST_ANALOG_PIN: u8 = 26;
-/// The PWM slice that makes the ticks of the step interrupt. Heater and fan cannot use its pins.
+/// The PWM slice of the RP2040 that makes the ticks of the step interrupt. Heater and fan cannot use its pins.
 pub const STEP_SLICE: u8 = 7;
 
-/// Reason why a board's pins are not valid: the signals, the pin, and the remedy.
+/// Reason why a board's pins are not valid, with the signals, the pin, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     /// A pin is given for a signal whose pin is fixed.
     #[error("board.pins.{signal} is set, but that pin is fixed on {kind}: remove it, and wire it as in WIRING.md")]
     Fixed {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Kind of the board.
         kind: BoardKind,
@@ -23,7 +23,7 @@ pub enum PinError {
     /// The board has no default pin for a signal that the robot uses, and the description gives none.
     #[error("{kind} has no default pin for {signal}: set board.pins.{signal}, or remove the sensor")]
     Missing {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Kind of the board.
         kind: BoardKind,
@@ -31,7 +31,7 @@ pub enum PinError {
     /// The pin does not exist.
     #[error("board.pins.{signal} is {pin}, but GPIO pins are 0 to 29")]
     Unknown {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Number of the pin.
         pin: u8,
@@ -39,13 +39,13 @@ pub enum PinError {
     /// The board uses the pin itself.
     #[error("board.pins.{signal} is {pin}, which is {what} on {kind}: use another pin")]
     Reserved {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Number of the pin.
         pin: u8,
         /// Kind of the board.
         kind: BoardKind,
-        /// The board's own use of the pin.
+        /// Purpose for which the board itself uses the pin.
         what: &'static str,
     },
     /// Two signals have the same pin.
@@ -53,15 +53,15 @@ pub enum PinError {
     Conflict {
         /// Number of the pin.
         pin: u8,
-        /// One of the signals.
+        /// One of the two signals that have this pin.
         first: Signal,
-        /// The other signal.
+        /// The other one of the two signals that have this pin.
         second: Signal,
     },
     /// The pin has no channel of the analog-to-digital converter.
     #[error("board.pins.{signal} is {pin}, but the ADC measures at pins 26 to 29: use one of these")]
     NotAnalog {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Number of the pin.
         pin: u8,
@@ -69,7 +69,7 @@ pub enum PinError {
     /// The PWM slice of the pin makes the ticks of the step interrupt.
     #[error("board.pins.{signal} is {pin}, but the step interrupt uses that PWM slice: use a pin other than 14 and 15")]
     UsesStepSlice {
-        /// The signal.
+        /// Signal whose pin is not valid.
         signal: Signal,
         /// Number of the pin.
         pin: u8,
@@ -88,13 +88,15 @@ pub enum PinError {
 }
 
 impl BoardDescription {
-    /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the kind.
+    /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the board's
+    /// kind. `None` if there is neither.
     #[must_use]
     pub fn pin(&self, signal: Signal) -> Option<u8> {
         self.pins.get(signal).or(self.kind.pin(signal))
     }
 
-    /// Checks the pins of a robot's signals. Each pin exists, can have its function, and belongs to one signal only.
+    /// Checks the pins of all signals that a robot uses. Each pin must exist, be able to have its function, and belong
+    /// to only one signal.
     pub(super) fn check(&self, robot: &RobotDescription) -> Result<(), PinError> {
         let kind = self.kind;
         let mut owners: [Option<Signal>; RP2040_PINS] = [None; RP2040_PINS];
@@ -127,8 +129,8 @@ impl BoardDescription {
         self.check_slices()
     }
 
-    /// Checks that heater and fan have different PWM slices. Pins 0 and 1 share a slice, and so do 2 and 3. From pin 16
-    /// on the slices repeat.
+    /// Checks that heater and fan have different PWM slices, and that neither has the slice of the step interrupt. Pins
+    /// 0 and 1 share a slice, and so do 2 and 3. Pins from 16 on share the slices of the pins from 0 on.
     fn check_slices(&self) -> Result<(), PinError> {
         let slice = |signal| self.pin(signal).map(pwm_slice);
         for signal in [Signal::Heater, Signal::Fan] {

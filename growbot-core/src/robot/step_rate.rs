@@ -13,14 +13,15 @@ use super::{FeedStrategy, HeadRotation, RobotDescription};
 use crate::layer::{Layer, LayerError, SECTORS};
 use crate::trigonometry;
 
-/// Fraction of an axis's acceleration that the profile within a layer may use.
+/// Fraction of an axis's max acceleration that the changes of speed within a layer may use.
 const PROFILE_ACCELERATION: f64 = 0.5;
-/// Fraction of an axis's jump that one edge between sectors may use. The edge between layers may consist of two such
-/// edges.
+/// Fraction of an axis's jump (max instantaneous change of speed) that the change from one sector to the next may use.
+/// The change from one layer to the next may contain two such changes.
 const PROFILE_JUMP: f64 = 0.25;
-/// Fraction of an axis's acceleration that ramps use.
+/// Fraction of an axis's max acceleration that the ramps between rest and full speed use.
 const RAMP_ACCELERATION: f64 = 1.0 - PROFILE_ACCELERATION;
-/// Fraction of an axis's jump that remains for the change from one layer to the next.
+/// Fraction of an axis's jump (max instantaneous change of speed) that remains for the change from one layer to the
+/// next.
 const PASSING_JUMP: f64 = 1.0 - 2.0 * PROFILE_JUMP;
 /// Max time of a ramp from rest to full speed, s.
 pub(super) const MAX_RAMP_S: f64 = 10.0;
@@ -31,14 +32,15 @@ fn lean(robot: &RobotDescription, height: f64, tilt: f64) -> f64 {
     (robot.geometry.tip_radius_mm * tilt / height).min(1.0)
 }
 
-/// Returns the length of filament in a layer of this mean height (mm), mm.
+/// Returns the length of filament (mm) in a layer of this mean height (mm).
 fn filament(robot: &RobotDescription, height: f64) -> f64 {
     let diameter = robot.feed.filament_diameter_mm;
     let wall_area = TAU * robot.geometry.tip_radius_mm * robot.wall.width_mm;
     height * wall_area / (FRAC_PI_4 * diameter * diameter)
 }
 
-/// Bounds on the busiest sector of a layer. No sector has fewer ticks or more steps.
+/// Bounds on the busiest sector of a layer, the one with the most steps per tick: the min number of ticks, and the max
+/// numbers of head steps and feed steps.
 pub(super) struct BusiestSector {
     pub ticks: f64,
     pub head: f64,
@@ -70,43 +72,44 @@ impl BusiestSector {
         }
     }
 
-    /// Reports whether the step interrupt can make the steps of this sector.
+    /// Reports whether the step interrupt, which makes at most one step in two ticks, can make the steps of this
+    /// sector.
     pub fn is_feasible(&self) -> bool {
         2.0 * self.head.max(self.feed) <= self.ticks
     }
 }
 
-/// The speeds of an axis while a layer is laid at full speed, and the axis's limits. The unit of the head is turns,
-/// that of the feed is mm of filament.
+/// The speeds and accelerations of an axis (head or feed) while a layer is laid at full speed, and the axis's limits.
+/// Lengths are in turns for the head, and in mm of filament for the feed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisMotion {
-    /// Max speed, /s.
+    /// Max speed within the layer, turns/s or mm/s.
     pub speed: f64,
-    /// Speed at the tip's x axis, where a layer begins and ends, /s.
+    /// Speed at the tip's x axis, where a layer begins and ends, turns/s or mm/s.
     pub speed_at_ends: f64,
-    /// Max instantaneous change of speed from rest or to rest, /s.
+    /// Limit of an instantaneous change of speed from rest or to rest, turns/s or mm/s.
     pub jump: f64,
-    /// Max change of speed from one layer to the next, /s.
+    /// Limit of the change of speed from one layer to the next, turns/s or mm/s.
     pub layer_change_jump: f64,
-    /// Max acceleration of a ramp, /s^2.
+    /// Limit of the acceleration in a ramp between rest and full speed, turns/s^2 or mm/s^2.
     pub ramp_acceleration: f64,
-    /// Bound on the acceleration within the layer's profile, /s^2.
+    /// Upper bound of the acceleration within the layer, turns/s^2 or mm/s^2.
     pub(super) acceleration: f64,
-    /// Limit of [`Self::acceleration`], /s^2.
+    /// Limit of [`Self::acceleration`], turns/s^2 or mm/s^2.
     pub(super) acceleration_limit: f64,
 }
 
 /// The motion of head and feed while a layer is laid at full speed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LayerMotion {
-    /// Motion of the head, turns.
+    /// Motion of the head, in turns.
     pub head: AxisMotion,
-    /// Motion of the feed, mm of filament.
+    /// Motion of the feed, in mm of filament.
     pub feed: AxisMotion,
 }
 
 impl LayerMotion {
-    /// Returns the motion that lays a layer with material on its inner side.
+    /// Returns the motion of head and feed for a layer, which must have material on its inner side.
     pub(super) fn of(robot: &RobotDescription, layer: &Layer) -> Self {
         let period = robot.layer.period_s;
         let lean = lean(robot, layer.height, layer.tilt);
@@ -145,7 +148,7 @@ impl LayerMotion {
         }
     }
 
-    /// Checks that the motors can follow the profile of the layer.
+    /// Checks that the motors can follow the changes of speed within the layer.
     pub(super) fn check(&self) -> Result<(), LayerError> {
         for (axis, motion) in [("head, in turns/s^2", &self.head), ("feed, in mm/s^2", &self.feed)] {
             if !motion.follows_its_profile() {
@@ -175,7 +178,8 @@ impl AxisMotion {
         }
     }
 
-    /// Reports whether the axis is never faster than its jump.
+    /// Reports whether the axis is never faster than its jump (max instantaneous change of speed), so that it needs no
+    /// ramps.
     #[must_use]
     pub fn is_within_jump(&self) -> bool {
         self.speed <= self.jump
@@ -192,7 +196,7 @@ mod tests {
     use crate::robot::Robot;
     use crate::testing::robot_a;
 
-    /// Returns a fast robot A whose motors need ramps, for wide bends.
+    /// Returns robot A with a layer time of 3 s and a planning radius of 150 mm, so that its motors need ramps.
     fn quick(strategy: FeedStrategy) -> RobotDescription {
         let mut description = robot_a().description().clone();
         description.planning_radius_mm = 150.0;

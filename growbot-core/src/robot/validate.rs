@@ -12,10 +12,10 @@ const MAX_SIZE: f64 = 1e4;
 /// Min size of a part of a robot, mm.
 const MIN_SIZE: f64 = 1e-3;
 
-/// Value of a limit that a file may omit.
+/// Value that stands for no limit. An optional limit has this value if the robot file omits it.
 const UNLIMITED: f64 = 1e9;
 
-/// A field with its name and value. Its methods check the value.
+/// A field of a robot description, as its name and its value. The methods check the value.
 pub(super) struct CheckedField(pub &'static str, pub f64);
 
 impl CheckedField {
@@ -38,7 +38,7 @@ impl CheckedField {
     }
 }
 
-/// Checks the whole description. The first defect is the error.
+/// Checks the whole description, and returns the first defect as an error.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     if robot.name.is_empty() || !robot.name.chars().all(plain) {
@@ -58,12 +58,12 @@ pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {
     check_accelerations(robot)
 }
 
-/// Checks what a board requires beyond [`check`].
+/// Checks the requirement of a board that [`check`] does not contain: the max rate of the step interrupt.
 ///
 /// `motion.tick_hz` has two limits, because a description has two uses. A plan or a simulation may be of a robot that
-/// needs more ticks than any board makes, for example the paper's robot C. The limit of 1 MHz for those only keeps
-/// numbers reasonable. On a board the step interrupt must leave processor time for everything else, so the limit is
-/// [`MAX_BOARD_TICK_HZ`].
+/// needs more ticks than any board makes, for example the paper's robot C. For these uses the limit is 1 MHz, which
+/// only excludes absurd numbers. On a board the step interrupt must leave processor time for everything else, so the
+/// limit is [`MAX_BOARD_TICK_HZ`].
 pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
@@ -354,7 +354,8 @@ fn check_board(robot: &RobotDescription) -> Result<(), RobotError> {
     driver_settings::check(robot)
 }
 
-/// Checks that the step interrupt can make the steps of the busiest sector of the steepest layer.
+/// Checks that the step interrupt can make the steps of the steepest layer of a plan at the planning radius, in the
+/// sector with the most steps per tick.
 fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     let layer = &robot.layer;
     let ticks = layer.period_s * f64::from(robot.motion.tick_hz);

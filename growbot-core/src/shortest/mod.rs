@@ -32,33 +32,35 @@ use helicoids::{HelicoidPiece, HelicoidalArc};
 /// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
 /// proportion. It is a tenth of the error that [`crate::plan`] accepts.
 const MAX_GOAL_ERROR: f64 = 1e-10;
-/// Max distance of the goal (radii) and of its direction (radians) from the plane of the start for a planar path. It
-/// equals [`MAX_GOAL_ERROR`].
+/// Max distance of the goal (radii) and max angle of its direction (radians) from a plane through the start's
+/// direction, for which start and goal count as lying in one plane. It equals [`MAX_GOAL_ERROR`].
 const IN_PLANE: f64 = 1e-10;
-/// Length below which vectors span no plane, because rounding would change their direction by more than 1e-7.
+/// Length of a cross product below which its two vectors count as parallel and span no plane, because rounding would
+/// change the direction of the plane by more than 1e-7.
 const NO_PLANE: f64 = 1e-9;
-/// Max distance of goals for which helicoidal arcs are searched, radii. The furthest of 753 such goals in
-/// `tests/best_known.csv` is at 3.51. Trial: with 3.0 there are 31 misses.
+/// Max distance of goals for which helicoidal arcs are searched, radii. The furthest of the 753 goals in
+/// `tests/best_known.csv` whose shortest path is a helicoidal arc is at 3.51. With a limit of 3.0, the search returns a
+/// longer path than the best known one for 31 of all 2,120 goals in that file.
 pub(crate) const HELICOIDS_WITHIN: f64 = 3.9;
-/// Max number of candidates.
+/// Max number of candidate paths to one goal: all paths of arc, line and arc, a planar path, and a helicoidal arc.
 pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + 2;
 
-/// The goal, as seen from the tip at the start.
+/// The problem of the shortest path: the goal in the frame of the tip at the start.
 #[derive(Debug, Clone, Copy)]
 pub struct PathProblem {
     /// Position of the goal, radii.
     goal: Vector3<f64>,
-    /// Direction of the goal, a unit vector.
+    /// Direction of growth at the goal, a unit vector.
     direction: Vector3<f64>,
-    /// Two unit vectors perpendicular to the direction.
+    /// Two unit vectors perpendicular to the goal's direction and to each other.
     across: [Vector3<f64>; 2],
-    /// Distance of the goal in units of 100 radii, at least 1. Tolerances are multiplied by it.
+    /// Distance of the goal in units of 100 radii, at least 1. Tolerances of position are multiplied by it.
     scale: f64,
 }
 
 impl PathProblem {
-    /// Creates the problem from a tip at the origin that grows along z, to this goal (radii) with this direction (a
-    /// unit vector).
+    /// Creates the problem of a path from a tip at the origin that grows along z, to this goal (radii) with this
+    /// direction (a unit vector).
     #[must_use]
     pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
         let e1 = any_perpendicular(direction);
@@ -66,7 +68,7 @@ impl PathProblem {
         Self { goal: *goal, direction: *direction, across: [e1, e2], scale: (0.01 * goal.norm()).max(1.0) }
     }
 
-    /// Creates the problem from pose to pose, with arcs of this radius (mm).
+    /// Creates the problem of a path from a start pose to a goal pose, with arcs of this radius (mm).
     #[must_use]
     pub fn from_poses(start: &Pose, goal: &Pose, radius: f64) -> Self {
         let tip_from_base = start.frame().rotation.inverse();
@@ -84,7 +86,7 @@ fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
     axis.cross(&other).normalize()
 }
 
-/// A path that leads to the goal.
+/// A path that leads to the goal and may be the shortest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum PathCandidate {
     /// A path of an arc, a straight line and an arc.
@@ -93,7 +95,8 @@ pub enum PathCandidate {
     Planar {
         /// The path.
         path: PlanarPath,
-        /// Angle of the plane's left side in the deposition plane at the start, radians.
+        /// Direction towards which a left turn of the path bends, as an angle in the deposition plane at the start from
+        /// the tip's x axis, radians.
         left: f64,
     },
     /// A helicoidal arc.
@@ -101,7 +104,7 @@ pub enum PathCandidate {
 }
 
 impl PathCandidate {
-    /// Returns the length, radii.
+    /// Returns the length of the path, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         match self {
@@ -111,7 +114,7 @@ impl PathCandidate {
         }
     }
 
-    /// Returns the path with arcs of this radius, mm.
+    /// Returns the path as segments in mm, with arcs of this radius (mm).
     ///
     /// # Errors
     /// Never returns an error, because no candidate has too many segments for a path.
@@ -152,14 +155,14 @@ impl PathCandidate {
     }
 }
 
-/// Candidates, shortest first.
+/// Candidate paths to one goal, shortest first.
 pub type Candidates = Vec<PathCandidate, MAX_CANDIDATES>;
 
-/// Finds candidates that lead to the goal.
+/// Finds paths that lead to the goal, and adds them to `found`.
 ///
 /// The search for a helicoidal arc considers only arcs shorter than `longest` (radii), for example the length of a
-/// known path. That search takes 20 times as long as the others, and is skipped if `longest` is 0. `keep_alive` is
-/// called regularly, so that a board can feed its watchdog.
+/// known path. The search for such an arc takes 20 times as long as the search for all other paths, and is skipped if
+/// `longest` is 0. `keep_alive` is called regularly, so that a board can feed its watchdog.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub fn candidates(problem: &PathProblem, longest: f64, found: &mut Candidates, keep_alive: &mut dyn FnMut()) {
     let mut overlapping = Vec::new();
@@ -210,8 +213,8 @@ fn keep(found: &mut Candidates, candidate: PathCandidate) {
     insert_behind(found, candidate, |other| other.length() <= length);
 }
 
-/// Inserts an item into an ordered list, after all items for which `goes_before` returns true. A full list drops its
-/// last item.
+/// Inserts an item into an ordered list, after all items for which `goes_before` returns true. If the list is full, the
+/// last item is dropped.
 fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: impl Fn(&T) -> bool) {
     if list.is_full() {
         if list.last().is_none_or(&goes_before) {
@@ -224,8 +227,8 @@ fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: 
     move_last_behind(list, goes_before);
 }
 
-/// Moves the last item of a list forward, to its place after all other items for which `goes_before` returns true. The
-/// other items are in order.
+/// Moves the last item of a list forward, to the position after all other items for which `goes_before` returns true.
+/// The other items must already be in order.
 fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
     let mut left = list;
     while let Some((last, others)) = left.split_last_mut() {
@@ -237,7 +240,8 @@ fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
     }
 }
 
-/// Returns the shortest path in the plane of start and goal. `None` if they are not in one plane.
+/// Returns the shortest planar path, if one plane contains the positions and the directions of start and goal. `None`
+/// otherwise.
 fn planar(problem: &PathProblem) -> Option<PathCandidate> {
     let PathProblem { goal, direction, .. } = problem;
     let start = Vector3::z();
@@ -253,8 +257,8 @@ fn planar(problem: &PathProblem) -> Option<PathCandidate> {
     Some(PathCandidate::Planar { path, left: libm::atan2(left.y, left.x) })
 }
 
-/// Returns the axes of a tip after an arc that bends in the direction of this angle of its deposition plane, in the
-/// axes of the tip before the arc.
+/// Returns the axes of a tip after an arc, in the axes of the tip before the arc. The arc turns by `angle` and bends
+/// towards the angle `towards` of the deposition plane, both in radians.
 fn axes_after(towards: f64, angle: f64) -> Matrix3<f64> {
     crate::kinematics::step(towards + PI, angle, angle).rotation.into_inner()
 }

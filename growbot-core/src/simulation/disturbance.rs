@@ -8,41 +8,41 @@ use crate::pose::Frame;
 use crate::random::Rng;
 use crate::trigonometry;
 
-/// The noise and the biases of each layer. All are zero by default.
+/// The errors of simulated layers: noise, and biases that are the same in each layer. All are zero by default.
 ///
 /// Noise is uniform in both directions, of mean 0, and independent from layer to layer. Noise of the growth changes a
 /// layer's height and not its tilt, as in the paper.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Disturbance {
-    /// Noise of the growth: max change of the height, as a fraction of the layer's height.
+    /// Noise of the growth: max random change of the height, as a fraction of the layer's height.
     pub growth_noise: f64,
     /// Over-deposition, as a fraction of the layer's height. Negative for under-deposition.
     pub growth_bias: f64,
-    /// Noise of the tilt: max lean about each axis of the deposition plane, radians.
+    /// Noise of the tilt: max random tilt about each axis of the deposition plane, radians.
     pub tilt_noise: f64,
     /// Excess of the tilt, as a fraction of the layer's tilt.
     pub tilt_bias: f64,
-    /// Noise of the deposition angle: max change, radians.
+    /// Noise of the deposition angle: max random change, radians.
     pub alpha_noise: f64,
     /// Offset of the deposition angle, radians.
     pub alpha_bias: f64,
-    /// Noise of the twist about the tip's axis: max twist in a layer, radians.
+    /// Noise of the twist: max random twist about the tip's axis in a layer, radians.
     pub twist_noise: f64,
     /// Twist about the tip's axis in each layer, radians, counter-clockwise.
     pub twist_bias: f64,
 }
 
-/// A layer as laid.
+/// A layer as a simulated tip lays it, with errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DisturbedLayer {
-    /// The layer.
+    /// Alpha, height and tilt of the layer, with errors.
     pub layer: Layer,
     /// Twist of the tip about its axis after the layer, radians, counter-clockwise.
     pub twist: f64,
 }
 
 impl DisturbedLayer {
-    /// Returns `tip_from_next_tip`, which is Eq 4 followed by the twist.
+    /// Returns `tip_from_next_tip`, the motion of the tip while this layer is laid: Eq 4, followed by the twist.
     #[must_use]
     pub fn step(&self) -> Frame {
         let mut step = self.layer.step();
@@ -60,7 +60,7 @@ impl DisturbedLayer {
     }
 }
 
-/// Source of error for which a random number is drawn. Each source has its own stream.
+/// Source of error for which a random number is drawn. Each source has its own stream of random numbers.
 #[derive(Debug, Clone, Copy)]
 enum NoiseSource {
     Growth = 1,
@@ -70,9 +70,9 @@ enum NoiseSource {
 }
 
 impl Disturbance {
-    /// Returns the layer of this index as laid. The index counts from 0 along the body. The same seed gives the same
-    /// errors to the layer of the same index. Each source has its own random numbers, so noise of one kind does not
-    /// change that of another.
+    /// Returns a layer as laid, with the errors of this seed for the layer of this index. The index counts from 0 along
+    /// the body. The same seed gives the same errors to the layer of the same index. Each source has its own random
+    /// numbers, so noise of one kind does not change the noise of another kind.
     #[must_use]
     pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> DisturbedLayer {
         let draw = |what: NoiseSource| Rng::new(&[seed, what as u64, index]);

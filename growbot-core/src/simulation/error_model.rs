@@ -1,12 +1,12 @@
 //! The errors of a simulated tip's layers and measurements.
 //!
 //! The error of the growth arises because the filament slips in its drive, or is carried along. While a layer is laid,
-//! each step moves more or less filament than it should. The encoder that the filament turns measures this, with its
-//! own noise. The layer is higher or lower by the same fraction, and its tilt does not change. Tilt, deposition angle
-//! and twist have the errors of [`Disturbance`], which only gravity shows.
+//! each step of the feed moves more or less filament than it should. The encoder that the filament turns measures this,
+//! with its own noise. The layer is higher or lower by the same fraction, and its tilt does not change. Tilt,
+//! deposition angle and twist have the errors of [`Disturbance`], which only the measured direction of gravity shows.
 //!
-//! The index of a layer is its place in the tip's body. So the same seed gives the same errors on `sim`, on the
-//! emulated board and in `growbot simulate`.
+//! The index of a layer is its number in the tip's body, from the root on. So the same seed gives the same errors at
+//! the simulated port `sim`, on the emulated board and in `growbot simulate`.
 
 use nalgebra::Vector3;
 
@@ -15,14 +15,15 @@ use crate::layer::Layer;
 use crate::pose::Frame;
 use crate::tracking::SensorNoise;
 
-/// The errors of a simulated tip. By default all errors are zero.
+/// The errors of the layers and the measurements of a simulated tip. By default all errors are zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ErrorModel {
     /// The errors of the layers.
     pub disturbance: Disturbance,
-    /// Noise of the filament's encoder, as odometry, and noise of gravity.
+    /// Noise of the sensors: `odometry` is that of the filament's encoder, and `direction` is that of the direction of
+    /// gravity.
     pub noise: SensorNoise,
-    /// The seed of all noise.
+    /// Seed of the random numbers of all noise.
     pub seed: u64,
 }
 
@@ -33,25 +34,25 @@ impl Default for ErrorModel {
     }
 }
 
-/// A layer of unit height, so that results for it are fractions.
+/// A layer of height 1, so that heights and growth computed for it are fractions.
 const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
 
 impl ErrorModel {
-    /// Returns the layer of this index as laid.
+    /// Returns a layer as laid, with the errors for the layer of this index.
     #[must_use]
     pub fn lay(&self, index: u64, layer: &Layer) -> DisturbedLayer {
         self.disturbance.lay(self.seed, index, layer)
     }
 
-    /// Returns the filament that the encoder measures while the layer of this index is laid, as a fraction of the
-    /// filament fed.
+    /// Returns the length of filament that the encoder measures while the layer of this index is laid, as a fraction of
+    /// the length fed.
     #[must_use]
     pub fn encoder_ratio(&self, index: u64) -> f64 {
         let laid = self.lay(index, &UNIT);
         self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
     }
 
-    /// Returns the direction upwards in the tip's frame, as measured after the layer of this index.
+    /// Returns the direction upwards in the tip's frame, as measured with noise after the layer of this index.
     #[must_use]
     pub fn up(&self, index: u64, base_from_tip: &Frame) -> Vector3<f64> {
         let up = base_from_tip.rotation.inverse() * Vector3::z();

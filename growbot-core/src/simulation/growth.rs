@@ -1,4 +1,4 @@
-//! A growth in open and in closed loop.
+//! Simulation of a growth, in open and in closed loop.
 
 use super::disturbance::{Disturbance, DisturbedLayer};
 use super::sensors::SimulatedSensors;
@@ -13,13 +13,13 @@ use crate::tracking::{Estimate, Tracker};
 /// A growth to simulate: a path from a start through the goals of its legs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GrowthTask<'a> {
-    /// The robot.
+    /// Robot that grows.
     pub robot: &'a Robot,
-    /// The start pose of the body.
+    /// Pose of the tip at the start of the body.
     pub start: Pose,
-    /// The path.
+    /// Path along which the robot grows.
     pub path: &'a [Segment],
-    /// The path's legs, at least one.
+    /// Legs of the path, at least one.
     pub legs: &'a [Leg],
 }
 
@@ -34,23 +34,23 @@ impl GrowthTask<'_> {
 /// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GrownBody {
-    /// Frame of the tip.
+    /// True frame of the tip at the end of the growth.
     pub base_from_tip: Frame,
     /// Number of layers laid.
     pub layers: u64,
     /// Length of the body, mm.
     pub length: f64,
-    /// The controller's estimate of the tip. `None` in open loop.
+    /// Estimate of the tip by the controller of the closed loop. `None` in open loop.
     pub estimate: Option<Estimate>,
 }
 
-/// Limit of the layers of a closed loop, as a multiple of the layers of its plan. A closed loop in which almost nothing
-/// grows would not end, so it is stopped after this limit plus [`MIN_PATIENCE`].
+/// Max number of layers of a closed loop, as a multiple of the number of layers of its plan, before [`MIN_PATIENCE`] is
+/// added. A closed loop in which almost nothing grows would not end without a limit.
 const MAX_LAYERS_FACTOR: u64 = 20;
 /// Number of layers that a closed loop may lay in addition to [`MAX_LAYERS_FACTOR`] times the layers of its plan.
 const MIN_PATIENCE: u64 = 100;
 
-/// Grows in open loop, which lays the layers as given. `each` is called with every layer as laid.
+/// Simulates a growth in open loop, which lays the layers as given. Calls `each` with every layer as laid.
 pub fn grow_open_loop(
     start: &Pose,
     layers: impl IntoIterator<Item = Layer>,
@@ -69,9 +69,9 @@ pub fn grow_open_loop(
     grown
 }
 
-/// Grows in closed loop, which measures each layer and then plans the remaining path again. `tip` is called with each
-/// layer as commanded and as laid, and with the tip's frame by growth alone. It returns the tip's true frame, which is
-/// different if the body sags.
+/// Simulates a growth in closed loop, which measures each layer and then plans the remaining path again. Calls `tip`
+/// with each layer as commanded and as laid, and with the frame of the tip without sag. `tip` returns the true frame of
+/// the tip, which is different if the body sags.
 pub fn grow_closed_loop(
     task: &GrowthTask,
     disturbance: &Disturbance,
@@ -83,7 +83,7 @@ pub fn grow_closed_loop(
 }
 
 /// Like [`grow_closed_loop`], but stops when `goes_on` returns false. `goes_on` is called before the first layer and
-/// after each correction, with the layer just commanded. It may replace the tracker's path.
+/// after each correction, with the tracker and the layer that was commanded last. It may replace the tracker's path.
 pub fn grow_closed_loop_while<'a>(
     task: &GrowthTask<'a>,
     disturbance: &Disturbance,

@@ -20,9 +20,9 @@ use crate::kinematics::advance;
 use crate::pose::{Frame, tip_direction};
 use crate::robot::Robot;
 
-/// Standard gravity, m/s^2.
+/// Standard acceleration of gravity, m/s^2.
 const STANDARD_GRAVITY_M_PER_S2: f64 = 9.806_65;
-/// Poisson's ratio, assumed. Plastics have 0.3 to 0.45. Only twist depends on it.
+/// Poisson's ratio that is assumed for the wall. Plastics have 0.3 to 0.45. Only twist depends on it.
 const POISSON: f64 = 0.35;
 
 /// A body that grows and sags, in a base whose z axis is up. The number of operations for a layer does not depend on
@@ -30,19 +30,19 @@ const POISSON: f64 = 0.35;
 /// sections.
 #[derive(Debug, Clone)]
 pub struct SaggingBody {
-    /// Weight of the wall, N/mm of body. `tip_weight` is the weight of the tip, N.
+    /// Weight of the wall per length of body, N/mm. `tip_weight` is the weight of the tip, N.
     ring_weight: f64,
     tip_weight: f64,
-    /// Bending stiffness E I, N mm^2.
+    /// Bending stiffness `E I` of the wall, N mm^2.
     stiffness: f64,
-    /// Stress in the outer fibre of the wall for a unit moment, 1/mm^3.
+    /// Stress in the outer fibre of the wall per unit of moment, MPa/(N mm), which is 1/mm^3.
     stress_per_moment: f64,
     root: Vector3<f64>,
     root_direction: Vector3<f64>,
-    /// `base_from_tip` of the body without weight.
+    /// Frame of the tip as if the body had no weight.
     base_from_unloaded_tip: Frame,
     sections: Sections,
-    /// Sag of the tip by the weight of the rings alone.
+    /// Sag of the tip that the weight of the rings alone causes.
     by_rings: Sag,
     /// First moment of the rings' weight about the root, N mm.
     rings_moment: Vector3<f64>,
@@ -50,12 +50,12 @@ pub struct SaggingBody {
     max_stress: RootStress,
 }
 
-/// Max stress that the root has borne, with its moment and the length of the body.
+/// Max stress that the root has borne, with the moment and the length of the body at that time.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct RootStress {
     /// Principal stress of bending and twist in the outer fibre of the wall, MPa.
     pub stress: f64,
-    /// Moment of bending and twist, N mm.
+    /// Magnitude of the moment of bending and twist at the root, N mm.
     pub moment: f64,
     /// Length of the body at the time of the greatest stress, mm.
     pub length: f64,
@@ -74,20 +74,21 @@ struct Sections {
     moved: Vector3<f64>,
 }
 
-/// Sum of the turns of sections, and sum of the cross products of position and turn.
+/// Effect of weights on the part of the body beyond all sections: the sum of the sections' turns, and the sum of the
+/// cross products of position and turn.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sag {
     turn: Vector3<f64>,
     crossed: Vector3<f64>,
 }
 
-/// Returns the moment of a unit weight at this position, about the root.
+/// Returns the moment about the root of a unit weight at this position from the root.
 fn moment(at: &Vector3<f64>) -> Vector3<f64> {
     Vector3::new(-at.y, at.x, 0.0)
 }
 
 impl Sections {
-    /// Adds a section of flexibility `length / stiffness` in bending, at this position.
+    /// Adds a section with this flexibility in bending (`length / stiffness`), position and axis of the tube.
     fn add(&mut self, flexibility: f64, at: &Vector3<f64>, axis: &Vector3<f64>) {
         let flexibility = (Matrix3::identity() + axis * axis.transpose() * POISSON) * flexibility;
         let crossed = at.cross_matrix() * flexibility;
@@ -97,8 +98,8 @@ impl Sections {
         self.moved += crossed * moment(at);
     }
 
-    /// Returns the sag that a weight causes in all sections, if the weight is at this position, beyond the last
-    /// section.
+    /// Returns the sag that a weight (N) causes by turning all sections, if the weight is at this position (mm), beyond
+    /// the last section.
     fn under(&self, weight: f64, at: &Vector3<f64>) -> Sag {
         let moment = moment(at);
         Sag {
@@ -113,14 +114,14 @@ impl Sag {
         Self { turn: self.turn + other.turn, crossed: self.crossed + other.crossed }
     }
 
-    /// Returns the displacement of a point beyond all sections, mm.
+    /// Returns the displacement of a point at this position (mm from the root) beyond all sections, mm.
     fn displacement(&self, at: &Vector3<f64>) -> Vector3<f64> {
         self.turn.cross(at) - self.crossed
     }
 }
 
 impl SaggingBody {
-    /// Creates a body of no length at this frame.
+    /// Creates a body of no length, whose tip is at this frame.
     #[must_use]
     pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
         let description = robot.description();
@@ -143,7 +144,7 @@ impl SaggingBody {
         hanging
     }
 
-    /// Adds a layer.
+    /// Adds a layer at the tip of the body.
     pub fn add_layer(&mut self, laid: &DisturbedLayer) {
         let (height, before) = (laid.layer.height, self.base_from_unloaded_tip);
         self.base_from_unloaded_tip = advance(&before, &laid.step());
@@ -157,7 +158,7 @@ impl SaggingBody {
         self.load_root();
     }
 
-    /// Returns the frame of the tip under weight.
+    /// Returns the frame of the tip of the sagging body.
     #[must_use]
     pub fn base_from_tip(&self) -> Frame {
         let (at, sag) = (self.reach(), self.sag());
@@ -165,7 +166,7 @@ impl SaggingBody {
         Frame::from_parts(moved.into(), Rotation3::new(sag.turn) * self.base_from_unloaded_tip.rotation)
     }
 
-    /// Returns the displacement of the tip by weight, mm.
+    /// Returns the distance by which the weight displaces the tip, mm.
     #[must_use]
     pub fn deflection(&self) -> f64 {
         self.sag().displacement(&self.reach()).norm()
@@ -177,7 +178,7 @@ impl SaggingBody {
         self.max_stress
     }
 
-    /// Returns the vector from the root to the tip, without weight, mm.
+    /// Returns the vector from the root to the tip of the body without weight, mm.
     fn reach(&self) -> Vector3<f64> {
         self.base_from_unloaded_tip.translation.vector - self.root
     }
@@ -186,8 +187,8 @@ impl SaggingBody {
         self.by_rings.plus(&self.sections.under(self.tip_weight, &self.reach()))
     }
 
-    /// Calls `each` with the frame of the tip after each layer as the finished body hangs. The last one is
-    /// [`Self::base_from_tip`] of that body.
+    /// Calls `each` with the frame at the end of each layer in the finished, sagging body, from the root on. The last
+    /// frame is [`Self::base_from_tip`] of this body.
     pub fn frames_of(robot: &Robot, base_from_start: &Frame, laid: &[DisturbedLayer], mut each: impl FnMut(Frame)) {
         let Self { root, ring_weight, tip_weight, stiffness, .. } = Self::new(robot, base_from_start);
         // Weight beyond a section (N), and its first moment about the root (N mm).
@@ -248,7 +249,7 @@ mod tests {
         Robot::new(description).unwrap()
     }
 
-    /// Returns a robot whose body weighs almost nothing, with a tip of this mass, g.
+    /// Returns a robot whose body weighs almost nothing, with a tip of mass `tip_g` (g).
     fn light_body(tip_g: f64) -> Robot {
         robot(|robot| (robot.material.density_g_per_cm3, robot.tip.mass_g) = (1e-3, tip_g))
     }
@@ -273,7 +274,7 @@ mod tests {
         Pose::from_degrees([10.0, 20.0, 30.0, heading, pitch]).unwrap().frame()
     }
 
-    /// Returns the weight in N/mm of body, and the stiffness in N mm^2.
+    /// Returns the weight of the body per length, N/mm, and its stiffness, N mm^2.
     fn weight_and_stiffness(robot: &Robot) -> (f64, f64) {
         let material = robot.description().material;
         let ring = core::f64::consts::TAU * 22.0 * 1.6;
@@ -378,7 +379,7 @@ mod tests {
         }
     }
 
-    /// Computes the frame of the tip directly, section by section.
+    /// Returns the frame of the tip of the sagging body, computed section by section without running sums.
     fn hang_section_by_section(robot: &Robot, start: &Frame, laid: &[DisturbedLayer]) -> Frame {
         let hanging = SaggingBody::new(robot, start);
         let mut frames = std::vec![*start];

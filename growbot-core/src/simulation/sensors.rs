@@ -8,28 +8,30 @@ use crate::pose::Frame;
 use crate::random::Rng;
 use crate::tracking::{MeasuredQuantities, Measurement, SensorNoise};
 
-/// The direction that a sensor measures.
+/// The direction that the sensor of direction measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum DirectionSensor {
     /// The direction of growth, in the base's frame.
     #[default]
     Tip,
-    /// The direction of gravity, in the tip's frame. It does not show the heading.
+    /// The direction of gravity in the tip's frame, which does not show the heading.
     Gravity,
 }
 
 /// The sensors of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedSensors {
-    /// The noise of the sensors, which the estimator knows.
+    /// Noise of the sensors. The estimator is given the same values.
     pub noise: SensorNoise,
-    /// Scale error of the odometry, as a fraction. No estimator can distinguish it from growth.
+    /// Scale error of the odometry, as a fraction of the growth. No estimator can distinguish it from an error of the
+    /// growth.
     pub odometry_scale: f64,
-    /// The direction that a sensor measures.
+    /// Direction that is measured.
     pub direction: DirectionSensor,
 }
 
-/// Identifiers of the streams of random numbers of a layer's measurements.
+/// Identifier of the stream of random numbers for the odometry of a layer. [`DIRECTION`] is that for its measured
+/// direction.
 const ODOMETRY: u64 = 16;
 const DIRECTION: u64 = 17;
 
@@ -41,7 +43,9 @@ impl SimulatedSensors {
         MeasuredQuantities { growth: true, direction, up: !direction }
     }
 
-    /// Returns the measurements after the layer of this index.
+    /// Returns the measurements of the sensors after a layer. `commanded` and `laid` are this layer as commanded and as
+    /// laid, and `base_from_tip` is the true frame of the tip after it. `seed` and the layer's `index` determine the
+    /// noise.
     #[must_use]
     pub fn measure(
         &self,

@@ -1,10 +1,10 @@
 //! Slicing of a helicoidal arc into layers that end where the arc ends.
 //!
-//! Each layer is a short circular arc that bends in the direction in which the curve goes along the layer. The error of
-//! a chain of such arcs is of the order of the square of a layer's tilt. So the angles of deposition and the height of
-//! all layers are corrected, and the tilts too where these do not help (a curve that stays in a plane). The correction
-//! is the smallest, in the sense of least squares, that moves the chain's end to the curve's end. A few rounds make it
-//! exact to the last digits.
+//! Each layer is a short circular arc that bends in the direction in which the curve bends along the layer. The error
+//! of a chain of such arcs is of the order of the square of a layer's tilt. So the angles of deposition and the height
+//! of all layers are corrected, and also the tilts where these do not help (a curve that stays in a plane). The
+//! correction is the smallest, in the sense of least squares, that moves the end of the chain to the end of the curve.
+//! A few rounds make it exact to the last digits.
 //!
 //! A path cuts an arc at its necks into several segments, and some are shorter than a layer. So successive segments are
 //! corrected together.
@@ -19,31 +19,33 @@ use crate::linalg5::Cholesky;
 use crate::path::{MAX_SEGMENTS, Segment};
 use crate::pose::{Frame, column, tip_direction};
 
-/// Max error of a correction at the curve's end, radii and radians (`docs/decisions/0010-exact-slicing.md`).
+/// Max distance between the ends of the corrected layers and of the curve, radii, and max angle between their
+/// directions, radians (`docs/decisions/0010-exact-slicing.md`).
 const CORRECTION_TOLERANCE: f64 = 1e-13;
-/// Max number of rounds of correction. A round reduces the error by a factor of about 1/tilt, so that some seven
-/// suffice for a tilt of 0.01. The other rounds are for steps that are reversed.
+/// Max number of rounds of the correction. Each round reduces the error by a factor of about 1/tilt, so some seven
+/// rounds suffice for a tilt of 0.01. The other rounds are for steps that are reversed.
 const ROUNDS: usize = 30;
-/// Weight of a relative change of tilt relative to a radian of alpha, so that tilts change only where alpha cannot
-/// help. Trial: with 1 and 0.01 the tests of [`crate::slicing`] pass too.
+/// Weight of a relative change of a tilt against a change of alpha (radians) in the correction, so that tilts change
+/// only where alpha cannot help. With 1 and with 0.01 the tests of [`crate::slicing`] pass too.
 const TILT_WEIGHT: f64 = 0.1;
-/// Damping of the normal equations, as a fraction of their trace, so that they can always be solved. It is larger than
-/// the rounding of `f64`. Trial: with 1e-9 and 1e-17 the tests of [`crate::slicing`] pass too.
+/// Damping of the normal equations of the correction, as a fraction of their trace, so that they can always be solved.
+/// It is larger than the rounding of `f64`. With 1e-9 and with 1e-17 the tests of [`crate::slicing`] pass too.
 const DAMPING: f64 = 1e-13;
 
-/// The correction of a chain of layers.
+/// The correction of alpha, height and tilt of the layers of a chain.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct SlicingCorrection {
-    /// Force in `u = tilt (force x (end - x) + moment)`, for a layer at `x` that bends in the direction `n` about `b`.
-    /// Alpha changes by `n . u`, and the tilt by its fraction `-TILT_WEIGHT^2 b . u`.
+    /// Vector `force` in `u = tilt (force x (end - x) + moment)`. The alpha of a layer at `x` that bends in the
+    /// direction `n` about the axis `b` changes by `n . u` (radians). Its tilt changes by the fraction `-TILT_WEIGHT^2
+    /// b . u`.
     force: Vector3<f64>,
-    /// Moment in the same formula.
+    /// Vector `moment` in the formula `u = tilt (force x (end - x) + moment)` of the field `force`.
     moment: Vector3<f64>,
-    /// Factor of all heights and tilts.
+    /// Factor by which the heights and tilts of all layers are multiplied.
     scale: f64,
 }
 
-/// Layers of one segment.
+/// The equal layers into which one segment is divided, before the correction.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct EqualLayers {
     /// Length of a layer along the curve, before correction, radii. It is also the tilt, radians.
@@ -54,33 +56,35 @@ pub(super) struct EqualLayers {
 /// Max number of segments that are corrected together.
 pub(super) const MAX_TOGETHER: usize = MAX_SEGMENTS;
 
-/// The layers of successive helicoidal segments, in the frame of the tip that starts the first. Lengths are in radii.
+/// The layers of successive helicoidal segments, in the frame of the tip at the start of the first segment. Lengths are
+/// in radii.
 #[derive(Debug, Clone)]
 pub(super) struct HelicoidLayers<'a> {
     segments: &'a [Segment],
     layers: Vec<EqualLayers, MAX_TOGETHER>,
-    /// The end of the last segment.
+    /// Frame of the tip at the end of the last segment.
     end: Frame,
     correction: SlicingCorrection,
-    /// Place of the next layer.
+    /// Position at which the next layer begins.
     at: Cursor,
 }
 
-/// A place on a sequence of segments.
+/// A position on a sequence of helicoidal segments.
 #[derive(Debug, Clone)]
 struct Cursor {
-    /// Index of the segment. `left` is the number of its remaining layers.
+    /// Index of the present segment. `left` is the number of its remaining layers.
     segment: usize,
     left: u32,
-    /// Frame at the start of the segment.
+    /// Frame of the tip at the start of the present segment.
     from: Frame,
     walk: HelicoidIntegrator,
-    /// Frame of the tip at the present point of the arc.
+    /// Frame of the tip at the present position.
     here: Frame,
 }
 
 impl<'a> HelicoidLayers<'a> {
-    /// Returns layers that end at the end of the curve. `layers` contains their number for each segment.
+    /// Returns layers that are corrected so that they end at the end of the curve. `layers` contains the number of
+    /// layers of each segment.
     pub(super) fn exact(
         segments: &'a [Segment],
         layers: Vec<EqualLayers, MAX_TOGETHER>,
@@ -98,19 +102,19 @@ impl<'a> HelicoidLayers<'a> {
         layers
     }
 
-    /// Returns uncorrected layers.
+    /// Returns layers without a correction.
     pub(super) fn steps(segments: &'a [Segment], layers: Vec<EqualLayers, MAX_TOGETHER>) -> Self {
         let correction = SlicingCorrection { force: Vector3::zeros(), moment: Vector3::zeros(), scale: 1.0 };
         let at = Cursor::first(segments, &layers);
         Self { segments, layers, end: Frame::identity(), correction, at }
     }
 
-    /// Returns the number of layers.
+    /// Returns the number of layers of all segments.
     pub(super) fn count(&self) -> u64 {
         self.layers.iter().map(|layers| u64::from(layers.count)).sum()
     }
 
-    /// Returns the number of segments.
+    /// Returns the number of helicoidal segments that the layers cover.
     pub(super) fn segments(&self) -> usize {
         self.segments.len()
     }
@@ -128,7 +132,7 @@ impl<'a> HelicoidLayers<'a> {
         (self.at.segment, Layer { alpha: wrap_positive(alpha), height: height * radius, tilt })
     }
 
-    /// Returns the layer of max tilt.
+    /// Returns the layer with the max tilt.
     pub(super) fn steepest(&self, radius: f64, keep_alive: &mut dyn FnMut()) -> Layer {
         let mut layers = self.rewound();
         let all = (0..self.count()).map(|_| {
@@ -138,15 +142,15 @@ impl<'a> HelicoidLayers<'a> {
         all.fold(Layer::default(), |steepest, layer| if layer.tilt > steepest.tilt { layer } else { steepest })
     }
 
-    /// Returns the roll of the chain's tip relative to the curve's tip at the end, radians.
+    /// Returns the roll of the tip at the end of the layers relative to the tip at the end of the curve, radians.
     pub(super) fn roll(&self, keep_alive: &mut dyn FnMut()) -> f64 {
         let end_from_tip = self.end.rotation.inverse() * self.chain_end(keep_alive).rotation;
         let x = column::<0>(end_from_tip.matrix());
         libm::atan2(x.y, x.x)
     }
 
-    /// Advances along the curve by a layer. Returns the direction, perpendicular to the tip, in which the curve bends
-    /// along the layer, the tilt, and the frame before the layer.
+    /// Advances along the curve by one layer. Returns the direction in which the curve bends along the layer
+    /// (perpendicular to the tip's direction), the tilt, and the frame of the tip before the layer.
     fn advance(&mut self) -> (Vector3<f64>, f64, Frame) {
         let at = &mut self.at;
         if at.left == 0
@@ -180,8 +184,8 @@ impl<'a> HelicoidLayers<'a> {
         })
     }
 
-    /// Returns the error of the chain's end relative to the curve's end: position in the axes of the start, direction
-    /// in those of the end.
+    /// Returns the error of the end of the layers relative to the end of the curve: the position in the axes of the
+    /// curve's start, and the direction in the axes of the curve's end.
     fn residual(&self, keep_alive: &mut dyn FnMut()) -> Vector5<f64> {
         let chain = self.chain_end(keep_alive);
         let offset = self.end.translation.vector - chain.translation.vector;
@@ -189,8 +193,10 @@ impl<'a> HelicoidLayers<'a> {
         Vector5::new(offset.x, offset.y, offset.z, -turn.x, -turn.y)
     }
 
-    /// Finds the correction: `lambda` of the least squares `sum J J^T lambda = lack`. `J` is the derivative of the end
-    /// with respect to the alpha of one layer. One more `J` is the derivative with respect to the scale of all layers.
+    /// Finds the correction that moves the end of the layers to the end of the curve. Each round solves the
+    /// least-squares problem `sum J J^T lambda = lack` for `lambda`, where `lack` is the remaining error. There is one
+    /// `J` for the alpha of each layer and one for its tilt, the derivatives of the end with respect to them. One more
+    /// `J` is the derivative with respect to the scale of all layers.
     fn correct(&mut self, keep_alive: &mut dyn FnMut()) {
         let end_axes = self.end.rotation.matrix();
         let (end_x, end_y) = (column::<0>(end_axes), column::<1>(end_axes));
@@ -250,7 +256,7 @@ impl<'a> HelicoidLayers<'a> {
 }
 
 impl Cursor {
-    /// Returns the start of the first segment.
+    /// Returns the position at the start of the first segment.
     fn first(segments: &[Segment], layers: &[EqualLayers]) -> Self {
         let curve = match segments.first() {
             Some(Segment::Helicoid { curve, .. }) => *curve,

@@ -25,33 +25,33 @@ use helicoid::{EqualLayers, HelicoidLayers, MAX_TOGETHER};
 /// Method of slicing a path into layers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Slicing {
-    /// Equal layers that end exactly at the end of the segment.
+    /// Divides each segment into equal layers that end exactly at the end of the segment.
     Exact,
-    /// Whole steps of this height (mm), rounded up, as in the paper.
+    /// Divides each segment into whole steps of one height, whose number is rounded up, as in the paper.
     Whole {
         /// Height of a step, mm.
         step: f64,
     },
 }
 
-/// Fraction by which a layer may exceed a limit, so that rounding does not divide a segment of exactly `n` layers into
-/// `n + 1`.
+/// Fraction by which a layer may exceed a limit of the robot, so that rounding does not divide a segment of exactly `n`
+/// layers into `n + 1`.
 pub const LIMIT_SLACK: f64 = 1e-9;
 
 /// Max number of times that a helicoidal arc is sliced again, into more layers, because one of its layers exceeds a
-/// limit.
+/// limit of the robot.
 const MORE_LAYERS: u32 = 5;
 
-/// A layer and the segment it belongs to.
+/// A layer, and the segment of the path to which it belongs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SlicedLayer {
-    /// Index of the segment, from 0.
+    /// Index of the segment in the path, counted from 0.
     pub segment: usize,
-    /// The layer.
+    /// Alpha, height and tilt of the layer.
     pub layer: Layer,
 }
 
-/// The layers of a path, in order.
+/// Iterator over the layers of a path, in order.
 #[derive(Debug, Clone)]
 pub struct SlicedLayers<'a> {
     segments: &'a [Segment],
@@ -69,7 +69,7 @@ pub struct SlicedLayers<'a> {
     fitted: Vec<PreslicedArc<'a>, MAX_FITTED>,
 }
 
-/// A helicoidal arc that has been sliced.
+/// A helicoidal arc that has been sliced beforehand.
 #[derive(Debug, Clone)]
 struct PreslicedArc<'a> {
     /// Index of the first segment of the arc.
@@ -87,7 +87,7 @@ const MAX_FITTED: usize = 1;
 #[derive(Debug, Clone)]
 #[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
 enum Slices<'a> {
-    /// Equal layers.
+    /// Equal layers. The value is one of them.
     Uniform(Layer),
     /// The layers of a helicoidal arc of this radius, mm.
     Helicoid(HelicoidLayers<'a>, f64),
@@ -102,7 +102,7 @@ impl Slices<'_> {
         }
     }
 
-    /// Returns the number of segments.
+    /// Returns the number of segments of the path that these layers cover.
     fn segments(&self) -> usize {
         match self {
             Self::Uniform(_) => 1,
@@ -111,7 +111,7 @@ impl Slices<'_> {
     }
 }
 
-/// Returns the layers of a path on this robot, in the order of the path. Heights are in mm, angles in radians.
+/// Returns the layers that this robot lays for a path, in the order of the path. Heights are in mm, angles in radians.
 /// ```
 /// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
 /// # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
@@ -145,18 +145,20 @@ pub fn layers_with_keep_alive<'a>(
     layers
 }
 
-/// Returns the smallest integer that is not below a number. (`floor` is in the firmware's image anyway.)
+/// Returns the smallest integer that is not below a number. (It uses `floor`, which the firmware's image contains
+/// anyway.)
 fn ceil(value: f64) -> f64 {
     -libm::floor(-value)
 }
 
-/// Returns the min number of equal layers of which none is longer than the limit.
+/// Returns the min number of equal layers into which a segment of this length must be divided so that no layer is
+/// higher than the limit. Both are in mm.
 fn min_count(length: f64, limit: f64) -> f64 {
     ceil(length / (limit * (1.0 + LIMIT_SLACK))).max(1.0)
 }
 
-/// Returns the number of layers and the layers of the first segment. If the path begins with helicoidal segments,
-/// returns those of all of them.
+/// Returns the number of layers of the first of these segments, and the layers. If the path begins with helicoidal
+/// segments, returns the layers of all of them.
 fn slice<'a>(
     segments: &'a [Segment],
     robot: &Robot,
@@ -231,7 +233,7 @@ fn slice_helicoids<'a>(
 }
 
 impl<'a> SlicedLayers<'a> {
-    /// Slices the first helicoidal arcs.
+    /// Slices the first helicoidal arcs of the path beforehand, up to [`MAX_FITTED`].
     fn preslice(&mut self, keep_alive: &mut dyn FnMut()) {
         let mut roll = 0.0;
         let mut segment = 0;
@@ -252,12 +254,14 @@ impl<'a> SlicedLayers<'a> {
         self.fitted.iter().find(|fitted| fitted.segment == segment)
     }
 
-    /// Returns the number of layers and the layers from a segment on.
+    /// Slices the segment of this index, and the helicoidal segments that are sliced with it. Returns the number of
+    /// layers, and the layers.
     fn cut_from(&self, segment: usize, keep_alive: &mut dyn FnMut()) -> (u64, Slices<'a>) {
         slice(self.segments.get(segment..).unwrap_or_default(), self.robot, self.slicing, keep_alive)
     }
 
-    /// Slices the segment of this index, and those that are sliced with it.
+    /// Continues the iteration with the layers of the segment of this index, and of the segments that are sliced with
+    /// it.
     fn slice_from(&mut self, segment: usize) {
         self.segment = segment;
         (self.left, self.cut) = match self.fitted(segment) {

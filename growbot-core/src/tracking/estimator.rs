@@ -28,28 +28,31 @@ mod prior {
     use core::f64::consts::PI;
 
     const DEGREE: f64 = PI / 180.0;
-    /// Standard deviation of the growth's bias, as a fraction of the height, and of its change from layer to layer.
+    /// Standard deviation of the systematic error of the growth, as a fraction of the layer's height.
+    /// [`GROWTH_BIAS_DRIFT`] is that of its change from layer to layer.
     pub const GROWTH_BIAS: f64 = 0.1;
     pub const GROWTH_BIAS_DRIFT: f64 = 1e-4;
-    /// Standard deviation of the growth of a single layer, as a fraction of the layer's height. The filter starts with
-    /// this value, and its estimate never falls below it.
+    /// Initial standard deviation of the random error of a single layer's growth, as a fraction of the layer's height.
+    /// The filter estimates the later values, which never fall below [`GROWTH_MIN`].
     pub const GROWTH: f64 = 0.06;
     pub const GROWTH_MIN: f64 = 1e-3;
     /// Number of layers over which the variance of a single layer's growth is estimated.
     pub const GROWTH_WINDOW: f64 = 100.0;
-    /// Standard deviation of the tilt's bias, as a fraction of the tilt.
+    /// Standard deviation of the systematic error of the tilt, as a fraction of the tilt.
     pub const TILT_GAIN: f64 = 0.05;
-    /// Standard deviation of the deposition angle's offset, radians.
+    /// Standard deviation of the systematic error of the deposition angle, radians.
     pub const ALPHA: f64 = 2.0 * DEGREE;
-    /// Standard deviation of the twist of every layer, radians.
+    /// Standard deviation of the systematic twist, which is the same in every layer, radians.
     pub const TWIST: f64 = 0.002 * DEGREE;
-    /// Max systematic errors that are learned. Growth and tilt are fractions, angle and twist are in radians.
+    /// Max systematic error of growth and of tilt that the filter learns, as a fraction. [`MAX_ALPHA`] and
+    /// [`MAX_TWIST`] are the limits for the deposition angle and the twist, radians.
     pub const MAX_SHARE: f64 = 0.5;
     pub const MAX_ALPHA: f64 = 30.0 * DEGREE;
     pub const MAX_TWIST: f64 = DEGREE;
-    /// Standard deviation of the tilt of a single layer about each axis of the deposition plane, radians.
+    /// Standard deviation of the random error of a single layer's tilt, about each axis of the deposition plane,
+    /// radians.
     pub const LEAN_NOISE: f64 = 0.003 * DEGREE;
-    /// Standard deviation of the twist of a single layer, radians.
+    /// Standard deviation of the random twist of a single layer, radians.
     pub const TWIST_NOISE: f64 = 0.001 * DEGREE;
     /// Number of measured angles, two for each layer, over which the normalised innovation squared (NIS) is averaged.
     pub const NIS_WINDOW: f64 = 60.0;
@@ -58,7 +61,7 @@ mod prior {
     pub const NIS_EXCESS_BY_CHANCE: f64 = 0.7;
 }
 
-/// The systematic errors of the robot, the same in every layer, as learned so far.
+/// The systematic errors of the robot, which are the same in every layer, as learned so far.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SystematicErrors {
     /// Over-deposition, as a fraction of the height. Negative for under-deposition.
@@ -67,13 +70,12 @@ pub struct SystematicErrors {
     pub tilt: f64,
     /// Offset of the deposition angle, radians.
     pub alpha: f64,
-    /// Twist of each layer, radians.
+    /// Twist of each layer about the tip's axis, radians.
     pub twist: f64,
 }
 
 impl SystematicErrors {
-    /// Returns the systematic errors, each limited to the max that a robot can have, so that broken sensors cannot lead
-    /// to larger errors.
+    /// Returns the systematic errors, each clamped to a max, so that broken sensors cannot lead to larger errors.
     fn clamped(&self) -> Self {
         Self {
             growth: self.growth.clamp(-prior::MAX_SHARE, prior::MAX_SHARE),
@@ -83,8 +85,8 @@ impl SystematicErrors {
         }
     }
 
-    /// Returns the layer that a robot with these systematic errors lays for a commanded layer, if the tip grows by
-    /// `growth` (mm), and the twist after the layer (radians).
+    /// Returns the layer that a robot with these systematic errors lays for a commanded layer if the tip grows by
+    /// `growth` (mm), and the twist of the tip after this layer (radians).
     fn of(&self, commanded: &Layer, growth: f64) -> (Layer, f64) {
         let tilt = commanded.tilt * (1.0 + self.tilt);
         (Layer { alpha: commanded.alpha + self.alpha, height: growth, tilt }, self.twist)
@@ -112,11 +114,11 @@ pub struct Estimator {
     base_from_tip: Frame,
     systematic: SystematicErrors,
     covariance: Covariance,
-    /// Variance of the growth's bias, as a squared fraction.
+    /// Variance of the systematic error of the growth, as a squared fraction of the layer's height.
     bias_variance: f64,
-    /// Variance of the growth of a single layer, as a squared fraction.
+    /// Variance of the random error of a single layer's growth, as a squared fraction of the layer's height.
     growth_variance: f64,
-    /// Layers since the latest measurement of the odometry.
+    /// Expected growth of the layers since the latest measurement of the odometry.
     unmeasured: UnmeasuredGrowth,
     /// Mean square of the latest innovations of directions, divided by its expected value.
     mean_nis: f64,
@@ -131,18 +133,18 @@ struct UnmeasuredGrowth {
     variance: f64,
 }
 
-/// Growth of a layer, measured by the odometry.
+/// Growth of a layer, as measured by the odometry or, without a measurement, as expected.
 struct MeasuredGrowth {
     /// Growth of the layer, mm.
     growth: f64,
-    /// Variance of that growth, mm^2.
+    /// Variance of the growth of the layer, mm^2.
     variance: f64,
     /// Correction of the growth of the unmeasured layers before this layer, mm.
     correction: f64,
 }
 
 impl Estimator {
-    /// Creates an estimate that begins at a known `base_from_tip`.
+    /// Creates an estimate that begins with a known frame of the tip.
     pub fn new(base_from_tip: Frame, noise: SensorNoise) -> Self {
         let mut covariance = Covariance::zeros();
         covariance[(TILT_GAIN, TILT_GAIN)] = square(prior::TILT_GAIN);
@@ -170,25 +172,26 @@ impl Estimator {
         &self.systematic
     }
 
-    /// Returns the standard deviation of the position, mm: the root of the sum over the axes.
+    /// Returns the standard deviation of the tip's position, mm: the root of the sum of the variances along the three
+    /// axes.
     pub fn position_deviation(&self) -> f64 {
         libm::sqrt((0..3).map(|axis| self.covariance[(axis, axis)]).sum())
     }
 
-    /// Returns the standard deviation of the direction of growth, radians: the root of the sum over the two axes
-    /// perpendicular to it.
+    /// Returns the standard deviation of the direction of growth, radians: the root of the sum of the variances about
+    /// the two axes perpendicular to it.
     pub fn direction_deviation(&self) -> f64 {
         let attitude = self.covariance.fixed_view::<3, 3>(3, 3);
         let direction = self.direction();
         libm::sqrt((attitude.trace() - direction.dot(&(attitude * direction))).max(0.0))
     }
 
-    /// Returns the factor by which the standard deviations are larger than those of the covariance. It is 1 for a robot
-    /// whose layers and sensors are as assumed.
+    /// Returns the factor by which the actual standard deviations exceed those of the covariance. It is 1 for a robot
+    /// whose layers and sensors behave as assumed.
     ///
-    /// The variance of an innovation is that of the direction's error and that of the sensor. So if innovations exceed
-    /// the expected ones by more than chance, the excess is due to the direction's error, which the covariance does not
-    /// include.
+    /// The variance of an innovation is the sum of the variances of the direction's error and of the sensor. So if
+    /// innovations exceed the expected ones by more than chance, the excess is due to an error of the direction that
+    /// the covariance does not include.
     pub fn sigma_scale(&self) -> f64 {
         let unexpected = self.mean_nis - 1.0;
         if unexpected < prior::NIS_EXCESS_BY_CHANCE {
@@ -202,8 +205,8 @@ impl Estimator {
         self.base_from_tip.rotation * Vector3::z()
     }
 
-    /// Ingests a layer that has been laid, as commanded and as measured. Returns the tip's growth since the previous
-    /// call, mm.
+    /// Updates the estimate with a layer that has been laid, as commanded and as measured. Returns the growth of the
+    /// tip since the previous call, mm.
     pub fn update(&mut self, commanded: &Layer, measured: &Measurement) -> f64 {
         let MeasuredGrowth { growth, variance, correction } =
             self.odometry(commanded, measured.growth.filter(|grown| grown.is_finite()));
@@ -218,8 +221,8 @@ impl Estimator {
         growth + correction
     }
 
-    /// Predicts the state after a layer with these kinds of measurement: the covariance as it will be, and the tip as
-    /// expected. The systematic errors do not change.
+    /// Updates the estimate as a future layer with these kinds of measurement will change it: the covariance as it will
+    /// be, and the tip as expected. The systematic errors do not change.
     pub fn forecast_layer(&mut self, commanded: &Layer, seen: MeasuredQuantities) {
         let height = commanded.height;
         let (variance, noise) = (square(height) * self.growth_variance, square(height * self.noise.odometry));
@@ -233,7 +236,7 @@ impl Estimator {
         }
     }
 
-    /// Returns the growth of the layer by the odometry's measurement, or the expected growth if there is no
+    /// Returns the growth of the layer from the odometry's measurement, or the expected growth if there is no
     /// measurement.
     fn odometry(&mut self, commanded: &Layer, measured: Option<f64>) -> MeasuredGrowth {
         let height = commanded.height;
@@ -260,8 +263,9 @@ impl Estimator {
         MeasuredGrowth { growth: expected + own * correction, variance: left, correction: (1.0 - own) * correction }
     }
 
-    /// Learns the growth's bias and noise from one layer. `innovation` is a fraction of the layer's height, and
-    /// `odometry` is the variance of the measurement, a squared fraction.
+    /// Learns the systematic error and the noise of the growth from one layer. `innovation` is the measured minus the
+    /// expected growth, as a fraction of the layer's height. `odometry` is the variance of the measurement, a squared
+    /// fraction.
     fn learn_growth(&mut self, innovation: f64, odometry: f64) {
         self.bias_variance += square(prior::GROWTH_BIAS_DRIFT);
         let variance = self.bias_variance + self.growth_variance + odometry;
@@ -275,7 +279,7 @@ impl Estimator {
         self.growth_variance = found.max(square(prior::GROWTH_MIN));
     }
 
-    /// Predicts the tip after a layer of this growth (mm) and variance (mm^2).
+    /// Advances the estimate by a layer with this growth (mm) and variance of the growth (mm^2).
     fn predict(&mut self, commanded: &Layer, growth: f64, growth_variance: f64) {
         let before = self.base_from_tip;
         let after = self.systematic.lay_grown(&before, commanded, growth);
@@ -305,7 +309,7 @@ impl Estimator {
         self.base_from_tip = after;
     }
 
-    /// Updates with the direction of growth, measured in the base's frame.
+    /// Updates the estimate with the direction of growth, measured in the base's frame.
     fn update_by_direction(&mut self, direction: &Vector3<f64>) {
         let rotation = self.base_from_tip.rotation;
         let (x, y) = (rotation * Vector3::x(), rotation * Vector3::y());
@@ -313,14 +317,15 @@ impl Estimator {
         self.update_attitude([(y, x.dot(direction)), (-x, y.dot(direction))]);
     }
 
-    /// Updates with the direction upwards, measured in the tip's frame.
+    /// Updates the estimate with the direction upwards, measured in the tip's frame.
     fn update_by_up(&mut self, up: &Vector3<f64>) {
         let seen = self.base_from_tip.rotation * up;
         // An error w appears as z - w x z.
         self.update_attitude([(-Vector3::y(), seen.x), (Vector3::x(), seen.y)]);
     }
 
-    /// Updates with two measurements of the attitude's error, each an axis and the component along it (radians).
+    /// Updates the estimate with two measurements of the attitude's error, each as an axis and the component of the
+    /// error along it (radians).
     fn update_attitude(&mut self, measured: [(Vector3<f64>, f64); 2]) {
         let mut found = Errors::zeros();
         for (axis, value) in measured {
@@ -351,7 +356,7 @@ fn unit(vector: Vector3<f64>) -> Option<Vector3<f64>> {
     vector.iter().all(|part| part.is_finite()).then_some(vector)?.try_normalize(1e-9)
 }
 
-/// Returns the rotation about a vector by its length, radians (Rodrigues' formula).
+/// Returns the rotation about the direction of a vector by the length of the vector, radians (Rodrigues' formula).
 pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     let angle = by.norm();
     let Some(axis) = by.try_normalize(0.0) else { return Rotation3::identity() };
@@ -361,7 +366,7 @@ pub fn rotation(by: &Vector3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(matrix)
 }
 
-/// Returns the rotation without the rounding errors that make it not orthonormal.
+/// Returns the rotation as an orthonormal matrix, without accumulated rounding errors.
 fn orthonormal(rotation: &Rotation3<f64>) -> Rotation3<f64> {
     let matrix = rotation.matrix();
     let z = matrix.column(2).normalize();
@@ -383,7 +388,7 @@ mod tests {
         Pose::from_degrees([0.0, 0.0, 0.0, 20.0, 30.0]).unwrap().frame()
     }
 
-    /// Returns the layers of a bend, a line and a bend in another direction, two times.
+    /// Returns the layers of a bend, a line, a bend in another direction and a line, two times.
     fn layers() -> impl Iterator<Item = Layer> {
         (0..800).map(|index| match index / 100 % 4 {
             0 => Layer { alpha: 1.0, height: 0.77, tilt: 0.0077 },
@@ -392,7 +397,7 @@ mod tests {
         })
     }
 
-    /// Returns the estimate and the true frame after all layers.
+    /// Returns the estimate and the true frame of the tip after all layers.
     fn follow(disturbance: &Disturbance, direction: DirectionSensor, seed: u64) -> (Estimator, Frame) {
         let sensors = SimulatedSensors { noise: NOISE, odometry_scale: 0.0, direction };
         let (mut estimator, mut truth) = (Estimator::new(start(), NOISE), start());

@@ -6,11 +6,11 @@ use nalgebra::Vector3;
 /// gave no reading.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measurement {
-    /// Growth of the tip since the latest layer with such a measurement, by odometry, mm.
+    /// Growth of the tip since the latest layer for which the growth was measured, by odometry, mm.
     pub growth: Option<f64>,
-    /// Direction of growth in the base's frame. Its length does not matter.
+    /// Direction of growth in the base's frame. The length of the vector has no meaning.
     pub direction: Option<Vector3<f64>>,
-    /// Direction upwards in the tip's frame, as a resting accelerometer measures it. It does not depend on the heading.
+    /// Direction upwards in the tip's frame, as a resting accelerometer measures it. It does not show the heading.
     pub up: Option<Vector3<f64>>,
 }
 
@@ -32,12 +32,12 @@ impl From<&Measurement> for MeasuredQuantities {
     }
 }
 
-/// Noise of measurements: zero-mean, normal, independent from layer to layer.
+/// Noise of the measurements: of mean zero, normally distributed, independent from layer to layer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SensorNoise {
-    /// Standard deviation of the odometry, as a fraction of the layer's height.
+    /// Standard deviation of a measurement of the growth, as a fraction of the layer's height.
     pub odometry: f64,
-    /// Standard deviation of a direction, the tip's or gravity's, about each of the two axes perpendicular to it,
-    /// radians.
+    /// Standard deviation of a measured direction (of the tip, or of gravity) about each of the two axes perpendicular
+    /// to it, radians.
     pub direction: f64,
 }

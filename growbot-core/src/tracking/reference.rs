@@ -16,9 +16,10 @@ use crate::trigonometry;
 
 /// Max number of segments of a reference trajectory.
 const MAX_PIECES: usize = 48;
-/// Approximate number of segments into which a path is divided at first.
+/// Approximate number of segments of a new reference trajectory, before any of it has been laid.
 const FIRST_PIECES: f64 = 40.0;
-/// Min number of segments of a reference trajectory, as long as each segment is longer than a layer.
+/// Number of segments below which the segments of a reference trajectory are divided, as long as they are longer than a
+/// layer.
 const MIN_PIECES: usize = 12;
 /// Max number of Gauss-Newton steps for one correction.
 const ROUNDS: usize = 5;
@@ -28,42 +29,42 @@ const HALVINGS: usize = 4;
 const NEWTON_STEPS: usize = 20;
 /// Number of constraints on the end of the path: three for its position, two for its direction.
 const CONSTRAINTS: usize = 5;
-/// Size of a correction, in radii and radians, below which the error that remains is about the square of the
-/// correction.
+/// Size of a correction, in radii and radians, that counts as small. After a smaller one, the error that remains is
+/// about the square of the correction.
 const NEARLY: f64 = 1e-3;
-/// Standard deviations of position (radii) and direction (radians) that weight an error at the goal, so that smaller
-/// errors cause no curvature.
+/// Standard deviations of position (radii) and direction (radians) that weight an error at the goal. Errors that are
+/// smaller than these cause hardly any curvature.
 const GOAL_DEVIATION: [f64; 2] = [2e-4, 1e-4];
-/// Standard deviations from the plan of a segment that is a radius long: of its curvature, in inverse radii, and of its
-/// length, in radii.
+/// Standard deviations that weight the deviation of a segment, one radius long, from the plan: of its curvature, in
+/// inverse radii, and of its length, in radii.
 const PIECE_DEVIATION: [f64; 2] = [0.2, 0.2];
 
 /// The shape of a segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct PieceShape {
-    /// Direction in which the tip bends, in its own frame, times the curvature, 1/mm.
+    /// Curvature as a vector, 1/mm. It points in the direction in which the tip bends, in the tip's frame.
     curvature: Vector2<f64>,
     /// Length, mm.
     length: f64,
 }
 
-/// Variances of a segment's deviation from its plan.
+/// Variances that weight the deviation of a segment from its planned shape.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Variances {
-    /// Variance of the curvature, 1/mm^2.
+    /// Variance of the deviation of the curvature, 1/mm^2.
     curvature: f64,
-    /// Variance of the length, mm^2.
+    /// Variance of the deviation of the length, mm^2.
     length: f64,
 }
 
 /// A segment of constant curvature.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Piece {
-    /// Direction in which the tip bends, in its own frame, times the curvature, 1/mm.
+    /// Curvature as a vector, 1/mm. It points in the direction in which the tip bends, in the tip's frame.
     curvature: Vector2<f64>,
     /// Length, mm.
     length: f64,
-    /// The shape as planned.
+    /// Shape of the segment as planned, without corrections.
     planned: PieceShape,
 }
 
@@ -72,11 +73,12 @@ impl Piece {
         Self { curvature, length, planned: PieceShape { curvature, length } }
     }
 
-    /// Returns the variances that weight deviations of this segment. `radius` is the scale of lengths, mm.
+    /// Returns the variances that weight the deviations of this segment from its planned shape. `radius` is the scale
+    /// of lengths, mm.
     ///
-    /// A rest that is too long is compressed, and beyond a limit it buckles like a rod: a bow then costs less than
-    /// shorter segments. With equal deviations of curvature and length, in radii, this limit is `4 pi^2 / L` for a rest
-    /// of `L` radii, far beyond any surplus.
+    /// If the rest of the path is longer than necessary, the correction compresses it. Beyond a limit it buckles like a
+    /// rod, because a bow costs less than shorter segments. With equal deviations of curvature and length, in radii,
+    /// this limit is `4 pi^2 / L` for a rest of `L` radii, far beyond any excess length that occurs.
     fn variances(&self, radius: f64) -> Variances {
         let length = (self.planned.length / radius).max(f64::MIN_POSITIVE);
         let [curvature, along] = [PIECE_DEVIATION[0] / radius, PIECE_DEVIATION[1] * radius];
@@ -127,7 +129,7 @@ impl ReferenceTrajectory {
         Self { pieces, radius, multipliers: Constraint::zeros() }
     }
 
-    /// Returns the length, mm.
+    /// Returns the length of the reference trajectory, mm.
     pub fn length(&self) -> f64 {
         self.pieces.iter().map(|piece| piece.length).sum()
     }
@@ -144,8 +146,8 @@ impl ReferenceTrajectory {
         }
     }
 
-    /// Turns the segments for a tip that is turned by `roll` about its direction of growth (radians,
-    /// counter-clockwise).
+    /// Changes the segments for a tip that is turned by `roll` about its direction of growth (radians,
+    /// counter-clockwise), so that the curve in space stays the same.
     pub fn roll(&mut self, roll: f64) {
         if roll == 0.0 {
             return;
@@ -158,7 +160,7 @@ impl ReferenceTrajectory {
         }
     }
 
-    /// Returns `base_from_tip` at the end of the reference trajectory that begins at this `base_from_tip`.
+    /// Returns the frame of the tip at the end of the reference trajectory, if it begins at this `base_from_tip`.
     pub fn end(&self, base_from_tip: &Frame) -> Frame {
         self.pieces.iter().fold(*base_from_tip, |base_from_tip, piece| {
             let alpha = libm::atan2(-piece.curvature.y, -piece.curvature.x);
@@ -166,7 +168,7 @@ impl ReferenceTrajectory {
         })
     }
 
-    /// Returns the mean curvature over the first `stretch` mm, 1/mm.
+    /// Returns the mean of the curvature vector over the first `stretch` mm of the reference trajectory, 1/mm.
     pub fn curvature_over(&self, stretch: f64) -> Vector2<f64> {
         let (mut left, mut turned) = (stretch, Vector2::zeros());
         for piece in &self.pieces {
@@ -182,8 +184,8 @@ impl ReferenceTrajectory {
     }
 
     /// Bends the reference trajectory so that it leads from the tip to the goal, with no curvature above
-    /// `max_curvature` (1/mm), and returns the remaining error. If few segments remain they are divided, down to about
-    /// `resolution` mm.
+    /// `max_curvature` (1/mm), and returns the error at the goal that remains. If few segments remain they are divided,
+    /// down to a length of about `resolution` mm.
     pub fn correct(&mut self, base_from_tip: &Frame, goal: &Pose, max_curvature: f64, resolution: f64) -> GoalError {
         self.refine(resolution);
         let mut linear = Linear::default();
@@ -207,7 +209,7 @@ impl ReferenceTrajectory {
         linear.miss
     }
 
-    /// Reverses half of the latest step.
+    /// Reverses half of the latest Gauss-Newton step. `before` is the trajectory before this step.
     fn back_halfway(&mut self, before: &Self) {
         for (piece, before) in self.pieces.iter_mut().zip(&before.pieces) {
             piece.curvature = (piece.curvature + before.curvature) * 0.5;
@@ -235,37 +237,39 @@ impl ReferenceTrajectory {
 
 type Constraint = SVector<f64, CONSTRAINTS>;
 
-/// The end of a reference trajectory, linearised in the shapes of its pieces.
+/// The end of a reference trajectory, linearised in the shapes of its segments.
 #[derive(Default)]
 struct Linear {
-    /// Error from the end to the goal, in the end's frame: radii, and radians about its y and -x axes.
+    /// Error of the end at the goal, in the frame of the end: position in radii, and angles about the y and the -x axis
+    /// in radians.
     error: Constraint,
-    /// Error at the goal that the linearisation gives if all segments have their planned shapes.
+    /// Error at the goal that the linearisation predicts if all segments have their planned shapes.
     from_planned: Constraint,
-    /// Change of the end by the shape of each segment, from the last segment to the first.
+    /// Derivatives of the end with respect to the shape of each segment, and the segment's limits, from the last
+    /// segment to the first.
     columns: Vec<Columns, MAX_PIECES>,
     miss: GoalError,
 }
 
 /// Derivatives of the end with respect to one segment, and the limits of the segment.
 struct Columns {
-    /// Derivatives with respect to the curvature's x and y, 1/mm.
+    /// Derivatives of the end with respect to the x and the y component of the curvature (1/mm).
     by_curvature: [Constraint; 2],
-    /// Derivative with respect to the length, mm.
+    /// Derivative of the end with respect to the length (mm).
     by_length: Constraint,
-    /// Max curvature, 1/mm.
+    /// Max curvature of the segment, 1/mm.
     max_curvature: f64,
-    /// Variances of the deviation from the plan.
+    /// Variances that weight the deviation from the planned shape.
     variances: Variances,
-    /// The shape as planned.
+    /// Shape of the segment as planned, without corrections.
     planned: PieceShape,
-    /// Min length after one step, mm. The linearisation is valid for small steps only.
+    /// Min length of the segment after one step, mm. The linearisation is valid for small steps only.
     min_length: f64,
-    /// Max length after one step, mm.
+    /// Max length of the segment after one step, mm.
     max_length: f64,
 }
 
-/// The dual of the least squares at given multipliers: value, slope and Hessian.
+/// The dual function of the least-squares problem, at given multipliers: its value, slope and Hessian.
 struct Dual {
     value: f64,
     slope: Constraint,
@@ -273,8 +277,8 @@ struct Dual {
 }
 
 impl Columns {
-    /// Returns the segment's shape for the multipliers `pull`, and the curvature (1/mm) that it would have without the
-    /// bound.
+    /// Returns the shape of the segment for the multipliers `pull`, and the curvature (1/mm) that it would have without
+    /// the bound.
     fn give_way(&self, pull: &Constraint) -> (PieceShape, Vector2<f64>) {
         let [x, y] = self.by_curvature.map(|column| column.dot(pull));
         let unbounded = self.planned.curvature + Vector2::new(x, y) * self.variances.curvature;
@@ -310,8 +314,8 @@ impl Columns {
 }
 
 impl Linear {
-    /// Computes how far the end of `reference` is from `goal`, and the derivatives of that by the curvature and the
-    /// length of each piece.
+    /// Computes the error of the end of `reference` at `goal`, and the derivatives of the end with respect to the
+    /// curvature and the length of each segment.
     fn set(&mut self, reference: &ReferenceTrajectory, base_from_tip: &Frame, goal: &Pose, max_curvature: f64) {
         let constraint = |moved: Vector3<f64>, turned: Vector3<f64>| {
             let moved = moved / reference.radius;
@@ -359,18 +363,18 @@ impl Linear {
         self.miss = GoalError { distance: to_goal.norm(), angle };
     }
 
-    /// Returns the error in units of [`GOAL_DEVIATION`].
+    /// Returns the norm of the error at the goal in units of [`GOAL_DEVIATION`].
     fn weighted_error(&self) -> f64 {
         self.error.component_div(&Constraint::from_fn(|row, _| GOAL_DEVIATION[row / 3])).norm()
     }
 
-    /// Makes one Gauss-Newton step. It moves the segments to the shapes that deviate least from the plan, respect the
+    /// Makes one Gauss-Newton step. It gives the segments the shapes that deviate least from the plan, respect the
     /// bounds and lead to the goal in the linearised problem.
     ///
-    /// The least squares have five constraints and a bound for each segment. Their dual is convex, with five unknowns
-    /// and no bound. The unknowns are a pull on the end of the reference trajectory, to which each segment responds
-    /// independently. Newton's method with Armijo's step rule finds the pull (Nocedal and Wright 2006, chapters 3 and
-    /// 17).
+    /// The least-squares problem has five constraints, and a bound for each segment. Its dual is convex, with five
+    /// unknowns and no bound. The unknowns are a pull on the end of the reference trajectory, to which each segment
+    /// responds independently. Newton's method with Armijo's step rule finds the pull (Nocedal and Wright 2006,
+    /// chapters 3 and 17).
     fn pull(&self, reference: &mut ReferenceTrajectory) {
         let mut at = self.dual(&reference.multipliers);
         for _ in 0..NEWTON_STEPS {
@@ -413,8 +417,8 @@ impl Linear {
     }
 }
 
-/// Returns the reference segment for a part of a segment of the path. `from` and `to` are fractions of the segment's
-/// length.
+/// Returns the segment of a reference trajectory for a part of a segment of the path. `from` and `to` are fractions of
+/// the length of the path's segment.
 fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     let length = segment.length() * (to - from);
     let curvature = match *segment {
@@ -431,7 +435,7 @@ fn piece_of(segment: &Segment, from: f64, to: f64) -> Piece {
     Piece::new(curvature, length)
 }
 
-/// Returns the unit vector at this angle, radians.
+/// Returns the unit vector in the direction of this angle, radians.
 fn towards(angle: f64) -> Vector2<f64> {
     let (sine, cosine) = trigonometry::sin_cos(angle);
     Vector2::new(cosine, sine)

@@ -1,4 +1,4 @@
-//! The closed loop: it measures a layer, updates the estimate of the tip, and plans the rest of the path from there.
+//! The closed loop: after each layer it updates the estimate of the tip, and plans the rest of the path from there.
 
 use core::f64::consts::PI;
 
@@ -19,9 +19,10 @@ use crate::robot::Robot;
 pub struct Estimate {
     /// Estimated frame of the tip, `base_from_tip`.
     pub base_from_tip: Frame,
-    /// Standard deviation of the position, mm: the root of the sum over the axes.
+    /// Standard deviation of the tip's position, mm: the root of the sum of the variances along the three axes.
     pub position_sd: f64,
-    /// Standard deviation of the direction, radians: the root of the sum over the two axes perpendicular to it.
+    /// Standard deviation of the direction of growth, radians: the root of the sum of the variances about the two axes
+    /// perpendicular to it.
     pub direction_sd: f64,
     /// Systematic errors of the robot's layers, as learned so far.
     pub systematic_errors: SystematicErrors,
@@ -32,7 +33,7 @@ pub struct Estimate {
 pub struct Tracker<'a> {
     robot: &'a Robot,
     estimator: Estimator,
-    /// The reference trajectory to the next goal. Its first part is the next layer that can still be changed.
+    /// The reference trajectory to the next goal. It begins with the next layer that can still be changed.
     reference: ReferenceTrajectory,
     /// Estimated frame of the tip at the beginning of the reference trajectory.
     begins: Frame,
@@ -41,7 +42,7 @@ pub struct Tracker<'a> {
     laid: u64,
     /// Number of layers that can no longer be changed. The reference trajectory no longer contains them.
     committed: u64,
-    /// Error at the goal that the end of the reference trajectory has.
+    /// Difference between the end of the reference trajectory and the next goal.
     miss: GoalError,
 }
 
@@ -60,7 +61,7 @@ impl<'a> Tracker<'a> {
         tracker
     }
 
-    /// Ingests a layer that has been laid, as commanded and as measured.
+    /// Updates the estimate with a layer that has been laid, as commanded and as measured.
     pub fn record_layer(&mut self, commanded: &Layer, measured: &Measurement) {
         let growth = self.estimator.update(commanded, measured);
         self.laid += 1;
@@ -76,8 +77,8 @@ impl<'a> Tracker<'a> {
         self.reference.roll(self.estimator.systematic().twist);
     }
 
-    /// Plans the rest of the path again. It begins at the pose of the tip after the layers `under_way`, which can no
-    /// longer be changed.
+    /// Plans the rest of the path again, from the pose of the tip after the layers `under_way`, which can no longer be
+    /// changed.
     pub fn replan(&mut self, under_way: &[Layer]) {
         let systematic = *self.estimator.systematic();
         self.begins = *self.estimator.base_from_tip();
@@ -95,7 +96,8 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// Replaces the rest of the path by another path, which begins at this pose, where the reference trajectory begins.
+    /// Replaces the rest of the path by another path. `start` is the pose at the beginning of the reference trajectory,
+    /// where the other path begins.
     pub fn switch_path(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
         self.stages = Stages::new(self.robot, start, path, legs);
         let Some(reference) = self.stages.next(&self.begins) else { return };
@@ -104,14 +106,14 @@ impl<'a> Tracker<'a> {
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
 
-    /// Returns the estimated frame of the tip at the beginning of the reference trajectory, which is after the layers
-    /// in progress.
+    /// Returns the estimated frame of the tip at the beginning of the reference trajectory. It lies after the layers
+    /// that can no longer be changed.
     #[must_use]
     pub fn reference_start(&self) -> &Frame {
         &self.begins
     }
 
-    /// Returns the goals of the legs that have not been grown to their end.
+    /// Returns the goals of the legs whose end has not been reached, in order.
     pub fn remaining_goals(&self) -> impl Iterator<Item = Pose> {
         let Stages { legs, goal, ends_leg, .. } = &self.stages;
         ends_leg.then_some(*goal).into_iter().chain(legs.iter().map(|leg| leg.goal))
@@ -127,7 +129,8 @@ impl<'a> Tracker<'a> {
         })
     }
 
-    /// Returns the layers to command from here to the last goal, as planned now.
+    /// Returns the layers from the beginning of the reference trajectory to the last goal, as they are planned now and
+    /// will be commanded.
     pub fn remaining_layers(&self) -> impl Iterator<Item = Layer> + use<'a> {
         let (robot, systematic, max_curvature) = (self.robot, *self.estimator.systematic(), self.max_curvature());
         let (mut reference, mut stages) = (self.reference.clone(), self.stages.clone());
@@ -163,21 +166,21 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    /// Returns the factor by which to scale the standard deviations of estimate and forecast, from the normalised
-    /// innovations of the measured directions. It is 1 if layers and sensors behave as modelled.
+    /// Returns the factor by which the standard deviations of estimate and forecast must be multiplied, derived from
+    /// the normalised innovations of the measured directions. It is 1 if layers and sensors behave as modelled.
     #[must_use]
     pub fn sigma_scale(&self) -> f64 {
         self.estimator.sigma_scale()
     }
 
-    /// Returns the error at the next goal that the reference trajectory leaves.
+    /// Returns the difference between the end of the reference trajectory and the next goal.
     #[must_use]
     pub fn goal_error(&self) -> GoalError {
         self.miss
     }
 
-    /// Returns the max curvature of the body as laid, 1/mm, by the packaging limit, and by the limits of a layer with
-    /// the systematic errors learned.
+    /// Returns the max curvature of the body as laid, 1/mm. It follows from the packaging limit, and from the limits of
+    /// a layer with the systematic errors learned so far.
     fn max_curvature(&self) -> f64 {
         let SystematicErrors { growth, tilt, .. } = *self.estimator.systematic();
         let laid = (1.0 + tilt) / (self.robot.min_radius_by_layers() * (1.0 + growth));
@@ -185,19 +188,19 @@ impl<'a> Tracker<'a> {
     }
 }
 
-/// The successive poses that a path leads through, which are the goals of its legs. A leg with more segments than a
-/// reference trajectory can have is divided at planned poses.
+/// The successive poses to which the tracker steers: the goals of the legs of a path. A leg with more than
+/// [`MAX_SEGMENTS`] segments is divided at poses of the planned path.
 #[derive(Debug, Clone)]
 struct Stages<'a> {
     path: &'a [Segment],
     legs: &'a [Leg],
-    /// Number of segments of the first leg that remain.
+    /// Number of segments of the first leg that are not part of a stage yet.
     left: usize,
-    /// Planned frame at the beginning of the rest of the path.
+    /// Planned frame of the tip at the beginning of the rest of the path.
     planned: Frame,
     /// The pose to which the tracker steers.
     goal: Pose,
-    /// True if a leg ends at this pose.
+    /// True if a leg ends at the pose `goal`.
     ends_leg: bool,
     /// Radius of the path's tightest bend, mm.
     radius: f64,
@@ -211,8 +214,8 @@ impl<'a> Stages<'a> {
         Self { path, legs, left, planned: start.frame(), goal: *start, ends_leg: false, radius }
     }
 
-    /// Returns the reference trajectory of the next stage, for a tip that is approximately at its beginning. `None`
-    /// after the last stage.
+    /// Continues with the next stage, and returns its reference trajectory, for a tip that is approximately at the
+    /// beginning of the stage. `None` after the last stage.
     fn next(&mut self, base_from_tip: &Frame) -> Option<ReferenceTrajectory> {
         let (leg, later) = self.legs.split_first()?;
         let count = self.left.min(MAX_SEGMENTS);
@@ -235,13 +238,14 @@ impl<'a> Stages<'a> {
     }
 }
 
-/// Reports whether the rest of a reference trajectory is too thin for a layer.
+/// Reports whether the rest of a reference trajectory is too short for a layer: less than half the min height of a
+/// layer.
 fn too_thin(reference: &ReferenceTrajectory, robot: &Robot) -> bool {
     reference.length() < 0.5 * robot.description().layer.height_min_mm
 }
 
-/// Returns the first layer of a reference trajectory, as commanded, and its expected growth, mm. `None` if the rest is
-/// too thin to be laid.
+/// Returns the first layer of a reference trajectory, as it must be commanded, and its expected growth, mm. `None` if
+/// the rest of the trajectory is too short for a layer.
 fn first_layer(
     reference: &ReferenceTrajectory,
     robot: &Robot,
@@ -302,7 +306,8 @@ mod tests {
         }
     }
 
-    /// Simulates a growth in which the next layers after the measured layer can no longer be changed.
+    /// Simulates a growth in which the next `under_way` layers after the measured layer can no longer be changed.
+    /// Returns the distance of the tip from the goal at the end, mm.
     fn grow_behind(under_way: usize, disturbance: &Disturbance, seed: u64) -> f64 {
         let (robot, (start, goal)) = (robot_a(), poses());
         let path = plan(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap().path;

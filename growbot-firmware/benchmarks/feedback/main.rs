@@ -1,10 +1,10 @@
-//! Measurement of the cost of a layer in closed loop on the microcontroller, and check that its result is the same as
-//! on a desktop: growths with noise and feedback, on QEMU's mps2-an386.
+//! Measurement of the cost of a layer in closed loop on the microcontroller, and check that the result is the same as
+//! on a desktop. The program computes growths with noise and feedback, on QEMU's mps2-an386.
 //!
-//! For each growth one line is sent over UART0, `seed,layers,hash,instructions,stack`, and `end` at last. The hash is
-//! over the bits of every planned layer and of the tip's last frame. The instructions are those of one layer, in the
-//! mean. `tests/feedback_cost.rs` runs this, and the same growths on the desktop. QEMU must run it with `-icount
-//! shift=10`, that is 1024 ns an instruction.
+//! For each growth one line is sent over UART0, `seed,layers,hash,instructions,stack`, and a line `end` after all
+//! growths. The hash is over the bits of every planned layer and of the tip's last frame. The instructions are those of
+//! one layer, in the mean. `tests/feedback_cost.rs` runs this program, and the same growths on the desktop. QEMU must
+//! run it with `-icount shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]

@@ -1,4 +1,4 @@
-//! Short growths with noise of every kind and feedback, which are the same on every machine.
+//! Short simulated growths with noise of every kind and feedback, whose results are the same on every machine.
 
 use growbot_core::hash::Hasher;
 use growbot_core::path::{Leg, Segment, end};
@@ -8,20 +8,21 @@ use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop};
 use growbot_core::tracking::SensorNoise;
 
-/// Number of growths, each with its own seed.
+/// Number of simulated growths, each with its own seed.
 pub const GROWTHS: u64 = 2;
 
-/// Result of a growth.
+/// Result of a simulated growth.
 pub struct Trial {
-    /// Layers laid.
+    /// Number of layers laid.
     pub layers: u64,
-    /// Hash of the bits of all planned layers, and of the frame and the estimate at the end.
+    /// Hash of the bits of all planned layers, and of the tip's frame and its estimate at the end.
     pub hash: u64,
 }
 
 const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
-/// Grows an arc, a line and an arc. In every other growth only gravity shows the direction of the tip.
+/// Simulates the growth of an arc, a line and an arc. For every other seed the sensor of the tip's direction measures
+/// gravity only.
 pub fn grow(robot: &Robot, seed: u64) -> Option<Trial> {
     let mut random = Rng::new(&[seed]);
     let mut arc = || Segment::Arc { alpha: random.uniform_between(0.0, 6.0), bend: 0.3, length: 30.0 };

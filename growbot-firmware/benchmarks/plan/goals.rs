@@ -1,19 +1,20 @@
-//! The goals with which planners are measured, on every board.
+//! The goals with which the cost of planners is measured, the same on every board.
 
 use core::f64::consts::{PI, TAU};
 
 use growbot_core::pose::Pose;
 
-/// Radius of the goals, mm. It is near the smallest radius of the built-in robot.
+/// Radius of the planned curves, mm. It is near the smallest radius of the built-in robot.
 pub const RADIUS: f64 = 100.0;
 
-/// Returns a number in [0, 1) for each n: Weyl's sequence, evenly spread.
+/// Returns a number in [0, 1) for each `n`: Weyl's sequence with this factor, which is evenly spread.
 pub fn spread(n: u32, factor: f64) -> f64 {
     let value = f64::from(n + 1) * factor;
     value - libm::floor(value)
 }
 
-/// Returns a goal, evenly spread over distance (radii), direction, heading and pitch.
+/// Returns the goal with the number `n`. Goals are evenly spread over direction, heading, pitch and distance, which is
+/// between `nearest` and `farthest` radii.
 pub fn goal(n: u32, nearest: f64, farthest: f64) -> Option<Pose> {
     let distance = RADIUS * (nearest + (farthest - nearest) * spread(n, 0.754_877_666_246_692_7));
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));

@@ -1,9 +1,9 @@
 //! Measurement of the cost of planning on the microcontroller: instructions and stack of each plan, on QEMU's
 //! mps2-an386.
 //!
-//! For each plan one line is sent over UART0, `planner,goals,instructions,stack`, and `end` at last.
-//! `tests/plan_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it with
-//! `-icount shift=10`, that is 1024 ns an instruction.
+//! For each plan one line is sent over UART0, `planner,goals,instructions,stack`, and a line `end` after all plans.
+//! `tests/plan_cost.rs` runs this program and makes the table. It counts instructions, not cycles: QEMU must run it
+//! with `-icount shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]
@@ -42,7 +42,7 @@ fn main() -> ! {
     }
 }
 
-/// Measures each planner with each kind of goals. A further measurement is a further line.
+/// Measures each planner with each kind of goals. To measure a further combination, add a line.
 fn measure_all(to: &mut PolledUart, robot: &Robot) {
     run(to, "planar", "0 to 40 R", 512, |n| planar_goal(n, 40.0), dubins2::shortest);
     run(to, "planar", "0 to 5 R", 512, |n| planar_goal(n, 5.0), dubins2::shortest);
@@ -70,21 +70,23 @@ fn run<G, P>(
     }
 }
 
-/// Plans from the origin, straight up. Returns the number of candidates of which the path was chosen.
+/// Plans a path from the origin, straight up, to a goal. Returns the number of candidates from which the path was
+/// chosen.
 #[inline(never)] // If it were inlined, its stack frame would count once for each use.
 fn plan_to(robot: &Robot, goal: &Option<Pose>, planner: Planner) -> Option<usize> {
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).ok()?;
     plan(robot, &start, goal.as_ref()?, RADIUS, planner).ok().map(|chosen| black_box(chosen).candidate_count)
 }
 
-/// Returns a goal, evenly spread over distance, direction and heading.
+/// Returns a goal in the plane, evenly spread over direction, heading and distance up to `farthest`.
 fn planar_goal(n: u32, farthest: f64) -> PlanarPose {
     let distance = farthest * spread(n, 0.754_877_666_246_692_7);
     let (y, x) = libm::sincos(TAU * spread(n, 0.569_840_290_998_053_2));
     PlanarPose { x: distance * x, y: distance * y, heading: TAU * spread(n, 0.618_033_988_749_894_9) }
 }
 
-/// Returns the ends of parts of words, one after the other: C, CC, CS, SC, S, and nothing.
+/// Returns the end of a degenerate planar path, of which some segments have no length: by `n`, the segments that remain
+/// are C, CC, CS, SC, S, or none.
 fn degenerate_goal(n: u32) -> PlanarPose {
     let (first, last) = (TAU * spread(n, 0.754_877_666_246_692_7), TAU * spread(n, 0.569_840_290_998_053_2));
     let line = 40.0 * spread(n, 0.618_033_988_749_894_9);

@@ -1,8 +1,8 @@
-//! Measurement of the cost of an emergency stop over the link: from its last byte, which waits in the UART, until
-//! heater and drivers are off.
+//! Measurement of the cost of an emergency stop over the link: from the moment at which its last byte waits in the
+//! UART, until heater and drivers are off.
 //!
-//! The UART's driver is the board's own, `boards/an386/uart.rs`. Its queue is always full, as if the main loop never
-//! emptied it. The desktop sends stops behind noise until enough are measured.
+//! The UART's driver is that of the board, `boards/an386/uart.rs`. Its queue is always full, as if the main loop never
+//! emptied it. The desktop sends emergency stops between noise until enough of them are measured.
 
 use cortex_m::asm::isb;
 use cortex_m::interrupt;
@@ -14,11 +14,11 @@ use crate::timer::Timer;
 use crate::tip::word;
 use crate::uart::Uart;
 
-/// The board's clock, Hz.
+/// Frequency of the board's clock, Hz.
 const CLOCK_HZ: u32 = 25_000_000;
-/// Number of stops that are measured.
+/// Number of emergency stops that are measured.
 const STOPS: u32 = 16;
-/// Outputs that a stop switches off.
+/// Offsets of the output words that an emergency stop must set to 0.
 const OUTPUTS: [usize; 5] =
     [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY];
 
@@ -26,7 +26,8 @@ const OUTPUTS: [usize; 5] =
 const UART_STATE: Register = unsafe { Register::at(0x4000_4004) };
 const UART_STATE_RECEIVE_FULL: u32 = 1 << 1;
 
-/// Returns the number of stops, and the max instructions of one, including the entry and the exit of its interrupt.
+/// Returns the number of measured emergency stops, and the max number of instructions of one, including the entry and
+/// the exit of its interrupt.
 pub fn measure(timer: &Timer) -> Option<(u32, u32)> {
     let mut core = cortex_m::Peripherals::take()?;
     interrupt::disable();

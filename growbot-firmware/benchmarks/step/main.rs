@@ -1,9 +1,9 @@
 //! Measurement of the cost of the step interrupt on the microcontroller: instructions of `Engine::tick` in each kind of
 //! tick, and of an emergency stop over the link, on QEMU's mps2-an386.
 //!
-//! Every tick of some turns is measured. For each kind one line is sent over UART0, `turns,tick,count,max`, and `end`
-//! at last. `tests/step_cost.rs` runs this and makes the table. It counts instructions, not cycles: QEMU must run it
-//! with `-icount shift=10`, that is 1024 ns an instruction.
+//! Every tick of some turns is measured. For each kind of tick one line is sent over UART0, `turns,tick,count,max`, and
+//! a line `end` after all kinds. `tests/step_cost.rs` runs this program and makes the table. It counts instructions,
+//! not cycles: QEMU must run it with `-icount shift=10`, that is 1024 ns an instruction.
 
 #![no_std]
 #![no_main]
@@ -43,13 +43,13 @@ use crate::pins::{BenchmarkEngine, World};
 use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
 
-/// Handover in which the UART's interrupt reports an emergency stop.
+/// Mailbox in which the UART's interrupt reports an emergency stop.
 static MAILBOX: Mailbox = Mailbox::new();
 
-/// Turns of each run.
+/// Number of turns that are laid in each run.
 const TURNS: u32 = 4;
 
-/// Kinds of ticks.
+/// Kinds of ticks of the step engine.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Idle,
@@ -81,7 +81,7 @@ const KINDS: [(Kind, &str); 12] = [
     (Kind::Stop, "emergency stop"),
 ];
 
-/// Number of ticks of each kind, and the max instructions of one.
+/// Number of ticks of each kind, and the max number of instructions of one.
 #[derive(Default)]
 struct Costs([(u32, u32); KINDS.len()]);
 
@@ -119,7 +119,7 @@ fn main() -> ! {
     }
 }
 
-/// Changes a robot to a fast one, for wide bends, whose motors need ramps.
+/// Changes the description to that of a fast robot for wide bends, whose motors need ramps.
 fn needs_ramps(description: &mut RobotDescription) {
     description.planning_radius_mm = 150.0;
     description.layer.period_s = 3.0;
@@ -142,7 +142,7 @@ fn run(uart: &mut PolledUart, name: &str, ramps: &str, robot: &Robot, change: im
     }
 }
 
-/// An engine and its simulated hardware.
+/// A step engine and its simulated hardware.
 struct Bench {
     engine: BenchmarkEngine,
     handover: Mailbox,
@@ -162,7 +162,7 @@ impl Bench {
         }
     }
 
-    /// Measures all kinds of ticks. Returns `None` if the engine does not behave as expected.
+    /// Measures all kinds of ticks. Returns `None` if the step engine does not behave as expected.
     fn measure(mut self, robot: &Robot) -> Option<Costs> {
         let head = &robot.description().head;
         let homing = HomingMove {
@@ -189,7 +189,7 @@ impl Bench {
         Some(self.costs)
     }
 
-    /// Runs and measures a tick. Its kind is given by its steps, or otherwise by `kind`.
+    /// Runs and measures one tick. If `kind` is `Nothing`, the steps that the tick has made determine its kind.
     fn tick(&mut self, kind: Kind) {
         let instructions = self.timer.instructions(|| pins::tick(&mut self.engine, &self.handover));
         let steps = self.world.watch();
@@ -216,7 +216,7 @@ impl Bench {
         matches!(self.handover.pop_report(), Some(Report::Homed | Report::Fed)).then_some(())
     }
 
-    /// Lays turns without a stop between them.
+    /// Lays some turns without a stop between them, and measures their ticks.
     fn lay(&mut self, robot: &Robot) -> Option<()> {
         let alternate = robot.description().motion.turning == HeadRotation::Alternate;
         let (mut material, mut encoder) = (TurnPlanner::default(), LayerEncoder::default());
@@ -244,7 +244,7 @@ impl Bench {
         Some(())
     }
 
-    /// Lays a turn of which a number of ticks have passed.
+    /// Lays the rest of a turn, of which `passed` ticks are over, and measures its ticks.
     fn lay_one(&mut self, turn: &Turn, passed: u32) {
         let (mut sectors, mut now) = (turn.sectors.iter(), passed);
         let mut sector_ends = sectors.next().map_or(0, |sector| sector.ticks);

@@ -1,5 +1,5 @@
-//! Pins with the same cost as the robot's, a store or a load and their polarity, and the head and the filament behind
-//! them.
+//! Simulated pins, and the head and the filament behind them. An access costs as much as on the robot: a store or a
+//! load, and the inversion of the level.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +20,7 @@ static INDEX: AtomicBool = AtomicBool::new(false);
 static FILAMENT: AtomicBool = AtomicBool::new(false);
 static STOP: AtomicBool = AtomicBool::new(false);
 
-/// A pin.
+/// A simulated pin.
 pub struct Pin(&'static AtomicBool);
 
 impl ErrorType for Pin {
@@ -51,7 +51,7 @@ impl InputPin for Pin {
 
 type WiredPin = InvertiblePin<Pin>;
 
-/// The engine with its pins wired like the robot's.
+/// The step engine with pins that may be inverted where the robot's may be.
 pub type BenchmarkEngine =
     Engine<Pin, WiredPin, WiredPin, Pin, WiredPin, WiredPin, WiredPin, Pin, WiredPin, BenchmarkOutputs>;
 
@@ -59,7 +59,7 @@ fn wired(pin: &'static AtomicBool) -> WiredPin {
     InvertiblePin::new(Pin(pin), false)
 }
 
-/// Creates an engine with these pins.
+/// Creates a step engine with the simulated pins.
 pub fn engine(settings: EngineConfig) -> BenchmarkEngine {
     STOP.store(false, Ordering::Relaxed);
     Engine::new(
@@ -71,7 +71,8 @@ pub fn engine(settings: EngineConfig) -> BenchmarkEngine {
     )
 }
 
-/// Heater, fan and both drivers: five stores, as on the robot's board.
+/// All outputs of the tip (heater, fan and both stepper drivers). Switching them off takes five stores, as on the
+/// robot's board.
 pub struct BenchmarkOutputs;
 
 impl Outputs for BenchmarkOutputs {
@@ -80,29 +81,29 @@ impl Outputs for BenchmarkOutputs {
     }
 }
 
-/// Presses or releases the emergency stop.
+/// Presses or releases the simulated emergency stop.
 pub fn press_emergency_stop(pressed: bool) {
     STOP.store(pressed, Ordering::Relaxed);
 }
 
-/// Runs the code of the step interrupt.
+/// Runs one tick of the step engine, as the step interrupt does.
 #[inline(never)]
 pub fn tick(engine: &mut BenchmarkEngine, handover: &Mailbox) {
     engine.tick(handover);
 }
 
-/// The head with its index mark, and the filament with its encoder.
+/// Simulated head with its index mark, and filament with its encoder.
 pub struct World {
     steps_per_turn: u32,
     mark: u32,
     mark_width: u32,
-    /// Position of the head within a turn.
+    /// Position of the head within a turn, in head steps.
     head: u32,
     fed: u32,
 }
 
 impl World {
-    /// Creates the hardware of a robot, with its head a little before its mark.
+    /// Creates the simulated hardware of a robot, with its head a little before its index mark.
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
         let steps = |degrees: f64| libm::rint(degrees / 360.0 * f64::from(head.steps_per_turn)) as i32;
@@ -117,12 +118,13 @@ impl World {
         }
     }
 
-    /// Returns the steps from the mark's leading edge to the tip's x axis.
+    /// Returns the number of head steps from the mark's leading edge to the tip's x axis.
     pub fn steps_from_mark_to_zero(&self) -> u32 {
         self.steps_per_turn - self.mark
     }
 
-    /// Reads the step pins after a tick, and moves. Returns whether head and feed have stepped.
+    /// Reads the step pins after a tick, and moves head and filament. Returns whether the head and the feed have made a
+    /// step.
     pub fn watch(&mut self) -> (bool, bool) {
         let (head, feed) = (HEAD_STEP.load(Ordering::Relaxed), FEED_STEP.load(Ordering::Relaxed));
         if head {

@@ -1,4 +1,5 @@
-//! The step interrupt in the board's vector table. It is never started here, because the ticks are called one by one.
+//! Replacement for the board's step interrupt. It is never started here, because the program calls the ticks one by
+//! one.
 
-/// Does nothing.
+/// Does nothing. The vector table needs a handler of the step interrupt.
 pub fn on_tick() {}

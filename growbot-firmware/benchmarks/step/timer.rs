@@ -1,4 +1,4 @@
-//! Counter of instructions: TIMER0.
+//! Counter of instructions, by TIMER0.
 
 use core::hint::black_box;
 
@@ -14,20 +14,20 @@ const RELOAD: Register = unsafe { Register::at(BASE + 0x08) };
 
 const CONTROL_ENABLE: u32 = 1 << 0;
 
-/// Duration of a tick at 25 MHz, ns.
+/// Duration of a timer tick at 25 MHz, ns.
 const NS_PER_TICK: u32 = 40;
-/// Duration of an instruction with `-icount shift=10`, ns. An instruction is 25.6 ticks, so that an error of one tick
-/// does not matter.
+/// Duration of an instruction with `-icount shift=10`, ns. An instruction takes 25.6 timer ticks, so that an error of
+/// one tick does not matter.
 const NS_PER_INSTRUCTION: u32 = 1 << 10;
 
-/// The running timer.
+/// The running timer that counts instructions.
 pub struct Timer {
-    /// Ticks of an empty measurement.
+    /// Number of timer ticks that an empty measurement takes.
     nothing: u32,
 }
 
 impl Timer {
-    /// Starts the timer. It wraps after 160 million instructions, which does not matter.
+    /// Starts the timer. It wraps after 160 million instructions, which does not matter for short work.
     pub fn start() -> Self {
         RELOAD.write(u32::MAX);
         VALUE.write(u32::MAX);
@@ -35,7 +35,7 @@ impl Timer {
         Timer { nothing: ticks(|| black_box(())) }
     }
 
-    /// Returns the instructions of a piece of work, which must be short.
+    /// Returns the number of instructions of `work`, which must be short.
     pub fn instructions(&self, work: impl FnOnce()) -> u32 {
         let ns = ticks(work).saturating_sub(self.nothing).saturating_mul(NS_PER_TICK);
         (ns + NS_PER_INSTRUCTION / 2) / NS_PER_INSTRUCTION

@@ -1,4 +1,5 @@
-//! Flash of the emulated board: words of the memory that it shares with the desktop. They survive its resets.
+//! Flash of the emulated board: words of the memory that the board shares with the desktop. They survive resets of the
+//! board.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 use growbot_firmware::emulated_tip as table;
@@ -6,16 +7,16 @@ use growbot_firmware::emulated_tip as table;
 use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 use crate::tip::word;
 
-/// A part of the flash.
+/// One of the two emulated flash areas: that of the robot's description, or that of the journal.
 pub type SharedMemoryPartition = WordNorFlash<SharedWords>;
 
-/// Words of the shared memory.
+/// Words of the shared memory that emulate a flash area.
 pub struct SharedWords {
     start: usize,
 }
 
 impl SharedWords {
-    /// Returns the flash of the robot's description, and the journal's. Call it once.
+    /// Returns the flash area of the robot's description, and that of the journal. Call it once.
     pub fn parts() -> [SharedMemoryPartition; 2] {
         [table::DESCRIPTION_FLASH, table::JOURNAL_FLASH].map(|start| WordNorFlash(Self { start }))
     }

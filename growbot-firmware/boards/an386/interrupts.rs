@@ -3,13 +3,13 @@
 use cortex_m::interrupt::InterruptNumber;
 use cortex_m::peripheral::NVIC;
 
-/// The interrupts that are used.
+/// The interrupts that the firmware uses, with their numbers.
 #[derive(Clone, Copy, PartialEq, Eq)]
 #[repr(u16)]
 pub enum Interrupt {
     /// UART0 has received a byte.
     UartReceive = 0,
-    /// UART0 can take another byte.
+    /// UART0 can accept another byte to send.
     UartTransmit = 1,
     /// TIMER0 has run out: a step tick.
     StepTick = 8,
@@ -22,8 +22,8 @@ unsafe impl InterruptNumber for Interrupt {
     }
 }
 
-/// Priorities of the interrupts. Steps have priority over bytes: a late byte waits in the UART, but a late step is a
-/// fault in the printed layer.
+/// Priorities of the interrupts. The step tick has priority over the UART: a late byte waits in the UART, but a late
+/// step is a defect in the printed layer.
 const PRIORITIES: [(Interrupt, u8); 3] =
     [(Interrupt::StepTick, 0x20), (Interrupt::UartReceive, 0x40), (Interrupt::UartTransmit, 0x60)];
 

@@ -1,6 +1,6 @@
 //! growbot on QEMU's mps2-an386, a Cortex-M4F at 25 MHz: the emulated robot.
 //!
-//! The controller is the robot's own. Its pins and sensors are words of memory that the desktop maps (see
+//! The controller is the same as on the real robot. Its pins and sensors are words of memory that the desktop maps (see
 //! `growbot_firmware::emulated_tip`). Interrupts step the motors and move the bytes of the link. The main loop does
 //! everything else.
 
@@ -40,15 +40,15 @@ use crate::stack_monitor::StackMonitor;
 use crate::tip::TipPins;
 use crate::uart::Uart;
 
-/// The board's only clock.
+/// Frequency of the board's only clock, Hz.
 const CLOCK_HZ: u32 = 25_000_000;
 
 defmt::timestamp!("{=u64:us}", step_timer::now_us());
 
-/// Handover between the controller and the step interrupt.
+/// Mailbox for moves and reports between the controller and the step interrupt.
 static MAILBOX: Mailbox = Mailbox::new();
 
-/// The parts of this board.
+/// The hardware drivers of this board, by type.
 struct An386;
 
 impl Board for An386 {
@@ -186,8 +186,8 @@ fn decode_for_board(bytes: &[u8]) -> Result<Robot, RobotError> {
     Ok(robot)
 }
 
-/// Returns the robot in the board's flash. Without one it returns the robot whose description the desktop has put into
-/// the tip's memory, and otherwise the robot that the firmware was built for.
+/// Returns the robot whose description is stored in the board's flash. If none is stored, returns the robot whose
+/// description the desktop has written to the shared memory, or else the robot that the firmware was built for.
 #[inline(never)] // Its stack frame is needed only during the start-up.
 fn load_robot(descriptions: &mut DescriptionStore<SharedMemoryPartition>) -> Result<BoardRobot, RobotError> {
     let mut bytes = [0; growbot_core::robot::MAX_ENCODED_LEN];

@@ -1,11 +1,11 @@
 //! A 32-bit word of a peripheral or of the emulated tip.
 
-/// A word that is always read and written as a whole, in the order of the program.
+/// A 32-bit word that is always read and written as a whole, in the order of the program.
 #[derive(Clone, Copy)]
 pub struct Register(*mut u32);
 
 impl Register {
-    /// Returns the word at an address.
+    /// Returns the register at an address.
     ///
     /// # Safety
     ///

@@ -1,4 +1,5 @@
-//! Orderly resets. Each makes the tip safe first, then stores a note for the next boot, then resets.
+//! Orderly resets of the board. Each first makes the outputs safe, then stores a note of the cause for the next boot,
+//! then resets the board.
 
 use core::arch::naked_asm;
 use core::mem::MaybeUninit;
@@ -11,7 +12,7 @@ use crate::registers::Register;
 use crate::runtime::crash::{self, ExceptionContext};
 use crate::tip;
 
-/// Note that survives a reset: no code loads or clears this section.
+/// Note of the cause of a reset. It survives the reset, because no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_note")]
 static NOTE: NoteCell = NoteCell(core::cell::UnsafeCell::new(MaybeUninit::uninit()));
 
@@ -20,7 +21,8 @@ struct NoteCell(core::cell::UnsafeCell<MaybeUninit<u32>>);
 // SAFETY: accessed only through `note`, which reads and writes it as a whole.
 unsafe impl Sync for NoteCell {}
 
-/// Mark of a valid note, which random memory is unlikely to contain. The low byte is a `RESET_*` of `emulated_tip`.
+/// Mark of a valid note, which random memory is unlikely to contain. The low byte of a note is a `RESET_*` of
+/// `emulated_tip`.
 const NOTE_MARK: u32 = 0x6E0F_E500;
 const FAULTED: u32 = emulated_tip::RESET_FAULT;
 const OVERFLOWED: u32 = emulated_tip::RESET_STACK_OVERFLOW;
@@ -43,7 +45,7 @@ pub fn read_and_clear_cause(first_boot: bool) -> u32 {
     }
 }
 
-/// Converts a `RESET_*` of `emulated_tip` to the cause in the link's messages.
+/// Converts a `RESET_*` of `emulated_tip` to the reset cause that the link's messages contain.
 pub fn named(cause: u32) -> ResetCause {
     match cause {
         emulated_tip::RESET_POWER_ON => ResetCause::PowerOn,
@@ -54,8 +56,8 @@ pub fn named(cause: u32) -> ResetCause {
     }
 }
 
-/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
-/// processor.
+/// Makes the outputs safe, records the crash and resets the board. Called after a stack overflow or another fault of
+/// the processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     tip::make_safe();
@@ -65,15 +67,15 @@ pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     SCB::sys_reset()
 }
 
-/// Handler of the watchdog's first expiry.
+/// Handler of the non-maskable interrupt: the first expiry of the watchdog.
 #[unsafe(naked)]
 #[unsafe(export_name = "NonMaskableInt")]
 extern "C" fn non_maskable() -> ! {
     naked_asm!("mrs r0, msp", "mov r1, lr", "b {on_expiry}", on_expiry = sym on_expiry)
 }
 
-/// Makes the tip safe and resets the board. The interrupt stays pending, so that the second expiry resets the board
-/// even if this function could not.
+/// Makes the outputs safe and records the crash after the first expiry of the watchdog. The interrupt stays pending, so
+/// that the second expiry resets the board even if this function could not do its work.
 extern "C" fn on_expiry(stack_pointer: usize, exc_return: u32) -> ! {
     tip::make_safe();
     note().write(NOTE_MARK | emulated_tip::RESET_WATCHDOG);

@@ -1,5 +1,5 @@
-//! Measurement of the stack that was ever used. Start-up paints the whole stack, and words that still have the paint
-//! were never used.
+//! Measurement of the part of the stack that was ever used. Start-up paints the whole stack (fills it with a fixed
+//! word), and words that still have the paint were never used.
 
 use core::hint::black_box;
 
@@ -10,19 +10,20 @@ use crate::registers::Register;
 use crate::runtime::stack;
 use crate::tip;
 
-/// Number of words that are checked in one round of the main loop.
+/// Number of stack words that are checked in one round of the main loop.
 const AT_ONCE: usize = 64;
 
-/// Searches the stack from the bottom upwards for the first used word, some words in each round.
+/// Search of the stack, from the bottom upwards, for the first used word. It checks some words in each round of the
+/// main loop.
 #[derive(Default)]
 pub struct StackMonitor {
-    /// Number of words of paint found so far.
+    /// Number of painted words found so far from the bottom of the stack.
     painted: usize,
 }
 
 impl StackMonitor {
-    /// Continues the search, and reports the result to the host whenever the end of the paint is found. Also crashes if
-    /// the host requests it.
+    /// Continues the search, and reports the number of unused bytes to the host whenever the search has found a used
+    /// word. Crashes the board if the host requests a crash, as a test.
     pub fn look(&mut self) {
         if tip::wants_overflow() {
             black_box(overflow(0));
@@ -47,7 +48,7 @@ impl StackMonitor {
     }
 }
 
-/// Calls itself without end, each time with a new stack frame.
+/// Overflows the stack: calls itself without end, each time with a new stack frame.
 #[expect(unconditional_recursion, reason = "it is to overflow the stack")]
 #[inline(never)]
 fn overflow(depth: u32) -> u32 {
@@ -61,14 +62,14 @@ fn undefined_instruction() {
     cortex_m::asm::udf();
 }
 
-/// Reads from an address without memory.
+/// Reads from an address without memory, so that the processor faults.
 #[inline(never)]
 fn access_in_vain() -> u32 {
     // SAFETY: the address has no memory, so that the processor faults, as intended.
     unsafe { Register::at(table::NOWHERE) }.read()
 }
 
-/// Hangs until the watchdog expires.
+/// Hangs without feeding the watchdog, until the watchdog expires.
 #[inline(never)]
 fn hang() {
     loop {

@@ -1,4 +1,4 @@
-//! The step interrupt: TIMER0, and the clock that counts its ticks.
+//! The step interrupt of the emulated board: TIMER0, and the board's clock, which counts its ticks.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -25,7 +25,7 @@ const INTERRUPT_CLEAR: Register = unsafe { Register::at(BASE + 0x0C) };
 const CONTROL_ENABLE: u32 = 1 << 0;
 const CONTROL_INTERRUPT: u32 = 1 << 3;
 
-/// The engine that runs in the step interrupt.
+/// The step engine with the pins of the emulated board.
 pub type StepEngine = Engine<
     RecordedStepPin,
     RecordedDirectionPin,
@@ -46,8 +46,8 @@ static TICKS_HI: AtomicU32 = AtomicU32::new(0);
 
 static TICK_HZ: AtomicU32 = AtomicU32::new(1);
 
-/// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
-/// checked the rate.
+/// Starts the timer of the step interrupt. The ticks begin once the interrupts are enabled.
+/// [`growbot_core::robot::Robot::check_for_board`] has checked the rate.
 pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     ENGINE.init(engine);
     TICK_HZ.store(tick_hz, Ordering::Relaxed);
@@ -58,12 +58,12 @@ pub fn start(engine: StepEngine, tick_hz: u32, clock_hz: u32) {
     CONTROL.write(CONTROL_ENABLE | CONTROL_INTERRUPT);
 }
 
-/// Handles the step interrupt.
+/// Handles the step interrupt: counts a tick and runs the step engine.
 pub fn on_tick() {
     INTERRUPT_CLEAR.write(1);
     let low = TICKS_LO.load(Ordering::Relaxed).wrapping_add(1);
     let high = TICKS_HI.load(Ordering::Relaxed).wrapping_add(u32::from(low == 0));
-    // The high word is stored before the low one. `ticks` reads them in the reverse order and so detects a carry.
+    // The high word is stored before the low one. `ticks` reads both in the reverse order and so detects a carry.
     TICKS_HI.store(high, Ordering::Release);
     TICKS_LO.store(low, Ordering::Release);
     tip::publish_tick(low, high);
@@ -71,7 +71,7 @@ pub fn on_tick() {
     unsafe { ENGINE.with(|engine| engine.tick(&MAILBOX)) };
 }
 
-/// Returns the ticks since the board started.
+/// Returns the number of step ticks since the board started.
 fn ticks() -> u64 {
     loop {
         let high = TICKS_HI.load(Ordering::Acquire);
@@ -82,14 +82,14 @@ fn ticks() -> u64 {
     }
 }
 
-/// Returns the microseconds since the board started. They count step ticks, so that an emulator that falls behind slows
-/// down steps and time alike.
+/// Returns the time since the board started, us. It is computed from the count of step ticks, so that an emulator that
+/// falls behind slows down steps and time alike.
 pub fn now_us() -> u64 {
     microseconds(ticks(), TICK_HZ.load(Ordering::Relaxed))
 }
 
-/// Converts ticks to microseconds. Whole seconds are computed separately, so that nothing overflows in the life of a
-/// board.
+/// Converts step ticks to microseconds. Whole seconds are computed separately, so that nothing overflows in the life of
+/// a board.
 fn microseconds(ticks: u64, tick_hz: u32) -> u64 {
     let hz = u64::from(tick_hz.max(1));
     (ticks / hz) * 1_000_000 + (ticks % hz) * 1_000_000 / hz

@@ -1,4 +1,5 @@
-//! The emulated tip on the board's side: pins and sensors that are words of `growbot_firmware::emulated_tip`.
+//! Drivers of the emulated tip's pins and sensors, which are words of the shared memory
+//! (`growbot_firmware::emulated_tip`).
 
 use core::convert::Infallible;
 use core::sync::atomic::{Ordering, fence};
@@ -10,7 +11,7 @@ use growbot_firmware::hal::{Adc, GravitySensor, Outputs};
 
 use crate::registers::Register;
 
-/// Returns the word at a byte offset. An offset outside of the memory is mapped to a word inside.
+/// Returns the word at a byte offset of the shared memory. An offset outside of the memory is mapped to a word inside.
 pub fn word(offset: usize) -> Register {
     let inside = offset & (table::SIZE - 4);
     // SAFETY: aligned and inside the expansion RAM. No linker region covers it, so that Rust code owns nothing there.
@@ -21,48 +22,49 @@ fn count(offset: usize) {
     word(offset).write(word(offset).read().wrapping_add(1));
 }
 
-/// All outputs and inputs of the tip, each once.
+/// All outputs and inputs of the emulated tip, each once.
 pub struct TipPins {
-    /// STEP of the head.
+    /// STEP pin of the head's driver.
     pub head_step: RecordedStepPin,
-    /// DIR of the head.
+    /// DIR pin of the head's driver.
     pub head_direction: RecordedDirectionPin,
-    /// Enable of the head's driver. High energises it.
+    /// Enable pin of the head's driver. High energises the motor.
     pub head_enable: Switch,
-    /// STEP of the feed.
+    /// STEP pin of the feed's driver.
     pub feed_step: RecordedStepPin,
-    /// DIR of the feed.
+    /// DIR pin of the feed's driver.
     pub feed_direction: RecordedDirectionPin,
-    /// Enable of the feed's driver. High energises it.
+    /// Enable pin of the feed's driver. High energises the motor.
     pub feed_enable: Switch,
-    /// Power of the heater.
+    /// Duty of the heater's power stage.
     pub heater: Power,
-    /// Second switch in the heater's supply. High closes it.
+    /// Second switch, in series with the heater's power stage. High closes it.
     pub heater_enable: Switch,
-    /// Temperature of the heater.
+    /// ADC channel of the nozzle's thermistor.
     pub thermistor: TipAdc,
-    /// Index sensor. Low if the head is on its mark.
+    /// Input of the index sensor. Low while the head is on the index mark.
     pub index: IndexSensor,
-    /// Fan that cools the print.
+    /// Duty of the fan that cools the print.
     pub fan: Power,
-    /// Voltage of the supply.
+    /// ADC channel of the supply voltage.
     pub supply: TipAdc,
-    /// Presence of filament. High if it is present.
+    /// Input that is high while filament is present.
     pub filament_presence: Flag,
-    /// Encoder of the filament. It rises once for each pulse's length of filament.
+    /// Input of the filament's encoder. It rises once for each encoder pitch of filament.
     pub filament_motion: FilamentEncoder,
-    /// Fault signal. High if a stepper driver reports a fault.
+    /// Input that is high while a stepper driver reports a fault.
     pub driver_fault: Flag,
-    /// Emergency stop. High if it is pressed.
+    /// Input that is high while the emergency stop is pressed.
     pub emergency_stop: Flag,
-    /// Orientation of the tip.
+    /// Orientation sensor of the tip.
     pub orientation: OrientationSensor,
 }
 
 impl TipPins {
-    /// Writes the board's words for a new boot, with all outputs off, and returns the pins. Call it once.
+    /// Writes the board's words of the shared memory for a new boot, with all outputs off, and returns the pins. Call
+    /// it once.
     ///
-    /// `cause` is called with `true` on the first boot on this memory, and returns the cause of the start.
+    /// `cause` returns the cause of the board's start. Its argument is `true` in the first boot on this memory.
     pub fn start(cause: impl FnOnce(bool) -> u32) -> Self {
         let first_boot =
             word(table::MAGIC).read() != table::MAGIC_VALUE || word(table::VERSION).read() != table::VERSION_VALUE;
@@ -113,7 +115,8 @@ impl TipPins {
     }
 }
 
-/// Heater, fan and both drivers, for the step interrupt.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct EmulatedOutputs;
 
 impl Outputs for EmulatedOutputs {
@@ -122,26 +125,27 @@ impl Outputs for EmulatedOutputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context.
+/// Switches heater, fan and both stepper drivers off at once, from any context.
 pub fn make_safe() {
     for output in [table::HEATER_ENABLE, table::HEATER_DUTY, table::HEAD_ENABLE, table::FEED_ENABLE, table::FAN_DUTY] {
         word(output).write(0);
     }
 }
 
-/// Returns the cause of this boot, a `RESET_*` of `emulated_tip`.
+/// Returns the cause of this boot, a `RESET_*` of `emulated_tip`, from the shared memory.
 pub fn reset_cause() -> u32 {
     word(table::RESET_CAUSE).read()
 }
 
-/// Returns a number that differs from that of all other boots, as far as the host's entropy does.
+/// Returns an identifier of this boot. It differs from that of all earlier boots, if the host writes a different
+/// [`table::ENTROPY`] in each run.
 pub fn boot_id() -> u32 {
     // An odd factor spreads the small boot counter over all bits and keeps it one-to-one.
     word(table::ENTROPY).read() ^ word(table::BOOTS).read().wrapping_mul(0x9E37_79B1)
 }
 
-/// Copies the robot description that the host has written, and returns its length. It is 0 without a description, and
-/// for one that does not fit.
+/// Copies the robot description that the host has written into `into`, and returns its length in bytes. Returns 0 if
+/// the host has written none, or one that does not fit.
 pub fn copy_robot_description(into: &mut [u8]) -> usize {
     let length = word(table::ROBOT_LENGTH).read() as usize;
     if length > table::ROBOT_CAPACITY || length > into.len() {
@@ -156,12 +160,13 @@ pub fn copy_robot_description(into: &mut [u8]) -> usize {
     length
 }
 
-/// Reports the tick rate to the host.
+/// Publishes the tick rate, Hz, for the host.
 pub fn set_tick_hz(tick_hz: u32) {
     word(table::TICK_HZ).write(tick_hz);
 }
 
-/// Reports the time to the host, and adds the heat of the past tick. The step interrupt calls this.
+/// Publishes the count of ticks for the host, and adds the heater's energy of the past tick. The step interrupt calls
+/// this.
 pub fn publish_tick(low: u32, high: u32) {
     if low == 0 {
         word(table::TICKS_HI).write(high);
@@ -179,32 +184,32 @@ pub fn publish_tick(low: u32, high: u32) {
     word(table::alarm_offset(low)).write(low);
 }
 
-/// Counts a feed of the watchdog.
+/// Counts a feed of the watchdog in the shared memory.
 pub fn count_feed() {
     count(table::WATCHDOG_FEEDS);
 }
 
-/// Counts a received byte that was lost because the queue was full.
+/// Counts, in the shared memory, a received byte that was lost because the queue was full.
 pub fn count_lost_byte() {
     count(table::LINK_BYTES_LOST);
 }
 
-/// Returns whether the host requests that the main loop hang.
+/// Returns whether the host requests that the board's main loop hang, as a test.
 pub fn wants_hang() -> bool {
     word(table::HANG).read() == 1
 }
 
-/// Reports to the host how much of the stack was never used.
+/// Publishes for the host the number of bytes of the stack that were never used.
 pub fn publish_unused_stack(bytes: u32) {
     word(table::STACK_UNUSED).write(bytes);
 }
 
-/// Returns whether the host requests a stack overflow.
+/// Returns whether the host requests that the board overflow its stack, as a test.
 pub fn wants_overflow() -> bool {
     word(table::OVERFLOW_STACK).read() == 1
 }
 
-/// Returns the kind of crash that the host requests, one of `CRASH_*`.
+/// Returns the kind of crash that the host requests as a test, one of `CRASH_*`; 0 for none.
 pub fn wanted_crash() -> u32 {
     word(table::CRASH).read()
 }
@@ -234,7 +239,7 @@ const fn wire_of(axis: RecordedMotor) -> &'static core::sync::atomic::AtomicBool
     }
 }
 
-/// A DIR pin.
+/// DIR pin of a stepper driver. Its level is stored in each step record.
 pub struct RecordedDirectionPin {
     axis: RecordedMotor,
 }
@@ -255,7 +260,8 @@ impl OutputPin for RecordedDirectionPin {
     }
 }
 
-/// A STEP pin. Only the step interrupt drives the two STEP pins, because they share the write index of the ring.
+/// STEP pin of a stepper driver. Each rising edge is stored as a step record in the shared memory. Only the step
+/// interrupt drives the two STEP pins, because they share the write index of the ring buffer.
 pub struct RecordedStepPin {
     axis: RecordedMotor,
     high: bool,
@@ -301,7 +307,7 @@ fn rising_edge(axis: RecordedMotor) {
     word(table::STEP_WRITE_INDEX).write(index.wrapping_add(1));
 }
 
-/// An output that is one word, 0 or 1.
+/// Output pin that is a word of the shared memory: 0 for low, 1 for high.
 pub struct Switch {
     offset: usize,
 }
@@ -322,7 +328,7 @@ impl OutputPin for Switch {
     }
 }
 
-/// A duty that is one word: the heater's power, or the fan's speed.
+/// Duty that is a word of the shared memory: that of the heater or of the fan, 0 to 65,535.
 pub struct Power {
     offset: usize,
 }
@@ -342,7 +348,7 @@ impl SetDutyCycle for Power {
     }
 }
 
-/// A channel of the ADC: that of the thermistor, or of the supply.
+/// ADC channel that is two words of the shared memory: the thermistor's or the supply's.
 pub struct TipAdc {
     raw: usize,
     live: usize,
@@ -358,7 +364,7 @@ impl Adc for TipAdc {
     }
 }
 
-/// An input that is one word: high if it is 1.
+/// Input pin that is a word of the shared memory: high if the word is 1.
 pub struct Flag {
     offset: usize,
 }
@@ -377,13 +383,14 @@ impl InputPin for Flag {
     }
 }
 
-/// The encoder that the filament turns.
+/// Input of the filament's encoder, computed from the feed steps and the encoder's words of the shared memory.
 pub struct FilamentEncoder {
     mapping: EncoderMapping,
 }
 
 impl FilamentEncoder {
-    /// Reads the encoder's mapping. While the host is changing it, returns the mapping of the latest read.
+    /// Reads the encoder's mapping from the shared memory. While the host is changing it, returns the mapping that was
+    /// read before.
     fn look(&mut self) -> EncoderMapping {
         let sequence = word(table::ENCODER_SEQUENCE).read();
         let mapping = EncoderMapping {
@@ -417,7 +424,7 @@ impl InputPin for FilamentEncoder {
     }
 }
 
-/// The orientation sensor.
+/// Orientation sensor of the tip, whose readings are words of the shared memory.
 pub struct OrientationSensor(());
 
 impl GravitySensor for OrientationSensor {
@@ -430,7 +437,7 @@ impl GravitySensor for OrientationSensor {
     }
 }
 
-/// The index sensor of the head, low on its mark.
+/// Index sensor of the head, computed from the head steps. Its level is low on the index mark.
 pub struct IndexSensor(());
 
 impl ErrorType for IndexSensor {

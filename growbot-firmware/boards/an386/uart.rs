@@ -1,6 +1,6 @@
-//! The UART of the link, UART0: a byte queue in each direction.
+//! The UART of the link, UART0, with a byte queue in each direction.
 //!
-//! Interrupts empty and fill both queues, so that `main` never waits for the UART.
+//! Interrupts move the bytes between the UART and the queues, so that `main` never waits for the UART.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -25,7 +25,7 @@ const BAUD_DIVIDER: Register = unsafe { Register::at(BASE + 0x10) };
 
 const STATE_TRANSMIT_FULL: u32 = 1 << 0;
 const STATE_RECEIVE_FULL: u32 = 1 << 1;
-/// Enables both directions and both interrupts.
+/// Bits of the control register that enable both directions and both interrupts.
 const CONTROL_ALL: u32 = 0b1111;
 const CLEAR_TRANSMIT: u32 = 1 << 0;
 const CLEAR_RECEIVE: u32 = 1 << 1;
@@ -33,11 +33,11 @@ const CLEAR_RECEIVE: u32 = 1 << 1;
 static RECEIVED: ByteQueue<4096> = ByteQueue::new();
 static TO_SEND: ByteQueue<4096> = ByteQueue::new();
 
-/// The queues' ends in `main`.
+/// The byte queues of the link, as `main` uses them.
 pub struct Uart {
     /// Received bytes, oldest first.
     pub received: &'static ByteQueue<4096>,
-    /// Bytes to send; call [`Uart::send_queued`] after adding some.
+    /// Bytes to send, oldest first. Call [`Uart::send_queued`] after adding some.
     pub to_send: &'static ByteQueue<4096>,
 }
 
@@ -51,16 +51,17 @@ impl Uart {
         Uart { received: &RECEIVED, to_send: &TO_SEND }
     }
 
-    /// Pends the transmit interrupt, which reads the queue.
+    /// Starts to send the queued bytes: pends the transmit interrupt, which reads the queue.
     pub fn send_queued(&self) {
         interrupts::pend(Interrupt::UartTransmit);
     }
 }
 
-/// Recogniser of an emergency stop in the received bytes.
+/// Detector of an emergency stop in the received bytes.
 static ESTOP_DETECTOR: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
-/// Processes the received bytes. An emergency stop is carried out here, ahead of all queued bytes.
+/// Handles the receive interrupt: moves the received bytes to the queue. An emergency stop is carried out here, ahead
+/// of all queued bytes.
 pub fn on_receive() {
     // The flag is cleared before the bytes are read. If it were cleared afterwards, a byte that arrives in between
     // would be lost.
@@ -75,7 +76,7 @@ pub fn on_receive() {
     }
 }
 
-/// Switches everything off before anything else runs, if an emergency stop has arrived.
+/// Switches everything off at once if an emergency stop has arrived.
 fn handle_emergency_stop(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
@@ -84,7 +85,8 @@ fn handle_emergency_stop(emergency_stop: bool) {
     }
 }
 
-/// Sends as many bytes as the UART accepts. It interrupts again when it can accept more.
+/// Handles the transmit interrupt: sends as many queued bytes as the UART accepts. The UART interrupts again when it
+/// can accept more.
 pub fn on_transmit() {
     INTERRUPT_CLEAR.write(CLEAR_TRANSMIT);
     while STATE.read() & STATE_TRANSMIT_FULL == 0 {

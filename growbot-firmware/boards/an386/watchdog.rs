@@ -26,8 +26,8 @@ pub struct CmsdkWatchdog(());
 /// it has other work. The timeout of the robot's board is 1 s.
 const PATIENCE: u32 = 10;
 
-/// Starts the watchdog. The tip is made safe [`PATIENCE`] after the last feed, and the board resets after the same time
-/// again.
+/// Starts the watchdog. It makes the outputs safe after [`PATIENCE`] without a feed, and resets the board after twice
+/// that time.
 pub fn start(clock_hz: u32) -> CmsdkWatchdog {
     LOCK.write(UNLOCK);
     LOAD.write(clock_hz.saturating_mul(PATIENCE));

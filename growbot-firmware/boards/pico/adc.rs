@@ -1,7 +1,9 @@
-//! The analog inputs. The ADC converts thermistor and supply by turns, one at a time, and no code waits for it.
+//! The analog inputs of thermistor and supply. The ADC converts one of them at a time, alternately, and no code waits
+//! for it.
 //!
-//! The first call of `sample` switches the ADC on, so that the link responds first after start-up. Its non-linearity at
-//! four codes (erratum RP2040-E11) is smaller than the noise that the mean of a reading's conversions removes.
+//! The first call of `sample` switches the ADC on, so that the link responds first after start-up. The ADC's
+//! non-linearity at four codes (erratum RP2040-E11) is smaller than the noise that the mean of several conversions
+//! removes.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -9,27 +11,29 @@ use growbot_core::robot::FIRST_ANALOG_PIN;
 use growbot_firmware::hal::Adc;
 use rp2040_pac as pac;
 
-/// Control and status: on, start of one conversion, ready, error, and the position of the channel number.
+/// Bit of the ADC's control and status register that switches the ADC on. `START` starts one conversion, `READY` shows
+/// its end, and `CHANNEL` is the position of the channel number.
 const ON: u32 = 1;
 const START: u32 = 1 << 2;
 const READY: u32 = 1 << 8;
 const CHANNEL: u32 = 12;
-/// The last channel with a pin.
+/// Number of the last ADC channel that has a pin.
 const LAST_CHANNEL: u32 = 3;
 
-/// Latest unread reading of the supply, otherwise [`NONE`].
+/// Latest unread conversion of the supply. [`NONE`] if the latest one was read.
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
-/// The thermistor's input, and the ADC, which converts both inputs.
+/// Input of the thermistor. It owns the ADC, which converts both inputs.
 pub struct ThermistorAdc {
     adc: pac::ADC,
     state: Rp2040AdcState,
-    /// Channels of the thermistor and of the supply. If the supply is not measured, both are that of the thermistor.
+    /// Numbers of the ADC channels of the thermistor and of the supply. If the supply is not measured, both are that of
+    /// the thermistor.
     channels: [u32; 2],
 }
 
-/// The supply's input. It is converted when the thermistor is sampled.
+/// Input of the supply. It is converted when the thermistor is sampled.
 pub struct SupplyAdc(());
 
 enum Rp2040AdcState {
@@ -43,7 +47,7 @@ enum Rp2040AdcState {
     ConvertingSupply,
 }
 
-/// Creates both inputs, at these pins. The ADC is not started.
+/// Creates the inputs of thermistor and supply at these pins. The ADC is not started.
 pub fn new(adc: pac::ADC, thermistor: Option<u8>, supply: Option<u8>) -> (ThermistorAdc, SupplyAdc) {
     let channel = |pin: u8| u32::from(pin.saturating_sub(FIRST_ANALOG_PIN)).min(LAST_CHANNEL);
     let thermistor = thermistor.map_or(0, channel);
@@ -61,7 +65,7 @@ impl ThermistorAdc {
         self.control(channel << CHANNEL | START);
     }
 
-    /// Returns the result of the conversion, if it is done.
+    /// Returns the result of the running conversion. `None` while it is not done.
     fn read_converted(&self) -> Option<u16> {
         let done = self.adc.cs().read().bits() & READY != 0;
         done.then(|| (self.adc.result().read().bits() & 0xFFF) as u16)
@@ -69,8 +73,9 @@ impl ThermistorAdc {
 }
 
 impl Adc for ThermistorAdc {
-    /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
-    /// call returns `None`, and so does a call within 2 us.
+    /// Returns the result of the thermistor's conversion if it has ended since the last call, and starts the next
+    /// conversion. Returns `None` in every other call, in which the supply's conversion is read, and in a call within 2
+    /// us of the last one.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             Rp2040AdcState::Off => {

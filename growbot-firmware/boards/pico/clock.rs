@@ -1,28 +1,28 @@
-//! The board's clocks, 125 MHz from the crystal's 12 MHz, and the time, which the timer counts in microseconds.
+//! The board's clocks, 125 MHz from the crystal's 12 MHz, and the board's time, which the timer counts in microseconds.
 
 use rp2040_pac as pac;
 
-/// The processor's clock.
+/// Frequency of the processor's clock, Hz.
 pub const PROCESSOR_HZ: u32 = 125_000_000;
-/// Bits of the used peripherals: ADC, both banks of pins and pads, both PLLs, PWM, timer, both UARTs (data sheet,
-/// 2.14.3).
+/// Bits of the used peripherals in the reset register: ADC, both banks of pins and pads, both PLLs, PWM, timer, both
+/// UARTs (data sheet, 2.14.3).
 const USED: u32 = 1 | 1 << 5 | 1 << 8 | 1 << 12 | 1 << 13 | 1 << 14 | 1 << 21 | 1 << 22 | 1 << 23;
-/// Clocks of the crystal in a microsecond.
+/// Frequency of the crystal, MHz.
 const CRYSTAL_MHZ: u32 = 12;
 /// Number of readings of the timer, one a step tick, after which an unchanged timer counts as stopped. Ticks are at
 /// least 10 us apart and the timer counts microseconds, so one reading would be enough.
 const STANDING: u32 = 4;
-/// Magic numbers of the crystal's oscillator: on, at 1 to 15 MHz.
+/// Value of the crystal oscillator's control register: on, at 1 to 15 MHz.
 const CRYSTAL_ON: u32 = 0xFA_BAA0;
 /// Start-up delay of the crystal, 1 ms: 47 times 256 clocks.
 const CRYSTAL_DELAY: u32 = 47;
 const STABLE: u32 = 1 << 31;
 const LOCKED: u32 = 1 << 31;
-/// Power-down bits of a PLL: all parts, and only its dividers.
+/// Power-down bits of all parts of a PLL. `PLL_DIVIDERS_OFF` is the bit of its dividers alone.
 const PLL_OFF: u32 = 0b101101;
 const PLL_DIVIDERS_OFF: u32 = 1 << 3;
 
-/// Starts a PLL of 12 MHz times `factor`, divided by two dividers.
+/// Starts a PLL: multiplies the crystal's 12 MHz by `factor` and divides the result by both dividers.
 fn run_pll(pll: &pac::pll_sys::RegisterBlock, factor: u32, dividers: [u32; 2]) {
     let [first, second] = dividers;
     // SAFETY: oscillators of 750 to 1600 MHz and dividers of 1 to 7, as the data sheet allows (2.18.2).
@@ -73,19 +73,19 @@ pub fn start(device: &pac::Peripherals) {
 /// would then see no time pass, and feed a watchdog that never expires. The processor's PLL may run on without the
 /// crystal, and the step interrupt with it.
 pub struct CrystalMonitor {
-    /// Lower half of the timer at the latest check.
+    /// Lower half of the timer's count at the latest check, us.
     latest: u32,
-    /// Number of consecutive checks with this value.
+    /// Number of consecutive checks at which the timer had the count `latest`.
     same: u32,
 }
 
 impl CrystalMonitor {
-    /// Creates the detector.
+    /// Creates the detector, before its first check.
     pub const fn new() -> Self {
         Self { latest: 0, same: 0 }
     }
 
-    /// Checks the timer, at each step tick. Returns whether it has stopped.
+    /// Checks the timer and returns whether it has stopped. Call it at each step tick.
     #[inline(always)] // The interrupt that calls it runs from memory.
     pub fn has_stopped(&mut self) -> bool {
         // SAFETY: reading this register has no effect.
@@ -96,7 +96,7 @@ impl CrystalMonitor {
     }
 }
 
-/// Returns the microseconds since the board started.
+/// Returns the time since the board started, us.
 pub fn now_us() -> u64 {
     // SAFETY: reading these registers has no effect.
     let timer = unsafe { &*pac::TIMER::ptr() };

@@ -1,45 +1,48 @@
-//! The flash of the robot's description and that of the journal. They are 256 KiB each at the end of the chip from
-//! which the firmware runs. Functions of the boot ROM erase and program them (data sheet of the RP2040, 2.8.3).
+//! The flash of the robot's description and that of the journal: 256 KiB each at the end of the flash chip from which
+//! the firmware runs. Functions of the boot ROM erase and program them (data sheet of the RP2040, 2.8.3).
 //!
-//! Meanwhile the flash cannot be read, and no code in it can run. This code therefore runs in memory, and so do the
-//! interrupts and all functions that they call, which continue. The main loop waits: 0.4 ms for a page, 3 ms at most,
-//! and 0.5 s for a sector, which is erased between jobs only. Of that, 32 KiB take 120 ms, 1.6 s at most (data sheet of
-//! the W25Q16JV, 9.6), which is less than the watchdog's timeout. A fault of the processor finds no handler meanwhile.
-//! In that case the watchdog resets the board.
+//! While the flash is erased or programmed it cannot be read, and no code in it can run. This code therefore runs in
+//! RAM, and so do the interrupts and all functions that they call, which continue. The main loop waits: 0.4 ms for a
+//! page, 3 ms at most, and 0.5 s for a sector, which is erased between jobs only. A block of 32 KiB takes 120 ms of
+//! that, 1.6 s at most (data sheet of the W25Q16JV, 9.6), which is less than the watchdog's timeout. A fault of the
+//! processor finds no handler in this time. In that case the watchdog resets the board.
 
 use embedded_storage::nor_flash::NorFlashErrorKind;
 
 use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 
-/// Bytes of a sector, and of a block that is erased at once, and its command.
+/// Length of a sector, bytes. `BLOCK_BYTES` is the length of a block that is erased at once, and `ERASE_BLOCK` the
+/// command for it.
 const SECTOR_BYTES: usize = 128 * 1024;
 const BLOCK_BYTES: usize = 32 * 1024;
 const ERASE_BLOCK: u32 = 0x52;
-/// Bytes that are programmed at once. Cells that are programmed with a one do not change.
+/// Length of a page, which is programmed at once, bytes. Cells that are programmed with a one do not change.
 const PAGE_BYTES: usize = 256;
 const PAGE_WORDS: usize = PAGE_BYTES / 4;
-/// Address at which the flash is mapped.
+/// Address at which the flash chip is mapped.
 const MAPPED: usize = 0x1000_0000;
-/// The boot ROM's table of functions and the function that searches it: addresses of 16 bits.
+/// Address of the 16-bit pointer to the boot ROM's table of functions. `ROM_SEARCH` is that of the pointer to the
+/// function that searches the table.
 const ROM_TABLE: *const u16 = 0x14 as *const u16;
 const ROM_SEARCH: *const u16 = 0x18 as *const u16;
 
 unsafe extern "C" {
-    /// Beginning and end of the description and the journal in the memory map. Only their addresses are used.
+    /// Beginning of the description's flash in the memory map. This symbol and the next ones mark the beginning and the
+    /// end of the flash of description and journal. Only their addresses are used.
     static _description_start: u32;
     static _description_end: u32;
     static _journal_start: u32;
     static _journal_end: u32;
 }
 
-/// A part of the flash.
+/// One of the two flash areas: that of the robot's description, or that of the journal.
 pub type FlashPartition = WordNorFlash<Rp2040Flash>;
 
 type Plain = unsafe extern "C" fn();
 type Erase = unsafe extern "C" fn(offset: u32, bytes: usize, block: u32, command: u32);
 type Program = unsafe extern "C" fn(offset: u32, data: *const u32, bytes: usize);
 
-/// The functions of the boot ROM that are needed here.
+/// The functions of the boot ROM that change the flash.
 #[derive(Clone, Copy)]
 struct Rom {
     connect: Plain,
@@ -49,7 +52,7 @@ struct Rom {
     flush: Plain,
 }
 
-/// The second-stage loader in memory, and a page to be programmed.
+/// A flash area, a copy of the second-stage loader in RAM, and the buffer of the page to be programmed.
 pub struct Rp2040Flash {
     rom: Option<Rom>,
     loader: [u32; PAGE_WORDS],
@@ -58,7 +61,7 @@ pub struct Rp2040Flash {
     bytes: usize,
 }
 
-/// Returns the address of a function of the boot ROM. `None` if it has no function of that name.
+/// Returns the address of a function of the boot ROM. `None` if the boot ROM has no function with this name.
 fn search(name: [u8; 2]) -> Option<usize> {
     // SAFETY: the boot ROM has the addresses of its table and of a function of this type there.
     unsafe {
@@ -90,8 +93,8 @@ impl Rom {
     }
 }
 
-/// Erases a block if `page` is null, otherwise programs a page. The function is in memory, and all functions that it
-/// calls are there or in the ROM.
+/// Erases a block if `page` is null, otherwise programs a page. This function is in RAM, and all functions that it
+/// calls are in RAM or in the boot ROM.
 ///
 /// # Safety
 ///
@@ -115,12 +118,12 @@ unsafe fn change(rom: &Rom, loader: *const u32, offset: u32, page: *const u32) {
 }
 
 impl Rp2040Flash {
-    /// Returns the flash of the robot's description.
+    /// Returns the flash area of the robot's description.
     pub fn of_description() -> FlashPartition {
         WordNorFlash(Self::between(&raw const _description_start, &raw const _description_end))
     }
 
-    /// Returns the journal's flash.
+    /// Returns the flash area of the journal.
     pub fn of_journal() -> FlashPartition {
         WordNorFlash(Self::between(&raw const _journal_start, &raw const _journal_end))
     }
@@ -133,12 +136,12 @@ impl Rp2040Flash {
         Self { rom: Rom::find(), loader, page: [u32::MAX; PAGE_WORDS], start, bytes }
     }
 
-    /// Returns the address of a byte of this flash.
+    /// Returns the address of the byte at an offset of this flash area.
     fn address(&self, offset: usize) -> *const u32 {
         self.start.wrapping_byte_add(offset)
     }
 
-    /// Erases the block or programs the page at an offset.
+    /// Erases the block at an offset of this flash area if `page` is `None`. Otherwise programs the page buffer there.
     fn change(&mut self, offset: usize, page: Option<()>) -> Result<(), NorFlashErrorKind> {
         let rom = self.rom.ok_or(NorFlashErrorKind::Other)?;
         if offset >= self.capacity() {
@@ -152,7 +155,7 @@ impl Rp2040Flash {
         Ok(())
     }
 
-    /// Programs the content of the page buffer, and clears the buffer.
+    /// Programs the content of the page buffer to an offset of this flash area, and clears the buffer.
     fn program_page(&mut self, offset: usize) -> Result<(), NorFlashErrorKind> {
         let done = self.change(offset, Some(()));
         self.page = [u32::MAX; PAGE_WORDS];

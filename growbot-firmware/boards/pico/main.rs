@@ -7,8 +7,8 @@
 //! | 1 | UART0_IRQ, USBCTRL_IRQ | move the bytes of the link |
 //! | main loop | | polls the controller, at each step tick |
 //!
-//! The interrupts run from memory (`memory/pico.x`), so that none waits while the flash is written to. Steps continue,
-//! and an emergency stop is carried out.
+//! The interrupts run from RAM (`memory/pico.x`), so that they do not wait while the flash is written to. In this time
+//! steps continue, and an emergency stop is carried out.
 //!
 //! The processor has neither a floating-point unit nor atomic swaps. The compiler's arithmetic is used instead of the
 //! boot ROM's, because the results are the same bits as on all other machines. The boot ROM's arithmetic flushes
@@ -58,21 +58,21 @@ use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
 use crate::tmc_uart::TmcUart;
 
-/// The second stage of the boot ROM's loader, for the flash chip of the board.
+/// The second stage of the boot loader, for the flash chip of the board.
 #[unsafe(link_section = ".boot2")]
 #[used]
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
 
 defmt::timestamp!("{=u64:us}", clock::now_us());
 
-/// Handover between the controller and the step interrupt.
+/// Mailbox for moves and reports between the controller and the step interrupt.
 static MAILBOX: Mailbox = Mailbox::new();
 
-/// Interrupts and their priorities, of which the upper two bits count.
+/// Interrupts and their priorities, of which only the upper two bits count.
 const INTERRUPTS: [(pac::Interrupt, u8); 3] =
     [(pac::Interrupt::PWM_IRQ_WRAP, 0), (pac::Interrupt::UART0_IRQ, 1 << 6), (pac::Interrupt::USBCTRL_IRQ, 1 << 6)];
 
-/// The parts of this board.
+/// The hardware drivers of this board, by type.
 struct Pico;
 
 impl Board for Pico {
@@ -93,7 +93,7 @@ impl Board for Pico {
     type Store = &'static mut LayerStore;
 }
 
-/// Waits by counting the processor's cycles.
+/// Delay by counting the processor's cycles.
 pub struct CycleDelay;
 
 impl DelayNs for CycleDelay {

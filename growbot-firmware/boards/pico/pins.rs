@@ -1,4 +1,4 @@
-//! The wiring: the pin of each signal, from the robot's description.
+//! The board's pins: the pin of each signal, from the robot's description.
 //!
 //! The description defines the levels of DIR, EN and the inputs. Until [`PicoPins::new`] configures a pin, it has a
 //! weak pull-down. Heater, fan and drivers therefore need resistors that keep them off.
@@ -12,41 +12,42 @@ use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
 use rp2040_pac as pac;
 
-/// Functions of a pin (data sheet of the RP2040, table 2.19.2).
+/// Number that connects a pin to a UART (data sheet of the RP2040, table 2.19.2). The next constants are those of the
+/// other functions of a pin.
 const FUNCTION_UART: u32 = 2;
 const FUNCTION_PWM: u32 = 4;
 const FUNCTION_SIO: u32 = 5;
 const FUNCTION_NONE: u32 = 31;
-/// Pad: input enabled, Schmitt trigger, 4 mA.
+/// Settings of a digital pin's pad: input enabled, Schmitt trigger, 4 mA.
 const PAD: u32 = 1 << 6 | 1 << 4 | 1 << 1;
 const PULL_UP: u32 = 1 << 3;
 const PULL_DOWN: u32 = 1 << 2;
-/// Pad of an analog input: output disabled, all else off.
+/// Settings of an analog pin's pad: output disabled, everything else off.
 const PAD_ANALOG: u32 = 1 << 7;
 
-/// DIR of a driver, with its logical level.
+/// DIR pin of a stepper driver, with logical levels.
 pub type Direction = InvertiblePin<Output>;
-/// EN of a driver. High is energised.
+/// EN pin of a stepper driver, with logical levels. High energises the motor.
 pub type Enable = InvertiblePin<Output>;
-/// A sensor's input, with its logical level.
+/// Input pin of a sensor, with logical levels.
 pub type Sensor = InvertiblePin<Level>;
 
-/// Pins of the link: UART0, to the host and from it.
+/// Pin on which UART0 sends to the host. `LINK_RX` is the pin on which it receives.
 const LINK_TX: u8 = 0;
 const LINK_RX: u8 = 1;
-/// Pins of the stepper drivers' line: UART1, to the drivers and from them.
+/// Pin on which UART1 sends to the stepper drivers. `DRIVERS_RX` is the pin on which it receives.
 const DRIVERS_TX: u8 = 8;
 const DRIVERS_RX: u8 = 9;
 
-/// EN of the SKR Pico's drivers that no robot uses, at ZM and YM. High is off.
+/// EN pins of the SKR Pico's drivers that no robot uses, at the terminals ZM and YM. High switches a driver off.
 const UNUSED_ENABLES: [u8; 2] = [2, 7];
 
-/// Pins that [`make_safe`] sets low, and pins that it sets high: a bit for each pin. Both are 0 until the pins are
-/// configured.
+/// Pins that [`make_safe`] sets low, a bit for each pin. `SAFE_HIGH` contains the pins that it sets high. Both are 0
+/// until the pins are configured.
 static SAFE_LOW: AtomicU32 = AtomicU32::new(0);
 static SAFE_HIGH: AtomicU32 = AtomicU32::new(0);
 
-/// Returns the single-cycle block of the pins. Its registers set and clear single pins in one write.
+/// Returns the registers of the pins (SIO), which set and clear single pins in one write.
 fn sio() -> &'static pac::sio::RegisterBlock {
     // SAFETY: only the pin's owner and `make_safe` write a pin's bit.
     unsafe { &*pac::SIO::ptr() }
@@ -76,18 +77,18 @@ fn level(pins: u32) -> bool {
     sio().gpio_in().read().bits() & pins != 0
 }
 
-/// Returns the bit of a pin, and 0 without a pin.
+/// Returns the bit mask of a pin, or 0 if `pin` is `None`.
 fn bit(pin: Option<u8>) -> u32 {
     pin.map_or(0, |pin| 1_u32.checked_shl(u32::from(pin)).unwrap_or(0))
 }
 
-/// A pin that drives both levels, as its bit. Without a bit it does nothing.
+/// Output pin, stored as its bit mask. With the mask 0 it has no effect.
 pub struct Output(u32);
 
-/// A pin that is read. Without a bit it is low.
+/// Input pin, stored as its bit mask. With the mask 0 it reads as low.
 pub struct Level(u32);
 
-/// A pin that drives low and is released for high.
+/// Open-drain pin, stored as its bit mask: it drives low, and is released for high.
 pub struct OpenDrain(u32);
 
 impl ErrorType for Output {
@@ -146,14 +147,14 @@ impl InputPin for OpenDrain {
     }
 }
 
-/// The peripherals that configure the pins.
+/// The peripherals that configure pads and functions of the pins.
 struct PinMux {
     io: pac::IO_BANK0,
     pads: pac::PADS_BANK0,
 }
 
 impl PinMux {
-    /// Sets a pin's pad and function. A pin that the processor does not have is ignored.
+    /// Sets the pad and the function of a pin. Does nothing for a pin that the processor does not have.
     fn give(&self, pin: Option<u8>, pad: u32, function: u32) {
         if let Some(pin) = pin.map(usize::from).filter(|pin| *pin < 30) {
             // SAFETY: a pad's pulls and drive, and a function of the data sheet's table.
@@ -164,7 +165,7 @@ impl PinMux {
         }
     }
 
-    /// Configures an output. Its level is set before it becomes an output.
+    /// Configures a pin as an output. Its level is set before it becomes an output.
     fn output(&self, pin: Option<u8>, high: bool) -> Output {
         set(bit(pin), high);
         drive(bit(pin), true);
@@ -186,50 +187,50 @@ impl PinMux {
     }
 }
 
-/// All pins that have an owner, each configured and at its safe level, and the numbers of the pins that the ADC and the
-/// PWM use.
+/// The configured pins of all signals, each at its safe level, and the numbers of the pins that the ADC and the PWM
+/// use.
 pub struct PicoPins {
-    /// STEP of the head.
+    /// STEP pin of the head's driver.
     pub head_step: Output,
-    /// DIR of the head.
+    /// DIR pin of the head's driver.
     pub head_direction: Direction,
-    /// EN of the head.
+    /// EN pin of the head's driver.
     pub head_enable: Enable,
-    /// STEP of the feed.
+    /// STEP pin of the feed's driver.
     pub feed_step: Output,
-    /// DIR of the feed.
+    /// DIR pin of the feed's driver.
     pub feed_direction: Direction,
-    /// EN of the feed.
+    /// EN pin of the feed's driver.
     pub feed_enable: Enable,
-    /// Power of the heater.
+    /// Number of the pin of the heater's power stage. `None` if the board is not configured.
     pub heater: Option<u8>,
-    /// Second switch in the heater's supply.
+    /// Second switch, in series with the heater's power stage.
     pub heater_enable: Output,
-    /// Fan.
+    /// Number of the pin of the fan. `None` if the board is not configured.
     pub fan: Option<u8>,
-    /// Presence switch of the filament. High is filament.
+    /// Presence switch of the filament. High means that filament is present.
     pub filament_presence: Sensor,
-    /// Fault outputs of the drivers. High is a fault.
+    /// Fault outputs of the stepper drivers. High means a fault.
     pub driver_fault: Sensor,
-    /// SCL of the orientation sensor.
+    /// SCL pin of the orientation sensor.
     pub orientation_clock: OpenDrain,
-    /// SDA of the orientation sensor.
+    /// SDA pin of the orientation sensor.
     pub orientation_data: OpenDrain,
-    /// Index sensor of the head. High is on the mark.
+    /// Index sensor of the head. High means that the head is on the index mark.
     pub index: Sensor,
-    /// Encoder that the filament turns.
+    /// Input of the encoder that the filament turns.
     pub filament_motion: Level,
-    /// Emergency stop. High is pressed.
+    /// Input of the emergency stop. High means that it is pressed.
     pub emergency_stop: Sensor,
-    /// Thermistor.
+    /// Number of the thermistor's pin. `None` if the board is not configured.
     pub thermistor: Option<u8>,
-    /// Supply.
+    /// Number of the pin that measures the supply voltage. `None` if the supply is not measured.
     pub supply: Option<u8>,
 }
 
 impl PicoPins {
-    /// Configures each pin for the robot's board. Without a robot all pins except the link's stay in their state after
-    /// the reset.
+    /// Configures the pins for the robot's board. If the board is not configured, all pins except those of the link
+    /// stay in their state after the reset.
     pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
         let roles = PinMux { io, pads };
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
@@ -291,7 +292,8 @@ impl PicoPins {
     }
 }
 
-/// Heater, fan and both drivers, for the step interrupt.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct PicoOutputs;
 
 impl Outputs for PicoOutputs {
@@ -300,7 +302,7 @@ impl Outputs for PicoOutputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context. Their owners keep the pins.
+/// Switches heater, fan and both stepper drivers off at once, from any context. The pins stay with their owners.
 pub fn make_safe() {
     set(SAFE_LOW.load(Ordering::Relaxed), false);
     set(SAFE_HIGH.load(Ordering::Relaxed), true);

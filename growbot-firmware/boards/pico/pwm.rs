@@ -1,4 +1,4 @@
-//! Power of heater and fan: PWM at 1.9 kHz, each with a slice of its own.
+//! Power of heater and fan: PWM at 1.9 kHz. Heater and fan each have a PWM slice of their own.
 
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
@@ -7,23 +7,24 @@ use embedded_hal::pwm::{ErrorType, SetDutyCycle};
 use growbot_core::robot::pwm_slice;
 use rp2040_pac as pac;
 
-/// Slice of each power stage, for [`off`]; [`NONE`] before it is started.
+/// Numbers of the PWM slices of heater and fan, for [`off`]; [`NONE`] before a slice is started.
 static STAGES: [AtomicU32; 2] = [AtomicU32::new(NONE), AtomicU32::new(NONE)];
 const NONE: u32 = u32::MAX;
-/// Last count of a period, which has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
+/// Last count of a PWM period. The period has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u32 = u16::MAX as u32 - 1;
-/// Divider of the processor's clock: 1, with 4 bits after the point.
+/// Value of the clock divider for a division by 1: the value has 4 fractional bits.
 const UNDIVIDED: u32 = 1 << 4;
 const ENABLE: u32 = 1;
 
-/// A power stage: heater or fan. The other channel of its slice has no pin.
+/// PWM of the heater's power stage or of the fan. `None` without a pin. The other channel of its slice has no pin.
 pub struct PwmOutput(Option<Channel>);
 
-/// A channel of a PWM slice.
+/// A channel of a PWM slice that drives a pin.
 #[derive(Clone, Copy)]
 struct Channel {
     slice: usize,
-    /// Bits by which the channel's level is shifted: 16 for B, at odd pins.
+    /// Number of bits by which the channel's level is shifted in the register: 16 for channel B, at odd pins, and 0 for
+    /// A.
     shift: u32,
 }
 
@@ -33,8 +34,8 @@ fn slice(slice: usize) -> &'static pac::pwm::CH {
 }
 
 impl PwmOutput {
-    /// Starts the PWM of a pin with a duty of zero. The slice is in its state after the reset. Without a pin the duty
-    /// has no effect.
+    /// Starts the PWM of a pin with a duty of zero. The slice must be in its state after the reset. If `pin` is `None`
+    /// the duty has no effect.
     pub fn start(pin: Option<u8>) -> Self {
         let Some(pin) = pin else { return Self(None) };
         let number = pwm_slice(pin);
@@ -62,7 +63,7 @@ impl SetDutyCycle for PwmOutput {
         u16::MAX
     }
 
-    /// Sets the duty, which acts from the end of the period, within 0.53 ms.
+    /// Sets the duty. The change takes effect at the end of the PWM period, within 0.53 ms.
     fn set_duty_cycle(&mut self, duty: u16) -> Result<(), Infallible> {
         if let Some(Channel { slice: number, shift }) = self.0 {
             // SAFETY: the level of one channel. The other channel has no pin.
@@ -72,8 +73,8 @@ impl SetDutyCycle for PwmOutput {
     }
 }
 
-/// Switches heater and fan off within a period. The comparison is buffered, so the count is set to its end. Their
-/// owners keep them.
+/// Switches heater and fan off within a PWM period. The comparison value is buffered until the period ends, so the
+/// count is set to its end. The channels stay with their owners.
 pub fn off() {
     for stage in &STAGES {
         let number = stage.load(Ordering::Relaxed);

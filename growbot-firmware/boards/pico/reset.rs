@@ -1,4 +1,4 @@
-//! The cause of the board's start, the boot id, and orderly resets.
+//! The cause of the board's start, the boot identifier, and orderly resets.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -9,7 +9,7 @@ use rp2040_pac as pac;
 
 use crate::runtime::crash::{self, ExceptionContext};
 
-/// Three words that survive a reset: no code loads or clears this section.
+/// Notes for the next boot: three words that survive a reset, because no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
 static NOTES: Rp2040ResetNotes = Rp2040ResetNotes(UnsafeCell::new(MaybeUninit::uninit()));
 
@@ -18,11 +18,12 @@ struct Rp2040ResetNotes(UnsafeCell<MaybeUninit<[u32; 3]>>);
 // SAFETY: accessed only through `read` and `write`, each a single access of a whole word.
 unsafe impl Sync for Rp2040ResetNotes {}
 
-/// Word 0: the end of the last boot.
+/// Index of the note that records how the last boot ended.
 const END: usize = 0;
-/// Word 1: the boot id.
+/// Index of the note that contains the boot identifier.
 const BOOT: usize = 1;
-/// Word 2: the complement of word 1. It shows whether both words are from an earlier boot or random.
+/// Index of the note that contains the complement of the boot identifier. It shows whether both words are from an
+/// earlier boot or random.
 const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
@@ -45,12 +46,14 @@ impl Rp2040ResetNotes {
     }
 }
 
-/// Flag: the power was switched on, or the detector of the core's supply has caused a reset.
+/// Flag of the reset register: the power was switched on, or the detector of the core's supply has caused a reset.
 const HAD_POWER_ON: u32 = 1 << 8;
-/// Reasons of the watchdog's reset: it was not fed in time, or the firmware requested a reset.
+/// Bit of the watchdog's reason register: the watchdog was not fed in time. Any other bit means that the firmware
+/// requested a reset.
 const TIMED_OUT: u32 = 1;
 
-/// Reads the flags of the last reset, and reads and clears the note of the last boot. Call it once.
+/// Returns the cause of the board's start, from the flags of the last reset and the note of the last boot. Call it
+/// once, because it clears the note.
 pub fn read_and_clear_cause(device: &pac::Peripherals) -> ResetCause {
     let reason = device.WATCHDOG.reason().read().bits();
     let power_on = device.VREG_AND_CHIP_RESET.chip_reset().read().bits() & HAD_POWER_ON != 0;
@@ -72,9 +75,9 @@ pub fn read_and_clear_cause(device: &pac::Peripherals) -> ResetCause {
     }
 }
 
-/// Returns a number that differs from those of earlier boots. Call it once.
+/// Returns a boot identifier that differs from those of earlier boots. Call it once.
 ///
-/// The number counts up while RAM has power. After a loss of power it starts from the random content of the cells,
+/// The identifier counts up while RAM has power. After a loss of power it starts from the random content of the cells,
 /// which differs from board to board and, in part, from time to time.
 pub fn next_boot_id() -> u32 {
     let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
@@ -84,7 +87,7 @@ pub fn next_boot_id() -> u32 {
     next
 }
 
-/// Resets the board, all except its oscillators. A reset of the processor alone would leave its outputs unchanged.
+/// Resets the whole board except its oscillators. A reset of the processor alone would leave its outputs unchanged.
 pub fn restart() -> ! {
     // SAFETY: the bit that triggers the watchdog's reset.
     unsafe { (*pac::WATCHDOG::ptr()).ctrl().write(|w| w.bits(1 << 31)) };
@@ -93,8 +96,8 @@ pub fn restart() -> ! {
     }
 }
 
-/// Switches everything off and resets after the crystal has stopped. The start then waits for the crystal. The function
-/// does not use the flash, which may be busy (`memory/pico.x`).
+/// Switches everything off and resets the board after the crystal has stopped. The next start then waits for the
+/// crystal. The function does not use the flash, which may be busy (`memory/pico.x`).
 #[inline(never)] // It is not inlined into the step interrupt, which seldom needs it.
 pub fn reset_on_clock_failure() -> ! {
     cortex_m::interrupt::disable();
@@ -110,8 +113,8 @@ extern "C" fn default_handler() -> ! {
     naked_asm!("ldr r0, 1f", "bx r0", ".balign 4", "1: .word HardFault")
 }
 
-/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
-/// processor.
+/// Makes the outputs safe, records the crash and resets the board. Called after a stack overflow or another fault of
+/// the processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();

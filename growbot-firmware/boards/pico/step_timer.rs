@@ -1,5 +1,5 @@
-//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every rate is exact to a clock.
-//! It also detects a crystal that stops.
+//! The step interrupt: the end of each period of a PWM slice that has no pin, so that every tick rate is exact to a
+//! clock of the processor. The interrupt also detects a crystal that stops.
 
 use growbot_core::robot::STEP_SLICE;
 use growbot_firmware::stepping::Engine;
@@ -11,13 +11,13 @@ use crate::clock::{CrystalMonitor, PROCESSOR_HZ};
 use crate::interrupt_cell::InterruptCell;
 use crate::{pins, reset};
 
-/// The slice.
+/// Number of the PWM slice whose period is the step tick.
 const SLICE: usize = STEP_SLICE as usize;
-/// Max counts of a period.
+/// Max number of counts in a period of the PWM slice.
 const MAX_COUNTS: u32 = 1 << 16;
 const ENABLE: u32 = 1;
 
-/// The engine that runs in the step interrupt.
+/// The step engine with the pins of this board.
 pub type StepEngine = Engine<
     pins::Output,
     pins::Direction,
@@ -31,7 +31,7 @@ pub type StepEngine = Engine<
     pins::PicoOutputs,
 >;
 
-/// Data of the step interrupt.
+/// The data that the step interrupt uses.
 struct StepInterruptData {
     engine: StepEngine,
     crystal: CrystalMonitor,
@@ -39,8 +39,8 @@ struct StepInterruptData {
 
 static INTERRUPT_DATA: InterruptCell<StepInterruptData> = InterruptCell::empty();
 
-/// Starts the ticks, which begin once the interrupts are enabled. [`growbot_core::robot::Robot::check_for_board`] has
-/// checked the rate.
+/// Starts the timer of the step interrupt. The ticks begin once the interrupts are enabled.
+/// [`growbot_core::robot::Robot::check_for_board`] has checked the rate.
 pub fn start(engine: StepEngine, pwm: &pac::PWM, tick_hz: u32) {
     INTERRUPT_DATA.init(StepInterruptData { engine, crystal: CrystalMonitor::new() });
     let clocks = PROCESSOR_HZ / tick_hz.max(1);

@@ -1,26 +1,25 @@
-//! The stepper drivers' line: UART1 at pins 8 and 9, which a resistor on the board joins to one wire.
+//! The serial line of the stepper drivers: UART1 at pins 8 and 9, which a resistor on the board joins to one wire.
 //!
-//! The line uses no interrupt. Its FIFOs of 32 bytes hold a whole exchange until the controller reads it. A response
-//! therefore also waits there while the flash is written to.
-//! also waits there while the flash is written to.
+//! The line uses no interrupt. The UART's FIFOs of 32 bytes hold a whole exchange until the controller reads it. A
+//! response therefore also waits there while the flash is written to.
 
 use growbot_firmware::tmc2209::{BAUD, SingleWireUart};
 use rp2040_pac as pac;
 
 use crate::clock::PROCESSOR_HZ;
 
-/// Frame format: 8 bits, no parity, one stop bit, with the FIFOs.
+/// Frame format of the UART: 8 bits, no parity, one stop bit, with the FIFOs.
 const FRAME: u32 = 0b11 << 5 | 1 << 4;
-/// Enables both directions.
+/// Bits of the control register that enable the UART in both directions.
 const ON: u32 = 1 | 1 << 8 | 1 << 9;
 const RECEIVE_EMPTY: u32 = 1 << 4;
 const TRANSMIT_EMPTY: u32 = 1 << 7;
 
-/// The line.
+/// The serial line of the stepper drivers: UART1.
 pub struct TmcUart(pac::UART1);
 
 impl TmcUart {
-    /// Initialises the UART. Its pins have their functions.
+    /// Initialises the UART. Its pins must have been configured.
     pub fn start(uart: pac::UART1) -> Self {
         // With sixteenfold oversampling, the divider in 64ths is 4 times clock over rate, rounded.
         let divider = (4 * PROCESSOR_HZ + BAUD / 2) / BAUD;

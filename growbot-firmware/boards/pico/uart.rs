@@ -1,4 +1,4 @@
-//! The UART of the link, UART0 at 115200 baud: a byte queue in each direction.
+//! The UART of the link, UART0 at 115200 baud, with a byte queue in each direction.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -10,25 +10,25 @@ use crate::clock::PROCESSOR_HZ;
 use crate::interrupt_cell::InterruptCell;
 use crate::pins;
 
-/// LinkQueue of one direction.
+/// Byte queue of one direction of the link.
 pub type LinkQueue = ByteQueue<4096>;
 
-/// Received bytes, oldest first.
+/// Bytes that the UART has received, oldest first.
 pub static RECEIVED: LinkQueue = LinkQueue::new();
-/// Bytes to send; call [`send_queued`] after adding some.
+/// Bytes that the UART is to send, oldest first. Call [`send_queued`] after adding some.
 pub static TO_SEND: LinkQueue = LinkQueue::new();
 
 const BAUD: u32 = 115_200;
-/// Frame format: 8 bits, no parity, one stop bit, without the FIFOs, so that each byte causes an interrupt.
+/// Frame format of the UART: 8 bits, no parity, one stop bit, without the FIFOs, so that each byte causes an interrupt.
 const FRAME: u32 = 0b11 << 5;
-/// Enables both directions.
+/// Bits of the control register that enable the UART in both directions.
 const ON: u32 = 1 | 1 << 8 | 1 << 9;
 const RECEIVE_EMPTY: u32 = 1 << 4;
 const TRANSMIT_FULL: u32 = 1 << 5;
 const RECEIVE_INTERRUPT: u32 = 1 << 4;
 const TRANSMIT_INTERRUPT: u32 = 1 << 5;
 
-/// Recogniser of an emergency stop in the received bytes.
+/// Detector of an emergency stop in the received bytes.
 static ESTOP_DETECTOR: InterruptCell<EmergencyStopDetector> = InterruptCell::empty();
 
 /// Initialises the UART. Bytes are transferred once the interrupts are enabled.
@@ -46,12 +46,12 @@ pub fn start(uart: &pac::UART0) {
     }
 }
 
-/// Pends the interrupt, which reads the queue.
+/// Starts to send the queued bytes: pends the UART's interrupt, which reads the queue.
 pub fn send_queued() {
     cortex_m::peripheral::NVIC::pend(pac::Interrupt::UART0_IRQ);
 }
 
-/// Switches everything off before anything else runs, if an emergency stop has arrived.
+/// Switches everything off at once if an emergency stop has arrived.
 pub fn handle_emergency_stop(emergency_stop: bool) {
     if emergency_stop {
         // This comes first, so that no step in between energises a motor again.
@@ -60,7 +60,7 @@ pub fn handle_emergency_stop(emergency_stop: bool) {
     }
 }
 
-/// Sends as many bytes as the UART accepts. It interrupts again when it can accept more.
+/// Sends as many queued bytes as the UART accepts. The UART interrupts again when it can accept more.
 fn send(uart: &pac::uart0::RegisterBlock) {
     let mut waits = RECEIVE_INTERRUPT | TRANSMIT_INTERRUPT;
     while uart.uartfr().read().bits() & TRANSMIT_FULL == 0 {

@@ -1,7 +1,8 @@
-//! The link over USB: a serial port that works entirely in its interrupt (data sheet of the RP2040, 4.1).
+//! The link over USB: a serial port that works entirely in the interrupt of the USB controller (data sheet of the
+//! RP2040, 4.1).
 //!
-//! The interrupt runs in memory, like the UART's, so that an emergency stop is carried out while the flash is written
-//! to. Its priority is that of the UART's interrupt, because either may receive a stop.
+//! The interrupt runs from RAM, like that of the UART, so that an emergency stop is carried out while the flash is
+//! written to. Both interrupts have the same priority, because either may receive an emergency stop.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::usb_serial::{
@@ -13,15 +14,16 @@ use rp2040_pac::interrupt;
 use crate::interrupt_cell::InterruptCell;
 use crate::uart::{self, LinkQueue};
 
-/// Received bytes, oldest first.
+/// Bytes that the host has sent over USB, oldest first.
 pub static RECEIVED: LinkQueue = LinkQueue::new();
-/// Bytes to send. Call [`send_queued`] after adding some. They wait while the host accepts none, and are dropped when
-/// the host opens or closes the port.
+/// Bytes to send to the host over USB, oldest first. Call [`send_queued`] after adding some. The bytes wait while the
+/// host accepts none, and are dropped when the host opens or closes the port.
 pub static TO_SEND: LinkQueue = LinkQueue::new();
 
-/// Bit of the controller's reset.
+/// Bit of the USB controller in the reset register.
 const RESET: u32 = 1 << 24;
-/// The controller's memory: the request, controls of endpoints, controls of their buffers, and the buffers.
+/// Address of the USB controller's memory. It contains the setup packet at offset 0. The next constants are the offsets
+/// of the endpoint controls, the buffer controls, and the buffers.
 const MEMORY: usize = 0x5010_0000;
 const ENDPOINTS: usize = 0x08;
 const BUFFERS: usize = 0x80;
@@ -29,47 +31,49 @@ const CONTROL_BUFFER: usize = 0x100;
 const NOTIFICATION_BUFFER: usize = 0x180;
 const RECEIVE_BUFFER: usize = 0x1C0;
 const SEND_BUFFER: usize = 0x200;
-/// Control of an endpoint: in use, with an interrupt for each buffer, and its kinds.
+/// Bits of an endpoint control: in use, with an interrupt for each buffer. `BULK` and `INTERRUPT` are kinds of
+/// endpoints.
 const ENDPOINT_ON: u32 = 1 << 31 | 1 << 29;
 const BULK: u32 = 2 << 26;
 const INTERRUPT: u32 = 3 << 26;
-/// Control of a buffer.
+/// Bit of a buffer control: the buffer is full. The next constants are the other bits, and the mask of the length.
 const FULL: u32 = 1 << 15;
 const ODD: u32 = 1 << 13;
 const STALL: u32 = 1 << 11;
 const AVAILABLE: u32 = 1 << 10;
 const LENGTH: u32 = 0x3FF;
-/// The interrupts.
+/// Interrupt bit: a buffer was sent or received. The next constants are the bits of a bus reset and of a setup packet.
 const ON_BUFFER: u32 = 1 << 4;
 const ON_BUS_RESET: u32 = 1 << 12;
 const ON_SETUP: u32 = 1 << 16;
-/// Flags that cause two of the interrupts.
+/// Flag of a bus reset, which causes an interrupt. `SETUP_RECEIVED` is that of a setup packet.
 const BUS_RESET: u32 = 1 << 19;
 const SETUP_RECEIVED: u32 = 1 << 17;
-/// Pull-up of the bus, which shows the device to the host, and an interrupt for each buffer of endpoint 0.
+/// Bit of the pull-up of the bus, which shows the device to the host. `CONTROL_INTERRUPT` enables an interrupt for each
+/// buffer of endpoint 0.
 const PULL_UP: u32 = 1 << 16;
 const CONTROL_INTERRUPT: u32 = 1 << 29;
 
 static DEVICE: InterruptCell<Device> = InterruptCell::empty();
 
-/// State of endpoint 0.
+/// State of the control transfer on endpoint 0.
 #[derive(Clone, Copy)]
 enum Control {
     Idle,
-    /// Sends the remaining part of a content, from one index to another.
+    /// The device sends a content. The numbers are the index of the next byte, and the index after the last byte.
     SendingData(Content, usize, usize),
     ReceivingLineCoding,
-    /// Sets this address when the host has received the reply.
+    /// The device takes this address once the host has received the empty reply.
     SettingAddress(u8),
 }
 
-/// Buffer of an endpoint in one direction.
+/// The buffer of an endpoint in one direction.
 #[derive(Clone, Copy)]
 struct Buffer {
-    /// Offset of the buffer's control.
+    /// Offset of the buffer's control word in the controller's memory.
     control: usize,
     at: usize,
-    /// The next packet is an odd one.
+    /// True if the next packet is an odd one (DATA1).
     data1: bool,
 }
 
@@ -81,7 +85,7 @@ struct Device {
     request: Buffer,
     receive: Buffer,
     send: Buffer,
-    /// A packet is on its way to the host.
+    /// True while a packet waits for the host to accept it.
     sends: bool,
 }
 
@@ -111,7 +115,7 @@ impl Buffer {
         Self { control, at, data1: false }
     }
 
-    /// Hands the buffer to the controller.
+    /// Hands the buffer over to the controller, which then sends it or receives into it.
     fn hand_over(&mut self, flags: u32) {
         let odd = if self.data1 { ODD } else { 0 };
         self.data1 = !self.data1;
@@ -122,7 +126,7 @@ impl Buffer {
         write(self.control, flags | odd | AVAILABLE);
     }
 
-    /// Sends a packet.
+    /// Writes the bytes of a packet to the buffer and lets the controller send it.
     fn send(&mut self, bytes: impl Iterator<Item = u8>) {
         let (mut count, mut word) = (0, 0);
         for byte in bytes.take(MAX_PACKET_BYTES) {
@@ -139,7 +143,7 @@ impl Buffer {
         self.hand_over(FULL | count as u32);
     }
 
-    /// Returns the bytes of the received packet.
+    /// Returns the bytes of the packet that was received in the buffer.
     fn received(self) -> impl Iterator<Item = u8> {
         let count = (read(self.control) & LENGTH) as usize;
         (0..count.min(MAX_PACKET_BYTES)).map(move |at| (read(self.at + at / 4 * 4) >> (8 * (at % 4))) as u8)
@@ -171,7 +175,7 @@ impl Device {
         }
     }
 
-    /// Enables or disables the endpoints of the data bytes.
+    /// Enables or disables the endpoints of notifications and data bytes, and drops the queued bytes.
     fn configure(&mut self, on: bool) {
         for buffer in [&mut self.receive, &mut self.send] {
             write(buffer.control, 0);
@@ -223,7 +227,7 @@ impl Device {
         self.reply.send(core::iter::empty());
     }
 
-    /// Restarts the packets of an endpoint.
+    /// Resets the packet sequence of an endpoint (DATA0 is next), as the host requests.
     fn clear(&mut self, endpoint: u8) {
         if !self.serial.is_configured() {
         } else if endpoint == DATA_ENDPOINT {
@@ -235,7 +239,7 @@ impl Device {
         }
     }
 
-    /// Sends the next packet of a reply. If none is left, an empty packet from the host ends the reply.
+    /// Sends the next packet of a reply. After the last packet of the reply, the host sends an empty packet.
     fn send_reply(&mut self) {
         let Control::SendingData(content, from, until) = self.control else { return };
         let to = until.min(from + MAX_PACKET_BYTES);
@@ -280,7 +284,8 @@ impl Device {
         }
     }
 
-    /// Sends the queued bytes. The packets are never full, because a host waits for more after a full packet.
+    /// Sends queued bytes to the host if no packet waits. The packets are never full, because a host waits for more
+    /// after a full packet.
     fn send_bytes(&mut self) {
         if self.sends || !self.serial.is_configured() || TO_SEND.is_empty() {
             return;
@@ -309,18 +314,18 @@ impl Device {
     }
 }
 
-/// Drops the bytes that the host has not accepted. They are for a program that has closed the port.
+/// Drops the queued bytes that the host has not accepted. They are for a program that has closed the port.
 fn drop_queued() {
     while TO_SEND.dequeue().is_some() {}
 }
 
-/// Forces the interrupt, which reads the queue.
+/// Starts to send the queued bytes: forces the interrupt, which reads the queue.
 pub fn send_queued() {
     // SAFETY: an interrupt that its handler clears.
     unsafe { registers().intf().write(|w| w.bits(ON_BUFFER)) };
 }
 
-/// Initialises the controller. The host detects a device, which responds once the interrupts are enabled.
+/// Initialises the USB controller. The host detects a device, which responds once the interrupts are enabled.
 pub fn start(resets: &pac::RESETS) {
     let usb = registers();
     // SAFETY: values of the data sheet. The reset shows the host that the board has restarted.

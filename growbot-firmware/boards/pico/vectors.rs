@@ -1,11 +1,11 @@
-//! The vector table, which the processor reads at each interrupt. It is in memory, because the flash cannot be read
-//! while it is written to.
+//! The vector table, which the processor reads at each interrupt. It is in RAM, because the flash cannot be read while
+//! it is written to.
 
 use core::cell::UnsafeCell;
 
 use rp2040_pac as pac;
 
-/// Number of exceptions of the processor and interrupts of its peripherals.
+/// Number of vectors: the exceptions of the processor and the interrupts of its peripherals.
 const VECTORS: usize = 16 + 32;
 
 /// Vector table, aligned as the processor requires.
@@ -17,7 +17,8 @@ unsafe impl Sync for Table {}
 
 static TABLE: Table = Table(UnsafeCell::new([0; VECTORS]));
 
-/// Copies the table of the image and makes the processor use the copy. Call it once, before the interrupts are enabled.
+/// Copies the vector table of the image to RAM and makes the processor use the copy. Call it once, before the
+/// interrupts are enabled.
 pub fn relocate_to_ram() {
     // SAFETY: the processor's own peripheral, which points to the table of the image.
     unsafe {

@@ -3,17 +3,17 @@
 use growbot_firmware::hal::Watchdog;
 use rp2040_pac as pac;
 
-/// Counts of 2 s: two a microsecond (erratum RP2040-E1).
+/// Timeout of the watchdog, 2 s, in its counts: two a microsecond (erratum RP2040-E1).
 const COUNTS: u32 = 4_000_000;
-/// Parts that the watchdog resets: all except the two oscillators.
+/// Bits of the parts of the chip that the watchdog resets: all except the two oscillators.
 const ALL_BUT_OSCILLATORS: u32 = 0x1_FFFC;
-/// Enables the watchdog, which a debug probe does not pause.
+/// Bit that enables the watchdog. Without the bits that pause it for a debug probe, it continues in a halt.
 const ON: u32 = 1 << 30;
 
 /// The running watchdog.
 pub struct Rp2040Watchdog(());
 
-/// Starts the watchdog. It counts once the clocks run.
+/// Starts the watchdog. It begins to count once the clocks run.
 pub fn start(device: &pac::Peripherals) -> Rp2040Watchdog {
     // SAFETY: the bits of all parts that the reset must reach.
     device.PSM.wdsel().write(|w| unsafe { w.bits(ALL_BUT_OSCILLATORS) });

@@ -9,7 +9,7 @@ pub struct InterruptCell<T> {
     value: UnsafeCell<Option<T>>,
 }
 
-// SAFETY: only `give` and `with` access the value. `give` does so before `given` is true. `with` does so after that,
+// SAFETY: only `init` and `with` access the value. `init` does so before `given` is true. `with` does so after that,
 // and its caller guarantees that only one handler calls it. There is therefore never more than one access at a time.
 unsafe impl<T: Send> Sync for InterruptCell<T> {}
 
@@ -19,7 +19,7 @@ impl<T> InterruptCell<T> {
         InterruptCell { given: AtomicBool::new(false), value: UnsafeCell::new(None) }
     }
 
-    /// Hands the value over to the handler. `main` calls this. A second value is dropped.
+    /// Stores the value for the interrupt handler. Only `main` may call this. A second value is dropped.
     pub fn init(&self, value: T) {
         if self.given.load(Ordering::Acquire) {
             return;
@@ -29,7 +29,7 @@ impl<T> InterruptCell<T> {
         self.given.store(true, Ordering::Release);
     }
 
-    /// Passes the value to `use_it`, once there is one.
+    /// Calls `use_it` with the value. Does nothing before [`InterruptCell::init`] has stored a value.
     ///
     /// # Safety
     ///

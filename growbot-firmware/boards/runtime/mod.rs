@@ -1,6 +1,7 @@
-//! The parts that the images of all boards share.
+//! The code that the images of all boards share.
 //!
-//! Each board has a function `reset::reset_on_crash`, which makes the tip safe and resets the board.
+//! Each board provides a function `reset::reset_on_crash`, which switches all outputs of the tip off and resets the
+//! board.
 
 pub mod crash;
 mod no_panic;

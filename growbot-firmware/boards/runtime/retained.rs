@@ -1,4 +1,4 @@
-//! Memory that survives a reset: RAM that no code loads or clears.
+//! Retained memory of a board: RAM that survives a reset, because no code loads or clears it.
 
 use core::cell::UnsafeCell;
 use core::mem::MaybeUninit;
@@ -16,17 +16,17 @@ struct RetainedWordsCell(UnsafeCell<MaybeUninit<[u32; RETAINED_BYTES / 4]>>);
 // SAFETY: accessed only through the single `RetainedRam`.
 unsafe impl Sync for RetainedWordsCell {}
 
-/// The retained memory.
+/// The retained memory of a board. There is only one value of this type.
 pub struct RetainedRam(());
 
 impl RetainedRam {
-    /// Returns the memory. `None` if it is already owned.
+    /// Returns the retained memory. `None` if it was already taken.
     pub fn take() -> Option<Self> {
         static TAKEN: AtomicBool = AtomicBool::new(false);
         (!TAKEN.swap(true, Ordering::Relaxed)).then_some(Self(()))
     }
 
-    /// Returns a word of the memory. An index beyond the memory is mapped to one inside.
+    /// Returns the address of a word of the retained memory. An index beyond the memory is mapped to one inside.
     fn word(&self, index: usize) -> *mut u32 {
         WORDS.0.get().cast::<u32>().wrapping_add(index % (RETAINED_BYTES / 4))
     }
@@ -42,8 +42,8 @@ impl RetainedMemory for RetainedRam {
         bytes
     }
 
-    /// Writes without interrupts, so that an interrupt that resets the board never leaves a half-written copy. Any
-    /// other reset leaves the other copy whole.
+    /// Writes a copy with all interrupts disabled, so that an interrupt that resets the board never leaves it
+    /// half-written. Any other reset leaves at least the other copy whole.
     fn write(&mut self, copy: usize, bytes: &[u8; COPY_BYTES]) {
         cortex_m::interrupt::free(|_| {
             for (index, from) in bytes.as_chunks::<4>().0.iter().enumerate() {

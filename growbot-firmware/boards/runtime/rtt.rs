@@ -1,5 +1,5 @@
-//! Logs through the debug probe (SEGGER's RTT). The frames of defmt are in a ring in memory. The probe finds it by its
-//! header and reads it while the board runs.
+//! Logs through the debug probe (SEGGER's RTT). The frames of defmt are in a ring buffer in RAM. The probe finds the
+//! ring buffer by its header and reads it while the board runs.
 //!
 //! A frame that does not fit is dropped, so that the robot never waits for a probe. (The crate `defmt-rtt` waits, and
 //! leaves panics in the firmware.)
@@ -9,12 +9,12 @@ use core::sync::atomic::{AtomicU8, AtomicU32, Ordering};
 
 use critical_section::RestoreState;
 
-/// Bytes of the ring, a power of two.
+/// Length of the ring buffer, bytes, a power of two.
 const SIZE: u32 = 1024;
 
 static RING: [AtomicU8; SIZE as usize] = [const { AtomicU8::new(0) }; SIZE as usize];
 
-/// Header by which the probe finds the ring.
+/// Header by which the debug probe finds the ring buffer.
 #[repr(C)]
 struct Header {
     id: [u8; 16],
@@ -23,11 +23,12 @@ struct Header {
     name: *const u8,
     ring: *const AtomicU8,
     size: u32,
-    /// Offset of the next byte that the board writes. Only the board changes it.
+    /// Offset in the ring buffer of the next byte that the board writes. Only the board changes it.
     write: AtomicU32,
-    /// Offset of the next byte that the probe reads. Only the probe changes it.
+    /// Offset in the ring buffer of the next byte that the probe reads. Only the probe changes it.
     read: AtomicU32,
-    /// Mode 0: frames that do not fit are dropped. If a probe requests another mode, the board ignores it.
+    /// Mode of the ring buffer: 0, which means that frames that do not fit are dropped. If a probe requests another
+    /// mode, the board ignores it.
     mode: AtomicU32,
 }
 
@@ -47,11 +48,11 @@ static _SEGGER_RTT: Header = Header {
     mode: AtomicU32::new(0),
 };
 
-/// The frame that is being written.
+/// The log frame that is being written.
 struct LogFrame {
     encoder: defmt::Encoder,
     interrupts: RestoreState,
-    /// Offset of its next byte.
+    /// Offset in the ring buffer of the next byte of the frame.
     at: u32,
     fits: bool,
 }
@@ -105,7 +106,7 @@ unsafe impl defmt::Logger for Logger {
     }
 }
 
-/// Appends bytes to the frame, as long as they fit.
+/// Appends bytes to the log frame. Sets `fits` to false if the ring buffer is full.
 fn put(at: &mut u32, fits: &mut bool, bytes: &[u8]) {
     for byte in bytes {
         let next = (*at + 1) % SIZE;

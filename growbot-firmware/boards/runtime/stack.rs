@@ -9,14 +9,14 @@ use growbot_core::link::message::ResetCause;
 use super::crash::ExceptionContext;
 
 unsafe extern "C" {
-    /// Symbol of the linker: the lowest word of the stack.
+    /// Linker symbol at the lowest word of the stack.
     static _stack_end: u32;
-    /// Symbol of the linker: the end of the stack, above its highest word.
+    /// Linker symbol at the end of the stack, above its highest word.
     static _stack_start: u32;
 }
 
-/// A fault with fewer free bytes of stack than this is reported as a stack overflow. Any push, an exception frame and
-/// the crash handler each need less.
+/// Number of free bytes of stack below which a fault of the processor is reported as a stack overflow. Any push, an
+/// exception frame and the crash handler each need less.
 const STACK_RESERVE_BYTES: usize = 512;
 
 /// Returns the address of the lowest word of the stack.
@@ -24,14 +24,15 @@ pub fn bottom() -> usize {
     &raw const _stack_end as usize
 }
 
-/// Returns the address of the end of the stack.
+/// Returns the address of the end of the stack, above its highest word.
 pub fn top() -> usize {
     &raw const _stack_start as usize
 }
 
 /// Handler of the processor's faults. The stack pointer may have any value. If too little of the stack is free, the
-/// pointer is set to the top before any code uses the stack. Otherwise it is kept, so that the crash record contains
-/// the content of the stack. Floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are dropped.
+/// stack pointer is set to the top before any code uses the stack. Otherwise it is kept, so that the crash record
+/// contains the content of the stack. Floating-point registers that the processor has not saved yet (FPCCR.LSPACT) are
+/// dropped.
 #[cfg(not(feature = "pico"))]
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]
@@ -61,7 +62,8 @@ extern "C" fn hard_fault() -> ! {
     )
 }
 
-/// Handler for a processor of ARMv6-M, which has no floating-point registers and loads addresses from beside the code.
+/// Handler of the faults of a processor of ARMv6-M, which has no floating-point registers and loads addresses from
+/// beside the code.
 #[cfg(feature = "pico")]
 #[unsafe(naked)]
 #[unsafe(export_name = "HardFault")]

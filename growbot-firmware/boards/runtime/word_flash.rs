@@ -4,37 +4,38 @@ use embedded_storage::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// The journal's flash of a board. Offsets are in bytes, from the beginning of the journal.
+/// Flash area of a board that is read and programmed word by word: that of the journal or of the robot's description.
+/// Offsets are in bytes, from the beginning of the area.
 pub trait WordFlash {
-    /// Bytes of a sector.
+    /// Length of a sector, bytes.
     const SECTOR_BYTES: usize;
 
-    /// Bytes of the journal.
+    /// Returns the length of the flash area, bytes.
     fn capacity(&self) -> usize;
 
-    /// Reads a word.
+    /// Reads the word at an offset.
     fn read(&self, offset: usize) -> u32;
 
-    /// Erases a sector.
+    /// Erases the sector with this index in the flash area.
     ///
     /// # Errors
     /// Returns an error if the sector cannot be erased.
     fn erase(&mut self, sector: usize) -> Result<(), NorFlashErrorKind>;
 
-    /// Programs words, which may clear bits and never sets any.
+    /// Programs words. This may clear bits, and never sets any.
     ///
     /// # Errors
     /// Returns an error if a word cannot be programmed.
     fn program(&mut self, words: impl Iterator<Item = Word>) -> Result<(), NorFlashErrorKind>;
 }
 
-/// A word to be programmed.
+/// A word to be programmed: its offset in the flash area, bytes, and its value.
 pub struct Word {
     pub offset: usize,
     pub value: u32,
 }
 
-/// Word-by-word flash, with the traits of `embedded-storage`.
+/// Adapter that implements the traits of `embedded-storage` for a [`WordFlash`].
 pub struct WordNorFlash<F>(pub F);
 
 impl<F> ErrorType for WordNorFlash<F> {

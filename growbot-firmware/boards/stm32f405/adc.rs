@@ -1,4 +1,5 @@
-//! The analog inputs: ADC1. It converts thermistor and supply by turns, one at a time, and no code waits for it.
+//! The analog inputs of thermistor and supply. ADC1 converts one of them at a time, alternately, and no code waits for
+//! it.
 //!
 //! The first call of `sample` switches the ADC on, so that the link responds first after start-up.
 
@@ -10,16 +11,16 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 
 use crate::pins::{SupplyInput, ThermistorInput};
 
-/// ADC1's input at PC0 (data sheet, table 7).
+/// Channel number of ADC1's input at PC0 (data sheet, table 7).
 const THERMISTOR: u8 = 10;
-/// ADC1's input at PC1.
+/// Channel number of ADC1's input at PC1.
 const SUPPLY: u8 = 11;
 
-/// Latest unread reading of the supply, otherwise [`NONE`].
+/// Latest unread conversion of the supply. [`NONE`] if the latest one was read.
 static SUPPLY_READING: AtomicU32 = AtomicU32::new(NONE);
 const NONE: u32 = u32::MAX;
 
-/// The thermistor's input, and the ADC, which converts both inputs.
+/// Input of the thermistor. It owns the ADC, which converts both inputs.
 pub struct ThermistorAdc {
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
@@ -27,7 +28,7 @@ pub struct ThermistorAdc {
     _pin: ThermistorInput,
 }
 
-/// The supply's input. It is converted when the thermistor is sampled.
+/// Input of the supply. It is converted when the thermistor is sampled.
 pub struct SupplyAdc {
     _pin: SupplyInput,
 }
@@ -44,7 +45,7 @@ enum Stm32AdcState {
     ConvertingSupply,
 }
 
-/// Enables the clock of the ADC, without starting it.
+/// Creates the inputs of thermistor and supply. Enables the clock of the ADC, but does not start it.
 pub fn new(
     adc: pac::ADC1,
     common: pac::ADC_COMMON,
@@ -71,7 +72,7 @@ impl ThermistorAdc {
         self.adc.cr2().modify(|_, w| w.swstart().set_bit());
     }
 
-    /// Returns the result of the conversion, if it is done.
+    /// Returns the result of the running conversion. `None` while it is not done.
     fn read_converted(&mut self) -> Option<u16> {
         // Reading the data clears the flag.
         self.adc.sr().read().eoc().is_complete().then(|| self.adc.dr().read().data().bits() & 0xFFF)
@@ -79,8 +80,9 @@ impl ThermistorAdc {
 }
 
 impl Adc for ThermistorAdc {
-    /// Returns the result of the conversion that has ended since the last call, and starts the next one. Every other
-    /// call returns `None`, and so does a call within 25 us.
+    /// Returns the result of the thermistor's conversion if it has ended since the last call, and starts the next
+    /// conversion. Returns `None` in every other call, in which the supply's conversion is read, and in a call within
+    /// 25 us of the last one.
     fn sample(&mut self) -> Option<u16> {
         match self.state {
             Stm32AdcState::Off => {

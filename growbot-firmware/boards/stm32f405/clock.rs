@@ -1,4 +1,4 @@
-//! The board's clocks, and the time. SysTick counts milliseconds, and its counter gives the microseconds between them.
+//! The board's clocks and time. SysTick counts milliseconds, and its counter gives the microseconds between them.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 
@@ -7,31 +7,31 @@ use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m_rt::exception;
 use stm32f4xx_hal::pac;
 
-/// The processor's clock.
+/// Frequency of the processor's clock, Hz.
 pub const PROCESSOR_HZ: u32 = 168_000_000;
-/// The clock of the peripherals on the first bus (APB1).
+/// Frequency of the clock of the peripherals on the first bus (APB1), Hz.
 pub const APB1_HZ: u32 = PROCESSOR_HZ / 4;
-/// The clock of the timers on that bus, which is twice as fast.
+/// Frequency of the clock of the timers on the first bus (APB1), which is twice that of its peripherals, Hz.
 pub const APB1_TIMER_HZ: u32 = PROCESSOR_HZ / 2;
 
-/// SysTicks a second.
+/// Number of SysTick interrupts a second.
 const TICK_HZ: u32 = 1_000;
 
 static MILLISECONDS_LO: AtomicU32 = AtomicU32::new(0);
 static MILLISECONDS_HI: AtomicU32 = AtomicU32::new(0);
 
-/// The internal oscillator, from which the processor starts.
+/// Frequency of the internal oscillator, from which the processor starts, Hz.
 const INTERNAL_HZ: u32 = 16_000_000;
 /// Time for which the start waits for the crystal, ms. A crystal takes some 2 ms (data sheet, table "HSE oscillator
 /// characteristics"), and the watchdog's timeout is at least 700 ms.
 const CRYSTAL_WAIT_MS: u32 = 100;
-/// Clocks of one check of the crystal. They are 7 to 10: a count, a load, a shift, and two branches, of which the taken
-/// one has 2 to 4.
+/// Number of clocks that one check of the crystal takes. It is 7 to 10: a count, a load, a shift, and two branches, of
+/// which the taken one has 2 to 4.
 const LOOK_CLOCKS: u32 = 8;
-/// Number of checks of a crystal that does not start: 200,000, which take 88 to 125 ms.
+/// Max number of checks of a crystal that does not start: 200,000, which take 88 to 125 ms.
 const MAX_LOOKS: u32 = INTERNAL_HZ / 1000 * CRYSTAL_WAIT_MS / LOOK_CLOCKS;
 
-/// Source of the clocks.
+/// Source of the board's clocks.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum ClockSource {
     /// The crystal, monitored by the clock security system.
@@ -41,9 +41,9 @@ pub enum ClockSource {
     Internal,
 }
 
-/// Makes the 168 MHz from the crystal's 8 MHz, or from the internal oscillator's 16 MHz. (The set-up of
-/// `stm32f4xx-hal`, for clocks of any rate, leaves panics in the firmware. The clock rates that this crate returns
-/// afterwards are those from before.)
+/// Starts the 168 MHz clock from the crystal's 8 MHz, or from the internal oscillator's 16 MHz if the crystal does not
+/// start. (The set-up of `stm32f4xx-hal`, for clocks of any rate, leaves panics in the firmware. The clock rates that
+/// this crate returns afterwards are those from before.)
 ///
 /// The watchdog must have been started: if a part never gets ready, the watchdog resets the board, with every pin
 /// floating.
@@ -83,7 +83,7 @@ unsafe fn NonMaskableInt() {
     crate::reset::reset_on_clock_failure();
 }
 
-/// Starts SysTick on the processor's clock.
+/// Starts SysTick on the processor's clock, with an interrupt each millisecond.
 pub fn start(syst: &mut SYST) {
     syst.set_clock_source(SystClkSource::Core);
     syst.set_reload(PROCESSOR_HZ / TICK_HZ - 1);
@@ -92,17 +92,17 @@ pub fn start(syst: &mut SYST) {
     syst.enable_counter();
 }
 
-/// Handles the SysTick interrupt.
+/// Handles the SysTick interrupt: counts a millisecond.
 pub fn on_tick() {
     let low = MILLISECONDS_LO.load(Ordering::Relaxed).wrapping_add(1);
     let high = MILLISECONDS_HI.load(Ordering::Relaxed).wrapping_add(u32::from(low == 0));
-    // The high word is stored before the low one. `milliseconds` reads them in the reverse order and so detects a
+    // The high word is stored before the low one. `milliseconds` reads both in the reverse order and so detects a
     // carry.
     MILLISECONDS_HI.store(high, Ordering::Release);
     MILLISECONDS_LO.store(low, Ordering::Release);
 }
 
-/// Returns the milliseconds since the board started.
+/// Returns the time since the board started, ms.
 pub fn milliseconds() -> u64 {
     loop {
         let high = MILLISECONDS_HI.load(Ordering::Acquire);
@@ -113,7 +113,7 @@ pub fn milliseconds() -> u64 {
     }
 }
 
-/// Returns the microseconds since the board started. Only code that the SysTick interrupt may interrupt can call this.
+/// Returns the time since the board started, us. Only code that the SysTick interrupt can interrupt may call this.
 /// Other code would see up to a millisecond twice.
 pub fn now_us() -> u64 {
     loop {

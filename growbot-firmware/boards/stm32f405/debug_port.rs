@@ -1,8 +1,9 @@
-//! The effects of a debug probe on a robot, and the settings by which the firmware limits them.
+//! Protection against a debug probe: the effects that a probe has on a robot, and the settings by which the firmware
+//! limits them.
 //!
-//! A probe can halt the processor at any moment, and so can a vector catch that it has left set. The registers of
-//! debugging are kept until the power is switched off, whatever is reset or unplugged. These measures keep the tip
-//! safe:
+//! A probe can halt the processor at any moment, and so can a vector catch that a probe has left set. The debug
+//! registers keep their content until the power is switched off, even if the processor is reset or the probe is
+//! unplugged. These measures keep the tip safe:
 //!
 //! - The watchdog keeps counting (`DBG_IWDG_STOP` clear). A halted processor is therefore reset, within 2 s, and in a
 //!   reset every pin floats to the level of WIRING.md's resistors. Probes set this bit (OpenOCD does), so it is cleared
@@ -20,17 +21,17 @@ use cortex_m::peripheral::DCB;
 use growbot_firmware::hal::DebugPort;
 use stm32f4xx_hal::pac;
 
-/// All vector catches (VC_CORERESET, VC_MMERR to VC_HARDERR) of the register DEMCR.
+/// Bits of all vector catches in the register DEMCR (VC_CORERESET, VC_MMERR to VC_HARDERR).
 const VECTOR_CATCHES: u32 = 0x7F1;
 
-/// Debugging is on (C_DEBUGEN), in the register DHCSR.
+/// Bit C_DEBUGEN in the register DHCSR: debugging is enabled.
 const C_DEBUGEN: u32 = 1;
 
-/// The timers and watchdogs that stop or continue in a halt.
+/// Settings of the timers and watchdogs that stop or continue while a debug probe halts the processor.
 pub struct DebugFreeze(pac::DBGMCU);
 
 impl DebugFreeze {
-    /// Applies the settings, and clears all vector catches.
+    /// Writes the settings, and clears all vector catches.
     pub fn set_up(registers: pac::DBGMCU, debug: &mut DCB) -> Self {
         // SAFETY: clears bits that make the processor halt. The other bits are kept.
         unsafe { debug.demcr.modify(|bits| bits & !VECTOR_CATCHES) };
@@ -39,14 +40,14 @@ impl DebugFreeze {
         halts
     }
 
-    /// Applies the settings again. It writes whole registers, so that all settings of a probe are undone.
+    /// Writes the settings again. It writes whole registers, so that all settings of a probe are undone.
     pub fn assert(&self) {
         self.0.apb1_fz().write(|w| w.dbg_tim2_stop().set_bit());
         self.0.apb2_fz().write(|w| w.dbg_tim1_stop().set_bit());
     }
 }
 
-/// The debug port of the processor.
+/// The debug port of the processor, whose state the firmware can read.
 pub struct BoardDebugPort;
 
 impl DebugPort for BoardDebugPort {

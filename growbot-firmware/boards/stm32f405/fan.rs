@@ -8,17 +8,17 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use crate::pins::FanPower;
 
-/// Last count of a period, which has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
+/// Last count of a PWM period. The period has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u16 = u16::MAX - 1;
 
-/// The fan's switch.
+/// PWM output of the fan.
 pub struct FanPwm {
     timer: pac::TIM12,
     _pin: FanPower,
 }
 
 impl FanPwm {
-    /// Starts the PWM at no power.
+    /// Starts the PWM with a duty of zero.
     pub fn new(timer: pac::TIM12, pin: FanPower, rcc: &mut Rcc) -> Self {
         pac::TIM12::enable(rcc);
         pac::TIM12::reset(rcc);
@@ -47,7 +47,7 @@ impl SetDutyCycle for FanPwm {
     }
 }
 
-/// Switches the fan off at once. Its owner keeps it.
+/// Switches the fan off at once, from any context. The timer stays with its owner.
 pub fn off() {
     // SAFETY: a single write of a whole register, which its owner also writes only as a whole.
     let timer = unsafe { &*pac::TIM12::ptr() };

@@ -1,11 +1,11 @@
-//! The flash of the robot's description, sectors 8 and 9 of the processor's own, and that of the journal, sectors 10
-//! and 11. Each sector has 128 KiB (reference manual RM0090, chapter 3).
+//! The flash of the robot's description (sectors 8 and 9 of the processor's own flash) and that of the journal (sectors
+//! 10 and 11). Each sector has 128 KiB (reference manual RM0090, chapter 3).
 //!
-//! While flash is programmed or erased, nothing can be read from it, code included, so that the processor stalls. This
+//! While flash is programmed or erased, neither data nor code can be read from it, so that the processor stalls. This
 //! takes 16 us a word, 100 us at most, and up to 2 s a sector (data sheet DS8626, table "flash memory programming").
-//! Interrupts are served between words. Code in RAM erases a sector. It feeds the watchdog while it waits, with
-//! interrupts disabled, so that heater and steppers must be off. Words need a supply of 2.7 V, so the flash is behind
-//! the detector of `brown_out.rs`.
+//! Interrupts are served between words. A function in RAM erases a sector. It feeds the watchdog while it waits, with
+//! interrupts disabled, so that heater and steppers must be off. Programming of words needs a supply of 2.7 V, so the
+//! flash is changed only while the detector of `brown_out.rs` reports enough voltage.
 //!
 //! (The flash of `stm32f4xx-hal` leaves panics in the firmware, writes bytes, and does not feed a watchdog.)
 
@@ -18,30 +18,32 @@ use stm32f4xx_hal::pac;
 use crate::brown_out::PvdMonitor;
 use crate::runtime::word_flash::{Word, WordFlash, WordNorFlash};
 
-/// Sectors that may be erased. The firmware is in the sectors before them.
+/// Numbers of the sectors that may be erased. The firmware is in the sectors before them.
 const ERASABLE_SECTORS: RangeInclusive<usize> = 8..=11;
-/// Bytes of a sector, for sector 5 and those after it.
+/// Length of a sector, bytes, for sector 5 and all later sectors.
 const SECTOR_BYTES: usize = 128 * 1024;
 /// Address of sector 5.
 const SECTOR_5: usize = 0x0802_0000;
 
-/// Keys that unlock the control register. In any other order they lock it until the next reset.
+/// Keys that unlock the flash's control register. In any other order they lock it until the next reset.
 const KEYS: [u32; 2] = [0x4567_0123, 0xCDEF_89AB];
-/// Control: starts an erasure (STRT).
+/// Bit of the flash's control register: starts an erasure (STRT).
 const START: u32 = 1 << 16;
-/// Status: a write or erasure is in progress (BSY).
+/// Bit of the flash's status register: a write or erasure is in progress (BSY).
 const BUSY: u32 = 1 << 16;
-/// Status: all its errors (PGSERR, PGPERR, PGAERR, WRPERR, OPERR), which are cleared by writing ones.
+/// Bits of the flash's status register: all errors (PGSERR, PGPERR, PGAERR, WRPERR, OPERR), which are cleared by
+/// writing ones.
 const ERRORS: u32 = 0xF2;
-/// The watchdog's key register, and the key that feeds it.
+/// Address of the watchdog's key register. `FEED` is the key that feeds the watchdog.
 const WATCHDOG_KEY: *mut u32 = 0x4000_3000 as *mut u32;
 const FEED: u32 = 0xAAAA;
-/// Number of checks of an erasure after which the code stops feeding the watchdog, which then resets the board. They
-/// take more than 3 s, with at least 12 clocks a check.
+/// Number of checks of a running erasure after which the code stops feeding the watchdog, which then resets the board.
+/// The checks take more than 3 s, with at least 12 clocks a check.
 const MAX_LOOKS: u32 = 45_000_000;
 
 unsafe extern "C" {
-    /// Beginning and end of the description and the journal in the memory map. Only their addresses are used.
+    /// Beginning of the description's flash in the memory map. This symbol and the next ones mark the beginning and the
+    /// end of the flash of description and journal. Only their addresses are used.
     static _description_start: u32;
     static _description_end: u32;
     static _journal_start: u32;
@@ -51,7 +53,7 @@ unsafe extern "C" {
 /// Flash that is changed only while the processor's supply is high enough.
 pub type SuppliedFlash = GuardedFlash<WordNorFlash<Stm32Flash>, PvdMonitor>;
 
-/// A part of the flash.
+/// One of the two flash areas: that of the robot's description, or that of the journal.
 pub struct Stm32Flash {
     registers: pac::FLASH,
     start: *mut u32,
@@ -62,7 +64,7 @@ pub struct Stm32Flash {
 unsafe impl Send for Stm32Flash {}
 
 impl Stm32Flash {
-    /// Returns the flash of the robot's description and that of the journal. The clocks must be set up.
+    /// Returns the flash area of the robot's description, and that of the journal. The clocks must have been set up.
     pub fn parts(registers: pac::FLASH) -> [SuppliedFlash; 2] {
         // SAFETY: the controller alone uses both, one after the other.
         let other = unsafe { pac::FLASH::steal() };
@@ -77,12 +79,12 @@ impl Stm32Flash {
         SuppliedFlash::new(WordNorFlash(Self { registers, start: start.cast_mut(), bytes }), PvdMonitor)
     }
 
-    /// Returns the address of a byte of this flash.
+    /// Returns the address of the byte at an offset of this flash area.
     fn address(&self, offset: usize) -> *mut u32 {
         self.start.wrapping_byte_add(offset)
     }
 
-    /// Does some work with the control register unlocked. Returns an error if the work fails.
+    /// Calls `work` with the flash's control register unlocked. Returns an error if the work fails.
     fn unlocked(&mut self, work: impl FnOnce(&pac::FLASH) -> bool) -> Result<(), NorFlashErrorKind> {
         let registers = &self.registers;
         for key in KEYS {
@@ -102,12 +104,12 @@ impl Stm32Flash {
     }
 }
 
-/// Returns whether the last write or erasure, which is over, succeeded.
+/// Returns whether the last write or erasure has ended without an error. Call it only after its end.
 fn went_well(registers: &pac::FLASH) -> bool {
     registers.sr().read().bits() & ERRORS == 0
 }
 
-/// Programs a word.
+/// Programs the word at an address. Returns whether this succeeded.
 fn program(registers: &pac::FLASH, address: *mut u32, word: u32) -> bool {
     // SAFETY: an aligned word of this flash, of which Rust code owns nothing.
     unsafe { address.write_volatile(word) };
@@ -116,8 +118,8 @@ fn program(registers: &pac::FLASH, address: *mut u32, word: u32) -> bool {
     went_well(registers)
 }
 
-/// Starts the erasure that the control register describes, and waits for its end. The function is in RAM, and all
-/// functions that it calls are inlined.
+/// Starts the erasure that the flash's control register describes, and waits for its end. The function is in RAM, and
+/// all functions that it calls are inlined.
 ///
 /// # Safety
 ///

@@ -1,9 +1,9 @@
-//! Heater power: TIM1 channel 1, PWM at 1.28 kHz.
+//! PWM of the heater's power stage: TIM1 channel 1, at 1.28 kHz.
 //!
-//! The timer is an advanced one, because its output goes low without the processor: if the processor is halted
-//! (`debug_port.rs`), and if the crystal stops (the clock security system is a break of TIM1). Both clear MOE or have
-//! the same effect, and OSSI then drives the output to OIS1's level, which is low. After a break it stays low until the
-//! board is reset.
+//! TIM1 is an advanced timer. It is used because its output goes low without help of the processor: if the processor is
+//! halted (`debug_port.rs`), and if the crystal stops (the clock security system triggers the break of TIM1). Both
+//! clear MOE or have the same effect, and OSSI then drives the output to OIS1's level, which is low. After a break it
+//! stays low until the board is reset.
 
 use core::convert::Infallible;
 
@@ -13,19 +13,20 @@ use stm32f4xx_hal::rcc::{Enable, Rcc};
 
 use crate::pins::HeaterPower;
 
-/// Last count of a period, which has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
+/// Last count of a PWM period. The period has `u16::MAX` clocks, so that a duty of `u16::MAX` never goes low.
 const LAST_COUNT: u16 = u16::MAX - 1;
-/// Divider of the timer's clock. The timers of the second bus (APB2) run at 168 MHz, and this makes 84.
+/// Divider of the timer's clock. The timers of the second bus (APB2) run at 168 MHz, and the divider reduces that to 84
+/// MHz.
 const PRESCALER: u16 = 2;
 
-/// The heater's power stage.
+/// PWM output of the heater's power stage.
 pub struct HeaterPwm {
     timer: pac::TIM1,
     _pin: HeaterPower,
 }
 
 impl HeaterPwm {
-    /// Starts the PWM at no power. The timer is in its state after the processor's reset.
+    /// Starts the PWM with a duty of zero. The timer must be in its state after the processor's reset.
     pub fn new(timer: pac::TIM1, pin: HeaterPower, rcc: &mut Rcc) -> Self {
         pac::TIM1::enable(rcc);
         timer.psc().write(|w| w.psc().set(PRESCALER - 1));
@@ -58,7 +59,7 @@ impl SetDutyCycle for HeaterPwm {
     }
 }
 
-/// Switches the heater off at once. Its owner keeps it.
+/// Switches the heater off at once, from any context. The timer stays with its owner.
 pub fn off() {
     // SAFETY: a single write of a whole register, which its owner also writes only as a whole.
     let timer = unsafe { &*pac::TIM1::ptr() };

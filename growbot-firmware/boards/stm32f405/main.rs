@@ -59,7 +59,7 @@ mod app {
     use crate::watchdog::Stm32Watchdog;
     use crate::{brown_out, clock, reset, watchdog};
 
-    /// Handover between the controller and the step interrupt.
+    /// Mailbox for moves and reports between the controller and the step interrupt.
     static MAILBOX: Mailbox = Mailbox::new();
 
     type StepEngine = Engine<
@@ -75,7 +75,7 @@ mod app {
         pins::Stm32Outputs,
     >;
 
-    /// The parts of this board.
+    /// The hardware drivers of this board, by type.
     pub struct Stm32f405;
 
     impl Board for Stm32f405 {
@@ -179,8 +179,8 @@ mod app {
         (Shared {}, Local { engine, step_timer, uart, controller, logged })
     }
 
-    /// Returns the facts about this start. It makes the clocks fast before it checks the image, long before the
-    /// watchdog must be fed.
+    /// Returns the facts about this start. Sets the fast clocks before it checks the image, so that it ends long before
+    /// the watchdog must be fed.
     fn boot_info(rcc: &pac::RCC, flash: &pac::FLASH) -> BootInfo {
         BootInfo {
             reset_cause: reset::read_and_clear_cause(rcc),

@@ -1,4 +1,4 @@
-//! The wiring: a type for each signal of WIRING.md's table, named after the signal, with its role.
+//! The board's pins: a type for each signal of WIRING.md's table, named after the signal.
 //!
 //! The pins of the published robots are not known. This table is an assumption, for an STM32F405RG in its 64-pin
 //! package. PA15, PB3 and PB4 are not used, because they are JTAG's until software changes that. The robot's
@@ -19,96 +19,96 @@ use stm32f4xx_hal::gpio::{
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::Rcc;
 
-/// Signal `head STEP`.
+/// Signal `head STEP` of the table in WIRING.md.
 pub type HeadStep = PC6<Output>;
-/// Signal `head DIR`.
+/// Signal `head DIR` of the table in WIRING.md, with logical levels.
 pub type HeadDirection = InvertiblePin<PC7<Output>>;
-/// Signal `head EN`; high is energised.
+/// Signal `head EN` of the table in WIRING.md, with logical levels. High energises the motor.
 pub type HeadEnable = InvertiblePin<PC8<Output>>;
-/// Signal `feed STEP`.
+/// Signal `feed STEP` of the table in WIRING.md.
 pub type FeedStep = PB12<Output>;
-/// Signal `feed DIR`.
+/// Signal `feed DIR` of the table in WIRING.md, with logical levels.
 pub type FeedDirection = InvertiblePin<PB13<Output>>;
-/// Signal `feed EN`; high is energised.
+/// Signal `feed EN` of the table in WIRING.md, with logical levels. High energises the motor.
 pub type FeedEnable = InvertiblePin<PB14<Output>>;
-/// Signal `drivers' fault outputs, joined`; high is a fault.
+/// Signal `drivers' fault outputs, joined` of the table in WIRING.md, with logical levels. High means a fault.
 pub type DriverFault = InvertiblePin<PC9<Input>>;
-/// Signal `heater power`.
+/// Signal `heater power` of the table in WIRING.md.
 pub type HeaterPower = PA8<Alternate<1>>;
-/// Signal `heater second switch`.
+/// Signal `heater second switch` of the table in WIRING.md.
 pub type HeaterEnable = PA7<Output>;
-/// Signal `fan`.
+/// Signal `fan` of the table in WIRING.md.
 pub type FanPower = PB15<Alternate<9>>;
-/// Signal `thermistor`.
+/// Signal `thermistor` of the table in WIRING.md.
 pub type ThermistorInput = PC0<Analog>;
-/// Signal `supply voltage`.
+/// Signal `supply voltage` of the table in WIRING.md.
 pub type SupplyInput = PC1<Analog>;
-/// Signal `index sensor`; high is on the mark.
+/// Signal `index sensor` of the table in WIRING.md, with logical levels. High means that the head is on the index mark.
 pub type Index = InvertiblePin<PB6<Input>>;
-/// Signal `filament presence`; high is filament.
+/// Signal `filament presence` of the table in WIRING.md, with logical levels. High means that filament is present.
 pub type FilamentPresence = InvertiblePin<PB5<Input>>;
-/// Signal `filament encoder`.
+/// Signal `filament encoder` of the table in WIRING.md.
 pub type FilamentMotionPin = PB7<Input>;
-/// Signal `emergency stop`; high is pressed.
+/// Signal `emergency stop` of the table in WIRING.md, with logical levels. High means that it is pressed.
 pub type EmergencyStop = InvertiblePin<PB8<Input>>;
-/// Signal `orientation sensor SCL`.
+/// Signal `orientation sensor SCL` of the table in WIRING.md.
 pub type OrientationClock = PB10<Output<OpenDrain>>;
-/// Signal `orientation sensor SDA`.
+/// Signal `orientation sensor SDA` of the table in WIRING.md.
 pub type OrientationData = PB11<Output<OpenDrain>>;
-/// Signal `link, board to host`.
+/// Signal `link, board to host` of the table in WIRING.md.
 pub type LinkTx = PA2<Alternate<7>>;
-/// Signal `link, host to board`.
+/// Signal `link, host to board` of the table in WIRING.md.
 pub type LinkRx = PA3<Alternate<7>>;
 
-/// A low level enables the drivers. [`make_safe`] needs this without the pins.
+/// True if a low level at EN energises a motor. [`make_safe`], which does not own the pins, reads this.
 static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
-/// All pins, each configured and at its safe level.
+/// The configured pins of all signals, each at its safe level.
 pub struct Stm32Pins {
-    /// STEP of the head.
+    /// STEP pin of the head's driver.
     pub head_step: HeadStep,
-    /// DIR of the head.
+    /// DIR pin of the head's driver.
     pub head_direction: HeadDirection,
-    /// EN of the head.
+    /// EN pin of the head's driver.
     pub head_enable: HeadEnable,
-    /// STEP of the feed.
+    /// STEP pin of the feed's driver.
     pub feed_step: FeedStep,
-    /// DIR of the feed.
+    /// DIR pin of the feed's driver.
     pub feed_direction: FeedDirection,
-    /// EN of the feed.
+    /// EN pin of the feed's driver.
     pub feed_enable: FeedEnable,
     /// Output of the heater's PWM.
     pub heater: HeaterPower,
-    /// Second switch in the heater's supply.
+    /// Second switch, in series with the heater's power stage.
     pub heater_enable: HeaterEnable,
     /// Output of the fan's PWM.
     pub fan: FanPower,
-    /// Divider of the thermistor.
+    /// Analog input of the thermistor's voltage divider.
     pub thermistor: ThermistorInput,
-    /// Divider of the supply.
+    /// Analog input of the supply's voltage divider.
     pub supply: SupplyInput,
     /// Presence switch of the filament.
     pub filament_presence: FilamentPresence,
-    /// Fault outputs of the drivers.
+    /// Joined fault outputs of the stepper drivers.
     pub driver_fault: DriverFault,
-    /// SCL of the orientation sensor.
+    /// SCL pin of the orientation sensor.
     pub orientation_clock: OrientationClock,
-    /// SDA of the orientation sensor.
+    /// SDA pin of the orientation sensor.
     pub orientation_data: OrientationData,
-    /// Index sensor of the head.
+    /// Input of the head's index sensor.
     pub index: Index,
-    /// Encoder that the filament turns.
+    /// Input of the encoder that the filament turns.
     pub filament_motion: FilamentMotionPin,
-    /// Emergency stop.
+    /// Input of the emergency stop.
     pub emergency_stop: EmergencyStop,
-    /// TX of the link.
+    /// TX pin of the link's UART.
     pub link_tx: LinkTx,
-    /// RX of the link.
+    /// RX pin of the link's UART.
     pub link_rx: LinkRx,
 }
 
 impl Stm32Pins {
-    /// Takes the ports and configures each pin. An output's level is set before it becomes an output.
+    /// Configures the pins for a robot and returns them. An output's level is set before it becomes an output.
     pub fn new(robot: &RobotDescription, a: pac::GPIOA, b: pac::GPIOB, c: pac::GPIOC, rcc: &mut Rcc) -> Self {
         let enable_low = robot.motion.enable_low;
         ENABLE_LOW.store(enable_low, Ordering::Relaxed);
@@ -147,7 +147,8 @@ impl Stm32Pins {
     }
 }
 
-/// Heater, fan and both drivers, for the step interrupt.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct Stm32Outputs;
 
 impl Outputs for Stm32Outputs {
@@ -156,7 +157,7 @@ impl Outputs for Stm32Outputs {
     }
 }
 
-/// Switches heater, fan and both drivers off at once, from any context. Their owners keep the pins.
+/// Switches heater, fan and both stepper drivers off at once, from any context. The pins stay with their owners.
 pub fn make_safe() {
     // SAFETY: `bsrr` sets and clears single pins in one write, so that the owners of other pins are not disturbed.
     let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };

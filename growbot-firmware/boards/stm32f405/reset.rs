@@ -1,4 +1,4 @@
-//! The cause of the board's start, the boot id, and orderly resets.
+//! The cause of the board's start, the boot identifier, and orderly resets.
 
 use core::arch::naked_asm;
 use core::cell::UnsafeCell;
@@ -10,7 +10,7 @@ use stm32f4xx_hal::pac;
 
 use crate::runtime::crash::{self, ExceptionContext};
 
-/// Three words that survive a reset: no code loads or clears this section.
+/// Notes for the next boot: three words that survive a reset, because no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_notes")]
 static NOTES: Stm32ResetNotes = Stm32ResetNotes(UnsafeCell::new(MaybeUninit::uninit()));
 
@@ -19,11 +19,12 @@ struct Stm32ResetNotes(UnsafeCell<MaybeUninit<[u32; 3]>>);
 // SAFETY: accessed only through `read` and `write`, each a single access of a whole word.
 unsafe impl Sync for Stm32ResetNotes {}
 
-/// Word 0: the end of the last boot.
+/// Index of the note that records how the last boot ended.
 const END: usize = 0;
-/// Word 1: the boot id.
+/// Index of the note that contains the boot identifier.
 const BOOT: usize = 1;
-/// Word 2: the complement of word 1. It shows whether both words are from an earlier boot or random.
+/// Index of the note that contains the complement of the boot identifier. It shows whether both words are from an
+/// earlier boot or random.
 const CHECK: usize = 2;
 
 const FAULTED: u32 = 0x6E0F_E502;
@@ -47,7 +48,8 @@ impl Stm32ResetNotes {
     }
 }
 
-/// Reads and clears the flags of the last reset and the note of the last boot. Call it once.
+/// Returns the cause of the board's start, from the flags of the last reset and the note of the last boot. Call it
+/// once, because it clears both.
 pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
     let flags = rcc.csr().read();
     rcc.csr().modify(|_, w| w.rmvf().set_bit());
@@ -71,9 +73,9 @@ pub fn read_and_clear_cause(rcc: &pac::RCC) -> ResetCause {
     }
 }
 
-/// Returns a number that differs from those of earlier boots. Call it once.
+/// Returns a boot identifier that differs from those of earlier boots. Call it once.
 ///
-/// The number counts up while RAM has power. After a loss of power it starts from the random content of the cells,
+/// The identifier counts up while RAM has power. After a loss of power it starts from the random content of the cells,
 /// which differs from board to board and, in part, from time to time.
 pub fn next_boot_id() -> u32 {
     let (boot, check) = (NOTES.read(BOOT), NOTES.read(CHECK));
@@ -90,7 +92,7 @@ fn end(note: u32) -> ! {
     SCB::sys_reset()
 }
 
-/// Switches everything off and resets, because the processor's supply sags.
+/// Switches everything off and resets the board, because the processor's supply sags.
 pub fn reset_on_brown_out() -> ! {
     end(SAGGED)
 }
@@ -102,13 +104,13 @@ extern "C" fn default_handler() -> ! {
     naked_asm!("b HardFault")
 }
 
-/// Switches everything off and resets, because the crystal has stopped.
+/// Switches everything off and resets the board, because the crystal has stopped.
 pub fn reset_on_clock_failure() -> ! {
     end(CLOCK_FAILED)
 }
 
-/// Makes the outputs safe, records the crash and resets the board, after a stack overflow or another fault of the
-/// processor.
+/// Makes the outputs safe, records the crash and resets the board. Called after a stack overflow or another fault of
+/// the processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
     crate::pins::make_safe();

@@ -1,15 +1,15 @@
-//! The step interrupt's timer: TIM2, with 32 bits, so that every rate is exact to a clock.
+//! The timer of the step interrupt: TIM2, with 32 bits, so that every tick rate is exact to a clock of the timer.
 
 use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use crate::clock;
 
-/// The running timer.
+/// The running timer of the step interrupt.
 pub struct StepTimer(pac::TIM2);
 
 impl StepTimer {
-    /// Starts interrupts at a rate that [`growbot_core::robot::Robot::check_for_board`] has accepted.
+    /// Starts the step interrupt at a rate that [`growbot_core::robot::Robot::check_for_board`] has accepted, Hz.
     pub fn start(timer: pac::TIM2, tick_hz: u32, rcc: &mut Rcc) -> Self {
         pac::TIM2::enable(rcc);
         pac::TIM2::reset(rcc);
@@ -23,7 +23,7 @@ impl StepTimer {
         StepTimer(timer)
     }
 
-    /// Clears the interrupt's flag.
+    /// Clears the flag of the step interrupt.
     pub fn acknowledge(&mut self) {
         self.0.sr().write(|w| w.uif().clear());
     }

@@ -1,4 +1,4 @@
-//! The UART of the link, USART2 at 115200 baud: a byte queue in each direction.
+//! The UART of the link, USART2 at 115200 baud, with a byte queue in each direction.
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
@@ -9,20 +9,20 @@ use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 use crate::pins::{LinkRx, LinkTx};
 use crate::{clock, pins};
 
-/// UartQueue of one direction.
+/// Byte queue of one direction of the link.
 pub type UartQueue = ByteQueue<4096>;
 
-/// Received bytes, oldest first.
+/// Bytes that the UART has received, oldest first.
 pub static RECEIVED: UartQueue = UartQueue::new();
-/// Bytes to send. Pend the interrupt after adding some.
+/// Bytes that the UART is to send, oldest first. Pend the interrupt of USART2 after adding some.
 pub static TO_SEND: UartQueue = UartQueue::new();
 
 const BAUD: u32 = 115_200;
 
-/// The interrupt's side of the UART.
+/// The part of the link's UART that its interrupt uses.
 pub struct LinkUart {
     usart: pac::USART2,
-    /// Recogniser of an emergency stop in the received bytes.
+    /// Detector of an emergency stop in the received bytes.
     watch: EmergencyStopDetector,
     lost: u32,
     _pins: (LinkTx, LinkRx),

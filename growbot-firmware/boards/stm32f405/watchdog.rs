@@ -1,5 +1,5 @@
-//! The independent watchdog, which resets about 1 s after it was last fed (0.7 to 2 s, over the tolerance of its
-//! oscillator).
+//! The independent watchdog, which resets the board about 1 s after it was last fed (0.7 to 2 s, over the tolerance of
+//! its oscillator).
 
 use growbot_firmware::hal::Watchdog;
 use stm32f4xx_hal::pac;

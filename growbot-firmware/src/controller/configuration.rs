@@ -1,6 +1,6 @@
-//! Configuration with a new robot description from a host. The board accepts one only at rest and cold, checks it, and
-//! stores it in flash. It takes effect after a restart of the board, so that no part of the firmware keeps using the
-//! old one.
+//! Configuration with a new robot description from a host. The board accepts a description only while it is at rest and
+//! cold, checks it, and stores it in flash. The new description takes effect after a restart of the board, so that no
+//! part of the firmware keeps using the old one.
 
 use growbot_core::link::message::{Configure, Configured, DescriptionError, Message, Refusal, State};
 use growbot_core::robot::{BoardKind, MAX_VERSIONED_LEN, Robot};
@@ -15,16 +15,16 @@ use crate::safety::transitions::may_heat;
 /// description of the wrong thermistor could not be replaced, because the nozzle might always read as hot. In
 /// `no_false_alarms.rs` a nozzle cools below 50 C in a quarter of this time.
 const COOLED_US: u64 = 20 * 60 * 1_000_000;
-/// Time from the response to the restart, us. In this time the board sends the response, and answers a repeated request
-/// too.
+/// Time from the response to the last part of a description until the board restarts, us. In this time the board sends
+/// the response, and answers a repetition of the request too.
 const RESTART_US: u64 = 500_000;
 
-/// Description that is being received.
+/// Robot description that is being received from the host, part by part.
 #[derive(Default)]
 pub(super) struct ConfigUpload {
-    /// Hash of the description, as the host states it.
+    /// Hash of the robot description that is being received, as the host states it.
     robot: u64,
-    /// Length of the description, as the host states it, bytes.
+    /// Length of the complete description, as the host states it, bytes.
     length: u16,
     bytes: Vec<u8, MAX_VERSIONED_LEN>,
     /// Time at which the board restarts with the new description, us. `None` until the description is stored.
@@ -43,7 +43,7 @@ impl ConfigUpload {
         self.restart_at.is_some()
     }
 
-    /// Adds a part of the description. Returns `true` if the description is now complete.
+    /// Adds a part of the robot description. Returns `true` if the description is now complete.
     fn add(&mut self, part: &Configure) -> Result<bool, Refusal> {
         if usize::from(part.length) > MAX_VERSIONED_LEN {
             return Err(Refusal::InvalidDescription { error: DescriptionError::TooLong });
@@ -65,15 +65,15 @@ impl ConfigUpload {
         Ok(self.bytes.len() == usize::from(self.length))
     }
 
-    /// Decodes the robot from the complete description.
+    /// Decodes the robot from the complete description. Fails if its hash is not the hash that the host stated.
     fn robot(&self) -> Result<Robot, DescriptionError> {
         let robot = Robot::decode_for_board(&self.bytes)?;
         if robot.hash() == self.robot { Ok(robot) } else { Err(DescriptionError::HashMismatch { found: robot.hash() }) }
     }
 }
 
-/// Returns the robot if its description is for one of these kinds of board, or for any kind. If `kinds` is empty, every
-/// description is accepted.
+/// Returns the robot if its description states one of the board kinds `kinds`, or no kind. Returns an error otherwise.
+/// If `kinds` is empty, every description is accepted.
 pub(super) fn check_board_kind(kinds: &[BoardKind], robot: Robot) -> Result<Robot, DescriptionError> {
     let asked = robot.description().board.map(|board| board.kind);
     match (asked, kinds.first()) {
@@ -89,7 +89,7 @@ impl<B: Board> Controller<B> {
         self.configuring.restart_at.is_some_and(|at| self.now_us >= at)
     }
 
-    /// Accepts a part of a description, and stores the description once its last part has arrived.
+    /// Accepts a part of a robot description, and stores the description once its last part has arrived.
     pub(super) fn configure(&mut self, part: &Configure) -> Result<Message, Refusal> {
         if self.configuring.is_restart_pending() {
             return if part.robot == self.configuring.robot {
@@ -114,7 +114,7 @@ impl<B: Board> Controller<B> {
         Ok(self.configuring.answer())
     }
 
-    /// Checks that the board may accept a new description: the robot is at rest, nothing is hot, and no job is
+    /// Checks that the board may accept a new robot description: the robot is at rest, nothing is hot, and no job is
     /// unfinished.
     fn check_configurable(&self) -> Result<(), Refusal> {
         if !self.identity.configured {

@@ -11,37 +11,41 @@ use crate::journal;
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, HomingMove, Mailbox, Move, Report, TurnReport, as_built};
 
-/// Allowance for the duration of a move, as a share of its expected time.
+/// Time by which a move may exceed its expected duration before it is overdue, as a share of that duration.
 const ALLOWANCE: f64 = 0.2;
-/// Further allowance for the duration of any move, us.
+/// Time that is added to the max duration of every move, us, in addition to [`ALLOWANCE`].
 const ALLOWANCE_US: u64 = 2_000_000;
 
-/// Time by which the heater gets the power for a first layer before its plastic flows, s, because power takes seconds
-/// from the heater to the nozzle (docs/decisions/0022-heater-regulation.md; `tests/no_false_alarms.rs` bounds it).
+/// Time for which the heater already gets the power for the first layer after homing or a pause before the plastic of
+/// that layer flows, s. Power takes seconds from the heater to the nozzle (docs/decisions/0022-heater-regulation.md;
+/// `tests/no_false_alarms.rs` bounds the value).
 const LEAD_S: f64 = 1.5;
-/// Limit of that time as a share of a layer's period (decision 0022).
+/// Upper limit of the time [`LEAD_S`], as a share of a layer's period (decision 0022).
 const MAX_LEAD_SHARE: f64 = 1.0 / 12.0;
 
-/// Min time for which a robot waits for filament before the robot parks, s. 3D printers wait for an hour too.
+/// Min time for which a paused robot without filament waits for new filament before it parks, s. 3D printers wait for
+/// an hour too.
 const WAITS_FOR_FILAMENT_S: f64 = 3600.0;
 
-/// The moves handed to the step engine, and the positions in which they left head and filament.
+/// Moves that the step engine has received, and the filament's position after them.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct MoveTracker {
-    /// Number of moves handed to the engine and not yet reported.
+    /// Number of moves that the step engine has received and has not yet reported as ended.
     outstanding: u8,
-    /// Latest time at which the first of the submitted moves must be reported as ended, us.
+    /// Time by which the step engine must report the end of the oldest outstanding move, us. `None` if no move is
+    /// outstanding.
     due: Option<u64>,
-    /// Time that the latest move may take, us.
+    /// Max duration of the most recently submitted move, us.
     latest_us: u64,
-    /// Direction in which filament is moved without a layer.
+    /// Direction of the filament move at the beginning or end of a pause. `None` if no such move is in progress.
     feeding: Option<FilamentDirection>,
-    /// Current move of maintenance.
+    /// Maintenance move that is in progress. `None` if no maintenance move is in progress.
     maintained: Option<MaintenanceMove>,
-    /// Number of feed steps by which the filament is behind the nozzle. A pause or maintenance has retracted the
-    /// filament, and it is pushed forward again before the next layer.
+    /// Number of feed steps by which the end of the filament is behind the nozzle. A pause or maintenance has retracted
+    /// the filament, and it is pushed forward again before the next layer.
     retracted_steps: u32,
-    /// True if the head's next turn is in reverse, back to the start of the previous turn.
+    /// True if the head's next turn is in reverse, back to the start of the previous turn. Used for heads that turn to
+    /// and fro.
     backwards: bool,
     /// Reason for a pause after the current layer. `None` if no pause was requested.
     pause: Option<PauseCause>,
@@ -53,34 +57,34 @@ enum FilamentDirection {
     Forward,
 }
 
-/// Current move of maintenance.
+/// Maintenance move that is in progress.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum MaintenanceMove {
-    /// Move of the head.
+    /// Homing or rotation of the head.
     Head,
-    /// Move of filament.
+    /// Feed or retraction of filament.
     Filament {
-        /// Flow through the nozzle, mm^3/s; 0 in reverse.
+        /// Flow of plastic through the nozzle, mm^3/s; 0 if the filament is retracted.
         flow: f64,
-        /// Steps forward.
+        /// Number of feed steps forward; 0 if the filament is retracted.
         forward: u32,
-        /// Steps in reverse.
+        /// Number of feed steps in reverse; 0 if the filament is pushed forward.
         back: u32,
     },
 }
 
 impl MoveTracker {
-    /// Returns whether a move is in progress.
+    /// Returns whether the step engine has a move that it has not yet reported as ended.
     pub fn is_under_way(&self) -> bool {
         self.outstanding > 0
     }
 
-    /// Returns whether a move of maintenance is in progress.
+    /// Returns whether a maintenance move is in progress.
     pub fn is_maintenance_active(&self) -> bool {
         self.maintained.is_some()
     }
 
-    /// Records a move of maintenance that is expected to take this time.
+    /// Records that a maintenance move has begun at time `now`, us. `seconds` is its expected duration.
     pub fn start_maintenance(&mut self, what: MaintenanceMove, seconds: f64, now: u64) {
         if let MaintenanceMove::Filament { back, .. } = what {
             // If the move is cut off, its full length counts as pulled back. Too much is then pushed forward again
@@ -91,12 +95,12 @@ impl MoveTracker {
         self.on_submitted(seconds, now);
     }
 
-    /// Returns whether a move of maintenance moves filament.
+    /// Returns whether a maintenance move of filament is in progress, forward or in reverse.
     pub fn feeds_for_maintenance(&self) -> bool {
         matches!(self.maintained, Some(MaintenanceMove::Filament { .. }))
     }
 
-    /// Records the end of a move of maintenance. Returns `false` if no such move was in progress.
+    /// Records the end of a maintenance move. Returns `false` if no such move was in progress.
     fn finish_maintenance(&mut self, now: u64) -> bool {
         let Some(what) = self.maintained.take() else { return false };
         self.on_reported(now);
@@ -106,32 +110,33 @@ impl MoveTracker {
         true
     }
 
-    /// Forgets all moves. The position of the filament is kept.
+    /// Forgets all moves, but not the position of the filament.
     pub fn halt(&mut self) {
         *self = Self { retracted_steps: self.retracted_steps, ..Self::default() };
     }
 
-    /// Sets the number of steps by which the filament is behind the nozzle, after a start of the board.
+    /// Sets the number of feed steps by which the filament is behind the nozzle. Called once after a start of the
+    /// board.
     pub fn set_retracted_steps(&mut self, steps: u32) {
         self.retracted_steps = steps;
     }
 
-    /// Returns the number of steps by which the filament is behind the nozzle.
+    /// Returns the number of feed steps by which the filament is behind the nozzle.
     pub fn behind(&self) -> u32 {
         self.retracted_steps
     }
 
-    /// Returns whether maintenance pushes filament forward.
+    /// Returns whether a maintenance move that pushes filament forward is in progress.
     pub fn is_loading(&self) -> bool {
         matches!(self.maintained, Some(MaintenanceMove::Filament { forward: 1.., .. }))
     }
 
-    /// Returns whether the engine has failed to report a move in time.
+    /// Returns whether the step engine has failed to report the end of a move in time.
     pub fn is_overdue(&self, now: u64) -> bool {
         self.due.is_some_and(|due| now > due)
     }
 
-    /// Records a submitted move that is expected to take this time.
+    /// Records that a move was submitted to the step engine at time `now`, us. `seconds` is its expected duration.
     fn on_submitted(&mut self, seconds: f64, now: u64) {
         self.latest_us = (seconds * (1.0 + ALLOWANCE) * 1e6) as u64 + ALLOWANCE_US;
         if self.outstanding == 0 {
@@ -140,7 +145,7 @@ impl MoveTracker {
         self.outstanding = self.outstanding.saturating_add(1);
     }
 
-    /// Records the report of a move.
+    /// Records that the step engine has reported the end of a move.
     fn on_reported(&mut self, now: u64) {
         self.outstanding = self.outstanding.saturating_sub(1);
         self.due = (self.outstanding > 0).then_some(now.saturating_add(self.latest_us));
@@ -184,12 +189,13 @@ impl<B: Board> Controller<B> {
                 let back = self.motion.feeding.take() == Some(FilamentDirection::Back);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
-            // The others are late reports of moves from before everything was switched off.
+            // All other reports are late: they belong to moves from before everything was switched off.
             _ => {}
         }
     }
 
-    /// Counts a layer as laid: records it in the journal first, then reports it to the host.
+    /// Records a laid layer in the journal. After the last layer of the job, also switches everything off and ends the
+    /// job. [`Self::report_layers`] later reports the layer to the host.
     pub(super) fn record_turn(&mut self, turn: &TurnReport, handover: &Mailbox) {
         let measured = self.measure(handover);
         self.commit(LayerEncoder::default().encode(&as_built(&turn.feed, &self.robot)), measured);
@@ -202,7 +208,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Makes the next step of the growth if the conditions for that step are met.
+    /// Starts the next move of the growth if its conditions are met: homes the head once the nozzle is hot, submits the
+    /// next layer to the step engine, or begins or ends a pause.
     pub(super) fn advance_growth(&mut self, handover: &Mailbox) {
         match self.state {
             State::Heating if self.heater.is_steady(self.now_us) && self.parts.drivers.are_configured() => {
@@ -226,7 +233,7 @@ impl<B: Board> Controller<B> {
         self.apply_event(Event::TemperatureReached);
     }
 
-    /// Returns the max time of a homing, s.
+    /// Returns the max duration of a homing move, s.
     pub(super) fn homing_s(&self, homing: &HomingMove) -> f64 {
         let steps = f64::from(homing.max_steps) + f64::from(homing.steps_to_zero);
         steps * f64::from(homing.ticks_per_step) / f64::from(self.robot.description().motion.tick_hz)
@@ -248,7 +255,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Lays the next layer while growing, or pauses.
+    /// Submits the next layer to the step engine. Pauses instead if no layer is stored or if a pause is requested.
     fn lay_or_pause(&mut self, handover: &Mailbox) {
         if self.job.layers_begun == self.job.layer_count {
             return;
@@ -290,13 +297,13 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Returns the number of steps by which filament is pulled back for a pause.
+    /// Returns the number of feed steps by which filament is pulled back for a pause.
     pub(super) fn retract_steps(&self) -> u32 {
         let feed = &self.robot.description().feed;
         libm::rint(feed.retract_mm * feed.steps_per_mm) as u32
     }
 
-    /// Pulls filament back for a pause, or pushes it forward to the nozzle again.
+    /// Starts the filament move that pulls filament back for a pause, or pushes it forward to the nozzle after a pause.
     fn feed(&mut self, feeding: FilamentDirection, handover: &Mailbox) {
         let description = self.robot.description();
         let feed = &description.feed;
@@ -347,12 +354,12 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Makes the pause last until the host requests that the growth continue.
+    /// Makes the current pause last until the host requests that the growth continue.
     pub(super) fn wait_for_start(&mut self) {
         self.motion.pause.get_or_insert(PauseCause::Requested);
     }
 
-    /// Sets or clears the reason for a pause after the current layer.
+    /// Sets the reason for a pause after the current layer. `None` cancels the pause.
     pub(super) fn set_pause(&mut self, pause: Option<PauseCause>) {
         self.motion.pause = pause;
     }
@@ -362,16 +369,17 @@ impl<B: Board> Controller<B> {
         self.motion.pause.unwrap_or_default()
     }
 
-    /// Returns whether the heater already gets the power for the first layer while that layer waits, for up to 1.5 s.
+    /// Returns whether the heater already gets the power for the first layer after homing or a pause while that layer
+    /// waits, for up to 1.5 s.
     fn is_in_power_lead(&self) -> bool {
         let lead_s = LEAD_S.min(MAX_LEAD_SHARE * self.robot.description().layer.period_s);
         let waits = self.state == State::Growing && self.motion.outstanding == 0;
         waits && (self.in_state_us() as f64) < lead_s * 1e6
     }
 
-    /// Returns the flow that the heater must melt now, mm^3/s. While the step engine feeds, the flow follows from the
-    /// engine's feed rate, which varies in a bend and from layer to layer. Before the first layer begins, the flow is
-    /// the mean flow of that layer.
+    /// Returns the flow of plastic that the heater must melt now, mm^3/s. While the step engine feeds, the flow follows
+    /// from the engine's feed rate, which varies in a bend and from layer to layer. Before the first layer begins, the
+    /// flow is the mean flow of that layer.
     pub(super) fn plastic_flow_mm3_per_s(&self, handover: &Mailbox) -> f64 {
         if let Some(MaintenanceMove::Filament { flow, .. }) = self.motion.maintained {
             return flow;

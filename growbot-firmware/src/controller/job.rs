@@ -1,8 +1,8 @@
 //! The job: its plan, its progress, and the requests that change it.
 //!
-//! A layer is a transaction named by plan and index. It is accepted into the store, begun, and committed to the journal
-//! once it is laid. No index is laid twice and none is skipped, unless the operator decides so for an interrupted
-//! layer.
+//! A layer is a transaction that is identified by the plan and the layer's index. It is accepted into the store, begun,
+//! and committed to the journal once it is laid. No index is laid twice and none is skipped, unless the operator
+//! decides so for an interrupted layer.
 
 use growbot_core::layer::SECTORS;
 use growbot_core::layer_bytes::{LayerBytes, decode_checked};
@@ -20,47 +20,48 @@ use crate::safety::retained::ActiveWork;
 use crate::safety::transitions::Event;
 use crate::stepping::{Mailbox, Report, TurnPlanner};
 
-/// Temperature below which the nozzle must be to erase a sector of the journal, degrees Celsius. Erasing stops the
-/// processor for up to two seconds.
+/// Temperature that the nozzle must be below before flash is erased, degrees Celsius. Erasing stops the processor for
+/// up to two seconds.
 pub(super) const COLD_C: f64 = 50.0;
-/// Max number of layers handed to the engine and not yet laid.
+/// Max number of layers that the step engine has received and not yet laid.
 const MAX_LAYERS_IN_FLIGHT: usize = 3;
-/// Number of the latest layers whose measurements are stored.
+/// Max number of layers whose sensor readings are kept. These are the latest layers.
 const MAX_MEASURED: usize = 16;
-/// Max age of the retained progress of the current layer, s.
+/// Max age of the current layer's progress in the memory that survives a reset, s.
 const RETAINED_AGE_S: f64 = 0.25;
 
 /// The current job: its plan and its progress.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ActiveJob {
-    /// Identifier of the plan; 0 without a job.
+    /// Identifier of the job's plan; 0 without a job.
     pub plan_id: u64,
-    /// Number of layers of the plan.
+    /// Number of layers of the job's plan.
     pub layer_count: u32,
-    /// Number of layers laid.
+    /// Number of layers of the job that are laid.
     pub layers_laid: u32,
-    /// Number of layers handed to the engine.
+    /// Number of layers of the job that the step engine has received.
     pub layers_begun: u32,
-    /// Number of layers reported to the host.
+    /// Number of layers of the job that have been reported to the host as laid.
     pub layers_reported: u32,
     /// Progress of the interrupted layer. `None` if no layer was interrupted.
     pub interrupted: Option<InterruptedLayer>,
-    /// Reaction to a silent host.
+    /// Reaction to a host that no longer sends messages: pause, or continue the growth.
     pub silence: HostSilencePolicy,
-    /// The journal has failed, so that the job cannot be resumed.
+    /// True if the journal has failed, so that the job cannot be resumed.
     pub journal_failed: bool,
-    /// Carry from the layers that are laid to the next layers.
+    /// Total height and remaining lean after the laid layers, from which the next layer is planned.
     pub carry: journal::RoundingCarry,
-    /// Planner of the next turns. The planner holds the rounding errors of the layers that the step engine has got, and
-    /// the speeds at the end of these layers.
+    /// Planner of the next turns. It holds the rounding errors of the layers that the step engine has received, and the
+    /// motor speeds at the end of these layers.
     pub material: TurnPlanner,
-    /// Carry from each layer that is handed to the engine and not yet laid to the next layer.
+    /// Journal records of the layers that the step engine has received and not yet laid, oldest first. The layer as
+    /// built is added to a record once the layer is laid.
     pub carries: Deque<journal::LayerRecord, MAX_LAYERS_IN_FLIGHT>,
-    /// Measurements after the latest layers.
+    /// Sensor readings after each of the latest laid layers, oldest first.
     measured: Deque<MeasuredLayer, MAX_MEASURED>,
 }
 
-/// Measurements after a layer.
+/// Sensor readings that were taken after a layer was laid.
 #[derive(Debug, Clone)]
 struct MeasuredLayer {
     index: u32,
@@ -68,14 +69,15 @@ struct MeasuredLayer {
 }
 
 impl ActiveJob {
-    /// Forgets the layers that the step engine has got and not laid, so that the next layer follows the laid layers.
+    /// Forgets the layers that the step engine has received and not laid, so that the next layer follows the laid
+    /// layers.
     pub fn forget_given(&mut self) {
         self.layers_begun = self.layers_laid;
         self.carries.clear();
         self.material = TurnPlanner::from(self.carry);
     }
 
-    /// Stores the measurements after a layer.
+    /// Stores the sensor readings that were taken after a layer. Drops the oldest readings if the queue is full.
     fn store_measured(&mut self, index: u32, measured: LayerReadings) {
         if self.measured.is_full() {
             self.measured.pop_front();
@@ -84,7 +86,7 @@ impl ActiveJob {
         let _ = self.measured.push_back(MeasuredLayer { index, measured });
     }
 
-    /// Returns the measurements after a layer. `None` if they are no longer stored.
+    /// Returns the sensor readings that were taken after a layer. `None` if they are no longer stored.
     fn measured(&self, index: u32) -> Option<LayerReadings> {
         self.measured.iter().find(|layer| layer.index == index).map(|layer| layer.measured)
     }
@@ -116,7 +118,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Replaces the job by a new one, in the journal too.
+    /// Starts a new job in place of the current one, in the journal too.
     pub(super) fn new_job(&mut self, plan_id: u64, layers: u32) -> Result<(), Refusal> {
         let capacity = self.parts.journal.capacity();
         if layers > capacity {
@@ -129,8 +131,8 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Erases as much of the journal as a job needs. Everything is off. The nozzle must be cold too, because nothing is
-    /// monitored while the flash is erased.
+    /// Erases as much of the journal as a job of `layers` layers needs. Call it only with everything off. The nozzle
+    /// must be cold too, because nothing is monitored while the flash is erased.
     fn erase_journal_for(&mut self, layers: u32) -> Result<(), Refusal> {
         while self.parts.journal.needs_erasing(layers) {
             if self.heater.temperature(self.now_us).is_none_or(|temperature| temperature >= COLD_C) {
@@ -171,7 +173,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Refuses a request that the journal could not record, and records that the job cannot be resumed.
+    /// Converts a failed write to the journal to a refusal of the request, and marks the job as not resumable.
     fn journal_result(&mut self, written: Result<(), JournalError>) -> Result<(), Refusal> {
         written.map_err(|_| {
             self.job.journal_failed = true;
@@ -179,7 +181,8 @@ impl<B: Board> Controller<B> {
         })
     }
 
-    /// Counts the interrupted layer as laid, with the part of it that was made.
+    /// Counts the interrupted layer as laid, although only a part of it was made. The job then resumes with the next
+    /// layer.
     fn skip_interrupted(&mut self) -> Result<(), Refusal> {
         let index = self.job.layers_laid;
         let unknown = journal::LayerRecord {
@@ -218,7 +221,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Checks all layers of a batch before a layer is stored, because a batch is stored as a whole or not at all.
+    /// Checks all layers of a batch before the first one is stored, because a batch is stored as a whole or not at all.
     fn check_layers(&self, first: u32, batch: &[LayerBytes], end: u32) -> Result<(), Refusal> {
         for (index, bytes) in (first..end).zip(batch) {
             self.check_layer(index, bytes)?;
@@ -235,12 +238,12 @@ impl<B: Board> Controller<B> {
         decode_checked(bytes, &self.robot).map(|_| ()).map_err(|_| Refusal::LayerOutOfLimits { index })
     }
 
-    /// Stores a layer.
+    /// Stores a layer. Refuses it if the layer store is full.
     pub(super) fn store_layer(&mut self, bytes: LayerBytes) -> Result<(), Refusal> {
         if self.store_mut().push(bytes) { Ok(()) } else { Err(Refusal::LayerStoreFull) }
     }
 
-    /// Replaces the layers from an index on: all or none.
+    /// Replaces the layers of the job from an index on. If one of the new layers is refused, no layer is replaced.
     pub(super) fn amend(&mut self, amend: &Amend) -> Result<Message, Refusal> {
         self.check_event(Event::Amend)?;
         if amend.new_plan_id == 0 {
@@ -332,7 +335,7 @@ impl<B: Board> Controller<B> {
         Ok(self.accepted())
     }
 
-    /// Ends the job in the journal.
+    /// Records in the journal that the job has ended, unless that is already recorded.
     pub(super) fn end_job(&mut self) {
         if self.parts.journal.job().is_some_and(|job| !job.ended) {
             self.job.journal_failed |= self.parts.journal.record_ended().is_err();
@@ -402,8 +405,9 @@ impl<B: Board> Controller<B> {
         self.motion.set_retracted_steps(if is_retracted { self.retract_steps() } else { 0 });
     }
 
-    /// Records in the journal that a layer is begun, before the step engine gets the layer. If the layer follows
-    /// another without a pause, the record of the previous layer already contains its beginning.
+    /// Records in the journal that a layer is begun, before the step engine receives the layer. If the previous layer
+    /// is still being laid, nothing is recorded now: the later record of that layer also states that this layer was
+    /// begun.
     pub(super) fn note_begun(&mut self) {
         if self.job.layers_begun == self.job.layers_laid {
             self.job.journal_failed |= self.parts.journal.record_begun(self.job.layers_begun).is_err();
@@ -411,7 +415,8 @@ impl<B: Board> Controller<B> {
         self.job.interrupted = None;
     }
 
-    /// Records that a layer is laid, in the journal first.
+    /// Counts the oldest layer in progress as laid: keeps its sensor readings, removes it from the layer store and
+    /// records it in the journal.
     pub(super) fn commit(&mut self, as_built: LayerBytes, measured: LayerReadings) {
         let index = self.job.layers_laid;
         self.job.layers_laid += 1;
@@ -425,7 +430,8 @@ impl<B: Board> Controller<B> {
         self.job.journal_failed |= self.parts.journal.record_laid(index, &layer, next_begun).is_err();
     }
 
-    /// Reports layers from the journal that the host has not received yet.
+    /// Reports the laid layers that have not been reported to the host yet, as long as the link's queue has room for
+    /// them.
     pub(super) fn report_layers(&mut self) {
         while self.job.layers_reported < self.job.layers_laid && self.link.has_room_for_layer() {
             let index = self.job.layers_reported;

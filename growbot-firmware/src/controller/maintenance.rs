@@ -11,17 +11,18 @@ use crate::hal::{Board, StepperDrivers};
 use crate::safety::transitions::Event;
 use crate::stepping::{AxisMove, Mailbox, Move};
 
-/// Time after the latest request for maintenance after which heater and motors are switched off, us: ten minutes.
+/// Time without a maintenance request after which heater and motors are switched off, us: ten minutes.
 pub const UNATTENDED_US: u64 = 600_000_000;
 /// Max duration of one maintenance move, s. The duration is well below [`UNATTENDED_US`].
 const MAX_MOVE_S: f64 = 300.0;
-/// Min distance of a preheat target from the max temperature, degrees. The limit for `heater.target_c` is the same.
+/// Min distance of a preheat target below the robot's max temperature, degrees. The limit for `heater.target_c` is the
+/// same.
 const MARGIN_C: f64 = 5.0;
-/// Hundredths of a degree in a turn of the head, which is the max of one request.
+/// Angle of a whole turn of the head, hundredths of a degree. One request may turn the head by at most this angle.
 const TURN_CENTI_DEG: u32 = 36_000;
 
 impl<B: Board> Controller<B> {
-    /// Carries out a task.
+    /// Carries out a maintenance task that the host requests.
     pub(super) fn maintain(&mut self, task: MaintenanceTask, handover: &Mailbox) -> Result<Message, Refusal> {
         match task {
             MaintenanceTask::Preheat { target_centi_c } => self.preheat(f64::from(target_centi_c) / 100.0)?,
@@ -76,7 +77,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Enters maintenance with the heater off.
+    /// Enters maintenance with the heater off, so that head and feed move cold.
     fn dry_run(&mut self) -> Result<(), Refusal> {
         self.check_event(Event::Preheat)?;
         if self.state == State::Paused || self.heater.target().is_some() {
@@ -89,7 +90,8 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Returns whether head and feed move without heat. Maintenance with the heater off is always a dry run.
+    /// Returns whether head and feed may move although the nozzle is cold. Maintenance with the heater off is always
+    /// such a dry run.
     pub(super) fn is_dry_run(&self) -> bool {
         self.state == State::Maintenance && self.heater.target().is_none()
     }
@@ -108,8 +110,9 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    /// Feeds filament. The speed forward is the mean speed of the robot's growth, which its heater can melt. The speed
-    /// in reverse is the speed at which filament is retracted before a pause.
+    /// Feeds filament by a distance in um, in reverse if the distance is negative. The speed forward is the mean speed
+    /// of the robot's growth, which its heater can melt. The speed in reverse is the speed at which filament is
+    /// retracted before a pause.
     fn feed_by(&mut self, um: i32, handover: &Mailbox) -> Result<(), Refusal> {
         self.check_maintenance_move(Event::MoveFilament, handover)?;
         let backwards = um < 0;
@@ -145,7 +148,7 @@ impl<B: Board> Controller<B> {
         if backwards { back } else { grows.min(back) }
     }
 
-    /// Returns a move of an axis, and the duration of the move, s.
+    /// Returns a move of one axis, and the duration of the move, s.
     fn axis_move(&self, steps: f64, steps_per_s: f64, backwards: bool, changes_filament: bool) -> (AxisMove, f64) {
         let tick_hz = f64::from(self.robot.description().motion.tick_hz);
         let steps = libm::rint(steps) as u32;
@@ -154,8 +157,8 @@ impl<B: Board> Controller<B> {
         (AxisMove { steps, backwards, ticks_per_step, changes_filament }, seconds)
     }
 
-    /// Refuses a move in other states, while another move is in progress, and with a nozzle that is not hot, except in
-    /// a dry run.
+    /// Refuses a maintenance move if the robot's state does not allow it, while another move is in progress, if the
+    /// stepper drivers are not configured, or, except in a dry run, if the nozzle is not hot.
     fn check_maintenance_move(&self, event: Event, handover: &Mailbox) -> Result<(), Refusal> {
         self.check_event(event)?;
         let min_c = self.robot.description().heater.extrusion_min_c;

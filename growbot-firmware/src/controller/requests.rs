@@ -22,14 +22,15 @@ use crate::stepping::Mailbox;
 
 /// Message kind of a stop request. The board carries out a stop whatever the body of the message contains.
 const STOP: u8 = 0x06;
-/// Min target temperature of tuning, degrees Celsius. A nozzle that is colder than this needs no tuning.
+/// Min target temperature of tuning and of preheating, degrees Celsius. A nozzle that is colder than this needs no
+/// tuning.
 pub(super) const MIN_TUNING_C: f64 = 50.0;
-/// Min distance of the target from the max temperature while tuning, degrees, because the nozzle's temperature swings.
-/// In `heater::tests::regulating` the nozzle temperature swings by 15 C at most.
+/// Min distance of the target below the robot's max temperature while tuning, degrees, because the nozzle's temperature
+/// swings. In `heater::tests::regulating` the nozzle temperature swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;
 
 impl<B: Board> Controller<B> {
-    /// Carries out a request and sends the response.
+    /// Carries out a request of the host and sends the response.
     pub(super) fn handle_frame(&mut self, frame: &LinkFrame, handover: &Mailbox) {
         let header = frame.header;
         let arrival = self.link.process_header(&header, self.now_us);
@@ -213,7 +214,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Plans on the board with the same code as the host, so that the layers are the same, bit for bit.
+    /// Plans a growth on the board and stores its layers as a new job. The board plans with the same code as the host,
+    /// so that the layers are the same, bit for bit.
     fn plan_on_board(&mut self, request: &PlanRequest) -> Result<Message, Refusal> {
         self.check_event(Event::Plan)?;
         let start = Pose::try_from(request.start).map_err(|_| Refusal::PlanningFailed)?;

@@ -29,7 +29,7 @@ const FAN_RAMP_S: f64 = 10.0;
 const MAX_STALLED_CHECKS: u8 = 3;
 
 impl<B: Board> Controller<B> {
-    /// Runs all checks once.
+    /// Runs all checks of the supervision once, and feeds the watchdog if the liveness check passes.
     pub(super) fn supervise(&mut self, handover: &Mailbox) {
         self.supervise_board(handover);
         if self.identity.configured {
@@ -95,7 +95,8 @@ impl<B: Board> Controller<B> {
         self.parts.debug_port.is_on() && !self.robot.description().test_bench
     }
 
-    /// Measures the length of filament fed and the direction of gravity at the tip.
+    /// Reads the pulse count of the filament encoder and the direction of gravity at the tip. A value is `None` without
+    /// its sensor.
     pub(super) fn measure(&mut self, handover: &Mailbox) -> LayerReadings {
         let sensors = &self.robot.description().sensors;
         LayerReadings {
@@ -104,7 +105,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Reads every sensor except the thermistor.
+    /// Reads every sensor except the thermistor. Publishes all readings, and returns those that can indicate danger.
     fn read_sensors(&mut self, handover: &Mailbox) -> InputSample {
         let description = self.robot.description();
         let sensors = &description.sensors;
@@ -136,13 +137,13 @@ impl<B: Board> Controller<B> {
         look
     }
 
-    /// Returns whether a driver's problem counts now. The self-test ignores a driver that cannot be configured, because
-    /// the motors' supply may be switched on later than the board's.
+    /// Returns whether a driver's problem is to be treated as a fault now. The self-test ignores a driver that cannot
+    /// be configured, because the motors' supply may be switched on later than the board's.
     fn is_driver_problem_relevant(&self, problem: DriverProblem) -> bool {
         self.state != State::SelfTest || !matches!(problem, DriverProblem::Silent | DriverProblem::NotConfigured)
     }
 
-    /// Reads the temperature and sets the heater.
+    /// Reads the nozzle's temperature, sets the heater, and latches a fault that the heater or the temperature shows.
     fn regulate(&mut self, supply_v: Option<f64>, handover: &Mailbox) {
         let demand = Demand { flow_mm3_per_s: self.plastic_flow_mm3_per_s(handover), fan: self.fan, supply_v };
         let raw = self.thermistor.pop_mean();
@@ -163,7 +164,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Sets the heater's two switches.
+    /// Sets the duty of the heater's power stage and its second switch. Latches a fault if a pin cannot be set.
     fn apply_heater_output(&mut self, output: HeaterOutput, handover: &Mailbox) {
         let duty = (output.duty * f64::from(self.parts.heater_power.max_duty_cycle())) as u16;
         let enabled = if output.enable {
@@ -222,7 +223,8 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Runs the self-test: every sensor must give the reading of a healthy one.
+    /// Runs the self-test: the robot leaves it once the thermistor and the supply sensor give readings, or with a fault
+    /// if they do not in time.
     fn run_self_test(&mut self, look: &InputSample, handover: &Mailbox) {
         let measures = self.heater.temperature(self.now_us).is_some();
         let powered = !self.robot.description().sensors.supply || look.supply_v.is_some();
@@ -244,7 +246,7 @@ impl<B: Board> Controller<B> {
         self.motion.halt();
     }
 
-    /// Switches heater, fan and steppers off. Each is switched even if another one fails.
+    /// Switches heater, fan and steppers off. Each output is switched even if switching another one fails.
     pub(super) fn switch_outputs_off(&mut self, handover: &Mailbox) {
         self.heater.switch_off();
         let _ = self.parts.heater_enable.set_low();
@@ -254,7 +256,7 @@ impl<B: Board> Controller<B> {
         handover.halt();
     }
 
-    /// Switches everything off and latches a fault, unless an earlier one is latched.
+    /// Switches everything off. Latches the fault, unless an earlier fault or an emergency stop is latched.
     pub(super) fn latch_fault(&mut self, fault: Fault, handover: &Mailbox) {
         let mut record = self.record(Some(fault));
         self.abort_layer(handover);
@@ -266,7 +268,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Switches everything off and latches the emergency stop.
+    /// Switches everything off. Latches the emergency stop, unless an earlier fault or emergency stop is latched.
     pub(super) fn latch_emergency_stop(&mut self, handover: &Mailbox) {
         let mut record = self.record(None);
         self.abort_layer(handover);
@@ -277,7 +279,7 @@ impl<B: Board> Controller<B> {
         }
     }
 
-    /// Returns a fault record with the present state of the board.
+    /// Returns a fault record with the present state of the board. `fault` is `None` for an emergency stop.
     fn record(&self, fault: Option<Fault>) -> FaultRecord {
         FaultRecord {
             fault,

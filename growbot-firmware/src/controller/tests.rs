@@ -1,4 +1,5 @@
-//! Tests of the controller with its surroundings: link, step engine, and a tip that warms, turns and breaks.
+//! Tests of the controller with a simulation of its surroundings: the link, the step engine, and a tip that warms,
+//! turns and breaks.
 
 mod bench;
 mod board;

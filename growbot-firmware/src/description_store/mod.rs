@@ -7,8 +7,8 @@
 //! | byte | content |
 //! |---|---|
 //! | 0 to 3 | `GBRD` |
-//! | 4 to 7 | number of the description: the newest one has the max |
-//! | 8 to 11 | bytes of the description, which follow the header |
+//! | 4 to 7 | sequence number of the description: the newest one has the greatest number |
+//! | 8 to 11 | length of the description, which follows the header, bytes |
 //! | 12 to 15 | CRC-32C of bytes 0 to 11 and of the description |
 //!
 //! All numbers are little-endian. The description begins with the version of its encoding
@@ -23,21 +23,22 @@ use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 
 /// First word of a header: `GBRD`.
 const MAGIC: u32 = u32::from_le_bytes(*b"GBRD");
-/// Bytes of a header.
+/// Length of a header, bytes.
 const HEADER_BYTES: usize = 16;
-/// Length of the longest description, filled up to whole words, bytes.
+/// Length of the longest description, rounded up to whole 4-byte words, bytes.
 const LONGEST: usize = MAX_VERSIONED_LEN.next_multiple_of(4);
-/// Invalid header. This header can overwrite any other header, because flash can always be programmed to zero.
+/// Header of zeros, which marks a slot as invalid. It can overwrite any other header without an erasure, because flash
+/// can always be programmed to zero.
 const STRUCK: [u8; HEADER_BYTES] = [0; HEADER_BYTES];
 
-/// Bytes of a description, filled up to the max length.
+/// Bytes of a description, padded to the max length.
 type PaddedDescription = [u8; LONGEST];
 
-/// Error: the description could not be written, or reads back differently. The previous one is still stored.
+/// Error: the description could not be written, or reads back differently. The previous description is still stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StoreError;
 
-/// Content of the flash.
+/// Content of the flash that stores the robot's description.
 #[derive(Debug, Clone, PartialEq)]
 #[allow(clippy::large_enum_variant, reason = "it is taken apart where it is made")]
 pub enum StoredDescription {
@@ -46,12 +47,12 @@ pub enum StoredDescription {
     /// The description is complete, but this firmware cannot decode it or cannot drive its robot. Another release
     /// stored it.
     Undecodable,
-    /// The description of a robot.
+    /// The newest stored description is valid and describes this robot.
     Robot(Robot),
 }
 
 impl StoredDescription {
-    /// Returns the robot, if a valid description is stored.
+    /// Returns the robot. `None` if no valid description is stored.
     #[must_use]
     pub fn robot(self) -> Option<Robot> {
         match self {
@@ -61,14 +62,14 @@ impl StoredDescription {
     }
 }
 
-/// Slot and number of the newest description.
+/// Slot and header of the newest description.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct NewestDescription {
     slot: u32,
     header: Header,
 }
 
-/// Header without its CRC.
+/// Header of a stored description, without its magic word and its CRC.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Header {
     number: u32,
@@ -76,7 +77,7 @@ struct Header {
 }
 
 impl Header {
-    /// Encodes the header for a description of at least its length.
+    /// Encodes the header as bytes, with the CRC of the header and of `description`.
     fn to_bytes(self, description: &PaddedDescription) -> [u8; HEADER_BYTES] {
         let mut bytes = STRUCK;
         for (into, word) in bytes.as_chunks_mut::<4>().0.iter_mut().zip([MAGIC, self.number, self.length]) {
@@ -89,7 +90,7 @@ impl Header {
         bytes
     }
 
-    /// Returns the CRC of a description and of a header's bytes, except for the bytes of the CRC itself.
+    /// Returns the CRC-32C of the header's bytes, except the last four, which hold the CRC, and of the description.
     fn checksum(self, header: &[u8; HEADER_BYTES], description: &PaddedDescription) -> u32 {
         let mut covered = [0; HEADER_BYTES + LONGEST];
         let content = header.iter().take(HEADER_BYTES - 4).chain(description.iter().take(self.length as usize));
@@ -102,14 +103,14 @@ impl Header {
     }
 }
 
-/// The two slots of a flash.
+/// Store of the robot's description in the two slots of a flash.
 pub struct DescriptionStore<F> {
     flash: F,
     newest: Option<NewestDescription>,
 }
 
 impl<F: MultiwriteNorFlash> DescriptionStore<F> {
-    /// Finds the newest description. The flash must have at least two sectors.
+    /// Opens the store and finds the newest description. The flash must have at least two sectors.
     pub fn open(flash: F) -> Self {
         let mut descriptions = Self { flash, newest: None };
         for slot in 0..2 {
@@ -124,7 +125,7 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
         descriptions
     }
 
-    /// Returns the newest description.
+    /// Reads and decodes the newest description.
     pub fn newest(&mut self) -> StoredDescription {
         let read = self.newest.and_then(|newest| self.read(newest.slot));
         let Some((header, bytes)) = read else { return StoredDescription::Empty };
@@ -132,8 +133,8 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
         robot.and_then(Result::ok).map_or(StoredDescription::Undecodable, StoredDescription::Robot)
     }
 
-    /// Stores a robot's description. It erases a slot, which takes up to two seconds in which the controller does
-    /// nothing else. Heater and steppers must therefore be off and the nozzle cold.
+    /// Stores a robot's description. This erases a slot of the flash, which takes up to two seconds in which the
+    /// controller does nothing else. Heater and steppers must therefore be off and the nozzle cold.
     ///
     /// # Errors
     /// Returns [`StoreError`] if the description could not be written or reads back differently.
@@ -162,7 +163,8 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
         self.flash.write(start, &newest.header.to_bytes(bytes))
     }
 
-    /// Returns the description in a slot. `None` if the slot has no complete one.
+    /// Returns the header and the bytes of the description in a slot. `None` if the slot does not contain a complete
+    /// description.
     #[inline(never)]
     fn read(&mut self, slot: u32) -> Option<(Header, PaddedDescription)> {
         let start = self.start(slot);
@@ -179,7 +181,7 @@ impl<F: MultiwriteNorFlash> DescriptionStore<F> {
         is_whole.then_some((found, bytes))
     }
 
-    /// Returns the address at which a slot begins.
+    /// Returns the address in the flash at which a slot begins, bytes.
     fn start(&self, slot: u32) -> u32 {
         slot * (self.flash.capacity() / F::ERASE_SIZE / 2 * F::ERASE_SIZE) as u32
     }

@@ -1,4 +1,4 @@
-//! Tests of descriptions in flash, with losses of power at every byte.
+//! Tests of the store of robot descriptions, with losses of power at every byte of a write.
 
 use growbot_core::robot::Robot;
 
@@ -6,7 +6,7 @@ use super::{DescriptionStore, HEADER_BYTES, LONGEST, StoreError, StoredDescripti
 use crate::testing::flash::Flash;
 use crate::testing::{fast_robot, robot_a};
 
-/// Bytes of a sector that just holds a description.
+/// Length of a sector that is just long enough for a description, bytes.
 const SECTOR: usize = 1024;
 type Small = Flash<SECTOR>;
 
@@ -33,8 +33,8 @@ fn the_newest_description_is_loaded() {
     assert_eq!(flash.erasures(), [3, 2], "each slot by turns");
 }
 
-/// After an update of the firmware the encoding may differ. The stored description must not be replaced without a
-/// request.
+/// Checks that a description with another encoding, as after an update of the firmware, is not mistaken for no
+/// description. It must not be replaced without a request.
 #[test]
 fn an_unreadable_description_is_distinguished_from_none() {
     let flash = Small::new(2);
@@ -116,7 +116,8 @@ fn a_power_loss_at_any_byte_leaves_the_old_or_the_new_description() {
     assert!(olds > 2 * SECTOR && news > 0, "{olds} old, {news} new");
 }
 
-/// Cells that were being programmed may read differently at each start, but never as another description.
+/// Checks that cells that were being programmed at a loss of power, and may read differently at each start, never read
+/// as another description.
 #[test]
 fn weak_cells_read_as_the_old_or_the_new_description() {
     let (old, new) = (robot_a(), fast_robot());

@@ -1,7 +1,8 @@
-//! The memory that the emulated board and the simulated tip share. This module defines its layout for both sides.
+//! The memory that the emulated board shares with the simulation of the tip on the desktop (the host). This module
+//! defines its layout for the board and the host.
 //!
 //! QEMU's mps2-an386 has no pins. Its firmware writes these words instead of driving a heater and two stepper drivers.
-//! It reads them instead of a thermistor and an index sensor. The desktop maps the same memory (QEMU's
+//! It reads these words instead of a thermistor and an index sensor. The desktop maps the same memory (QEMU's
 //! `memory-backend-file`, at [`ADDRESS`] for the board) and simulates the tip.
 //!
 //! Every word is a little-endian `u32` and is named here by its byte offset. Each word has one writer:
@@ -24,16 +25,16 @@
 //! | `0x044` | [`FEED_STEPS`] | board | `i32`: steps the feed has turned, survives a reset of the board |
 //! | `0x048` | [`HEATER_ENERGY_LO`], [`HEATER_ENERGY_HI`] | board | duty x ticks with the heater on, in this boot |
 //! | `0x050` | [`STEP_WRITE_INDEX`] | board | records written, wrapping, survives a reset of the board |
-//! | `0x054` | [`STEP_OVERRUN`] | board | records dropped because the ring was full, in this boot |
-//! | `0x058` | [`LINK_BYTES_LOST`] | board | received bytes dropped because the queue was full, in this boot |
+//! | `0x050` | [`STEP_WRITE_INDEX`] | board | step records written, wrapping, survives a reset of the board |
+//! | `0x054` | [`STEP_OVERRUN`] | board | step records dropped because the ring was full, in this boot |
 //! | `0x05C` | [`STACK_UNUSED`] | board | bytes of the stack never used in this boot; 0 until they are counted |
 //! | `0x060` | [`FAN_DUTY`] | board | 0 to 65535, full speed |
 //! | `0x100` | [`THERMISTOR_RAW`] | host | 0 to 4095, as the board's ADC would read |
 //! | `0x104` | [`THERMISTOR_LIVE`] | host | 1: the ADC delivers readings; 0: it has stopped |
 //! | `0x108` | [`STEP_READ_INDEX`] | host | records read, wrapping |
-//! | `0x110` | [`INDEX_STEPS_PER_TURN`] | host | head steps in a turn; 0 without an index mark |
+//! | `0x108` | [`STEP_READ_INDEX`] | host | step records read, wrapping |
 //! | `0x114` | [`INDEX_POSITION`] | host | where the mark begins, in head steps from 0 |
-//! | `0x118` | [`INDEX_WIDTH`] | host | width of the mark in head steps |
+//! | `0x114` | [`INDEX_POSITION`] | host | head step at which the mark begins |
 //! | `0x11C` | [`INDEX_FAULT`] | host | `INDEX_FAULT_*` |
 //! | `0x120` | [`ENTROPY`] | host | a number that differs in each run, for boot ids |
 //! | `0x124` | [`ROBOT_LENGTH`] | host | bytes of [`ROBOT`] that are valid, at most [`ROBOT_CAPACITY`] |
@@ -50,13 +51,13 @@
 //! | `0x158` | [`ENCODER_SEQUENCE`] | host | odd while the host changes the three words after it |
 //! | `0x15C` | [`ENCODER_ORIGIN`] | host | `i32`; the [`FEED_STEPS`] from which the encoder continues |
 //! | `0x160` | [`ENCODER_PHASE`] | host | how far it is turned there, in 1/256 steps |
-//! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; filament moved beyond a step's worth by each step, in 1/65536 |
-//! | `0x168` | [`CRASH`] | host | `CRASH_*`: how the board is to crash, as a test |
+//! | `0x160` | [`ENCODER_PHASE`] | host | angle of the encoder at [`ENCODER_ORIGIN`], in 1/256 steps |
+//! | `0x164` | [`ENCODER_SLIP`] | host | `i32`; extra filament that each step moves, in 1/65536 of a step |
 //! | `0x16C` | [`HANG`] | host | 1: the main loop is to hang while the watchdog is fed, as a test |
 //! | `0x1000` | [`ROBOT`] | host | the robot description, bytes |
 //! | `0x2_0000` | [`JOURNAL_FLASH`] | board | its flash, [`FLASH_AREA_BYTES`] bytes: survives a reset of the board |
-//! | `0x8_0000` | [`DESCRIPTION_FLASH`] | board | the flash of the robot's description, as that of the journal |
-//! | `0xC_0000` | [`ALARMS`] | board | the latest tick of each remainder by [`ALARM_WORDS`] |
+//! | `0x8_0000` | [`DESCRIPTION_FLASH`] | board | the flash of the robot's description, like [`JOURNAL_FLASH`] |
+//! | `0xC_0000` | [`ALARMS`] | board | the latest tick number of each remainder modulo [`ALARM_WORDS`] |
 //! | `0x10_0000` | [`STEP_RING`] | board | [`STEP_RING_RECORDS`] step records, see [`StepRecord`] |
 //!
 //! # Order of accesses
@@ -66,14 +67,14 @@
 //!   at 0.
 //! - A new boot shows as a change of [`BOOTS`], which the board writes last. The records from [`BOOT_WRITE_INDEX`] on
 //!   belong to this boot.
-//! - The board writes a record, then [`STEP_WRITE_INDEX`]. The host reads the index, then the records below it, then
-//!   writes [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in
+//! - The board writes a step record, then [`STEP_WRITE_INDEX`]. The host reads the index, then the records below it,
+//!   then writes [`STEP_READ_INDEX`]. The board never waits: when the ring is full it drops the record and counts it in
 //!   [`STEP_OVERRUN`]. The positions [`HEAD_STEPS`] and [`FEED_STEPS`] still count such steps.
 //! - The host writes [`THERMISTOR_RAW`], then 1 to [`THERMISTOR_LIVE`]. From then on the board reads the latest value
 //!   at any rate, like that of its own ADC, so that a slow host does not look like a broken sensor.
 //! - The board writes to [`JOURNAL_FLASH`] and [`DESCRIPTION_FLASH`] as to flash: it programs words by clearing bits,
-//!   and erases
-//!   sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count as erased.
+//!   and erases sectors of [`FLASH_SECTOR_BYTES`] bytes by setting all bits. The zeros of the new memory do not count
+//!   as erased.
 //! - Pairs (`_LO`, `_HI`) are read high, low, high, until both highs agree. Each pair lies in eight aligned bytes.
 //!
 //! # Meaning of the pins
@@ -96,150 +97,160 @@ mod step_record;
 pub use sensors::{EncoderMapping, encoder_level, index_level};
 pub use step_record::{RecordedMotor, StepRecord, step_record_offset};
 
-/// Address of the memory on the board: the expansion RAM of the mps2 boards.
+/// Address of the shared memory on the board: the expansion RAM of the mps2 boards.
 pub const ADDRESS: usize = 0x2100_0000;
-/// Bytes of the memory, a power of two. QEMU requires the file to have exactly this length.
+/// Length of the memory, bytes, a power of two. QEMU requires the file to have exactly this length.
 pub const SIZE: usize = 16 * 1024 * 1024;
 
-/// Offset: [`MAGIC_VALUE`] once the board's words are valid.
+/// Byte offset of the word that is [`MAGIC_VALUE`] once the board's words are valid.
 pub const MAGIC: usize = 0x000;
-/// Offset: version of this table.
+/// Byte offset of the word with the version of this memory layout, [`VERSION_VALUE`].
 pub const VERSION: usize = 0x004;
-/// Value of [`MAGIC`]: `GBTP`.
+/// Value of the word [`MAGIC`]: `GBTP`.
 pub const MAGIC_VALUE: u32 = u32::from_le_bytes(*b"GBTP");
-/// Value of [`VERSION`].
+/// Value of the word [`VERSION`].
 pub const VERSION_VALUE: u32 = 6;
 
-/// Offset, board to host: boots since the memory was zero.
+/// Byte offset of a word that the board writes: boots since the memory was zero.
 pub const BOOTS: usize = 0x010;
-/// Offset, board to host: cause of the board's start, one of `RESET_*`.
+/// Byte offset of a word that the board writes: cause of the board's start, one of `RESET_*`.
 pub const RESET_CAUSE: usize = 0x014;
-/// Offset, board to host: [`STEP_WRITE_INDEX`] when this boot began.
+/// Byte offset of a word that the board writes: [`STEP_WRITE_INDEX`] when this boot began.
 pub const BOOT_WRITE_INDEX: usize = 0x018;
-/// Offset, board to host: times the watchdog was fed in this boot.
+/// Byte offset of a word that the board writes: times the watchdog was fed in this boot.
 pub const WATCHDOG_FEEDS: usize = 0x01C;
-/// Offset, board to host: low half of the board's clock, in ticks of [`TICK_HZ`].
+/// Byte offset of a word that the board writes: low half of the board's clock, in ticks of [`TICK_HZ`].
 pub const TICKS_LO: usize = 0x020;
-/// Offset, board to host: high half of the board's clock.
+/// Byte offset of a word that the board writes: high half of the board's clock, in ticks of [`TICK_HZ`].
 pub const TICKS_HI: usize = 0x024;
-/// Offset, board to host: ticks a second.
+/// Byte offset of a word that the board writes: ticks of the board's clock in a second.
 pub const TICK_HZ: usize = 0x028;
-/// Offset, board to host: heater duty, 0 to 65535. Heats only while [`HEATER_ENABLE`] is 1.
+/// Byte offset of a word that the board writes: heater duty, 0 to 65535. Heats only while [`HEATER_ENABLE`] is 1.
 pub const HEATER_DUTY: usize = 0x030;
-/// Offset, board to host: 1 while the heater's second switch is closed.
+/// Byte offset of a word that the board writes: 1 while the heater's second switch is closed.
 pub const HEATER_ENABLE: usize = 0x034;
-/// Offset, board to host: 1 while the head's driver is energised.
+/// Byte offset of a word that the board writes: 1 while the head's driver is energised.
 pub const HEAD_ENABLE: usize = 0x038;
-/// Offset, board to host: 1 while the feed's driver is energised.
+/// Byte offset of a word that the board writes: 1 while the feed's driver is energised.
 pub const FEED_ENABLE: usize = 0x03C;
-/// Offset, board to host: steps the head has turned, as an `i32`.
+/// Byte offset of a word that the board writes: steps the head has turned, as an `i32`.
 pub const HEAD_STEPS: usize = 0x040;
-/// Offset, board to host: steps the feed has turned, as an `i32`.
+/// Byte offset of a word that the board writes: steps the feed has turned, as an `i32`.
 pub const FEED_STEPS: usize = 0x044;
-/// Offset, board to host: low half of the sum of the duty over the ticks with the heater on. The energy between two
-/// reads is the difference of the sums, at any rate of reading.
+/// Byte offset of a word that the board writes: low half of the sum of the heater's duty over the ticks with the heater
+/// on. The energy between two reads is the difference of the sums, at any rate of reading.
 pub const HEATER_ENERGY_LO: usize = 0x048;
-/// Offset, board to host: high half of [`HEATER_ENERGY_LO`].
+/// Byte offset of a word that the board writes: high half of the sum of [`HEATER_ENERGY_LO`].
 pub const HEATER_ENERGY_HI: usize = 0x04C;
-/// Offset, board to host: step records written.
+/// Byte offset of a word that the board writes: number of step records written, wrapping.
 pub const STEP_WRITE_INDEX: usize = 0x050;
-/// Offset, board to host: step records dropped in this boot because the host read too slowly.
+/// Byte offset of a word that the board writes: step records dropped in this boot because the host read too slowly.
 pub const STEP_OVERRUN: usize = 0x054;
-/// Offset, board to host: received bytes dropped in this boot.
+/// Byte offset of a word that the board writes: received bytes dropped in this boot.
 pub const LINK_BYTES_LOST: usize = 0x058;
-/// Offset, board to host: bytes of the stack that were never used in this boot; 0 until they are counted.
+/// Byte offset of a word that the board writes: bytes of the stack that were never used in this boot; 0 until they are
+/// counted.
 pub const STACK_UNUSED: usize = 0x05C;
-/// Offset, board to host: duty of the fan, 0 to 65535.
+/// Byte offset of a word that the board writes: duty of the fan, 0 to 65535.
 pub const FAN_DUTY: usize = 0x060;
 
-/// Offset, host to board: thermistor reading, 0 to 4095.
+/// Byte offset of a word that the host writes: thermistor reading, 0 to 4095.
 pub const THERMISTOR_RAW: usize = 0x100;
-/// Offset, host to board: 1 while the thermistor's ADC delivers readings.
+/// Byte offset of a word that the host writes: 1 while the thermistor's ADC delivers readings.
 pub const THERMISTOR_LIVE: usize = 0x104;
-/// Offset, host to board: step records read.
+/// Byte offset of a word that the host writes: number of step records read, wrapping.
 pub const STEP_READ_INDEX: usize = 0x108;
-/// Offset, host to board: head steps in a turn; 0 for no index mark.
+/// Byte offset of a word that the host writes: head steps in a turn; 0 for no index mark.
 pub const INDEX_STEPS_PER_TURN: usize = 0x110;
-/// Offset, host to board: the head step at which the mark begins.
+/// Byte offset of a word that the host writes: the head step at which the mark begins.
 pub const INDEX_POSITION: usize = 0x114;
-/// Offset, host to board: width of the mark in head steps.
+/// Byte offset of a word that the host writes: width of the mark in head steps.
 pub const INDEX_WIDTH: usize = 0x118;
-/// Offset, host to board: a broken index sensor, one of `INDEX_FAULT_*`.
+/// Byte offset of a word that the host writes: a broken index sensor, one of `INDEX_FAULT_*`.
 pub const INDEX_FAULT: usize = 0x11C;
-/// Offset, host to board: a number that differs from run to run.
+/// Byte offset of a word that the host writes: a number that differs from run to run.
 pub const ENTROPY: usize = 0x120;
-/// Offset, host to board: length of the robot description in bytes; 0 for none.
+/// Byte offset of a word that the host writes: length of the robot description in bytes; 0 for none.
 pub const ROBOT_LENGTH: usize = 0x124;
-/// Offset, host to board: reading of the supply's voltage, 0 to 4095.
+/// Byte offset of a word that the host writes: reading of the supply's voltage, 0 to 4095.
 pub const SUPPLY_RAW: usize = 0x128;
-/// Offset, host to board: 1 while the supply's ADC delivers readings.
+/// Byte offset of a word that the host writes: 1 while the supply's ADC delivers readings.
 pub const SUPPLY_LIVE: usize = 0x12C;
-/// Offset, host to board: 1 while there is filament.
+/// Byte offset of a word that the host writes: 1 while there is filament.
 pub const FILAMENT_PRESENT: usize = 0x130;
-/// Offset, host to board: 1 while a stepper driver reports a fault.
+/// Byte offset of a word that the host writes: 1 while a stepper driver reports a fault.
 pub const DRIVER_FAULT: usize = 0x134;
-/// Offset, host to board: 1 while the emergency stop is pressed.
+/// Byte offset of a word that the host writes: 1 while the emergency stop is pressed.
 pub const EMERGENCY_STOP: usize = 0x138;
-/// Offset, host to board: feed steps between two rising edges of the filament's encoder, in 1/256; 0 for no encoder.
+/// Byte offset of a word that the host writes: feed steps between two rising edges of the filament's encoder, in 1/256
+/// steps; 0 for no encoder.
 pub const ENCODER_PITCH: usize = 0x13C;
-/// Offset, host to board: whether filament follows the feed, one of `ENCODER_*`.
+/// Byte offset of a word that the host writes: whether filament follows the feed, one of `ENCODER_*`.
 pub const ENCODER_STATE: usize = 0x140;
-/// Offset, host to board: gravity along the tip's x axis, thousandths of the earth's, as an `i32`; upwards, as a
-/// resting accelerometer shows it.
+/// Byte offset of a word that the host writes: gravity along the tip's x axis, thousandths of the earth's, as an `i32`;
+/// upwards, as a resting accelerometer shows it.
 pub const GRAVITY_X: usize = 0x144;
-/// Offset, host to board: gravity along the tip's y axis.
+/// Byte offset of a word that the host writes: gravity along the tip's y axis, in the form of [`GRAVITY_X`].
 pub const GRAVITY_Y: usize = 0x148;
-/// Offset, host to board: gravity along the tip's z axis.
+/// Byte offset of a word that the host writes: gravity along the tip's z axis, in the form of [`GRAVITY_X`].
 pub const GRAVITY_Z: usize = 0x14C;
-/// Offset, host to board: 1 while the orientation sensor answers.
+/// Byte offset of a word that the host writes: 1 while the orientation sensor answers.
 pub const GRAVITY_LIVE: usize = 0x150;
-/// Offset, host to board: 1 to make the board overflow its stack.
+/// Byte offset of a word that the host writes: 1 to make the board overflow its stack.
 pub const OVERFLOW_STACK: usize = 0x154;
-/// Offset, host to board: odd while the host changes [`ENCODER_ORIGIN`], [`ENCODER_PHASE`] and [`ENCODER_SLIP`].
+/// Byte offset of a word that the host writes: odd while the host changes [`ENCODER_ORIGIN`], [`ENCODER_PHASE`] and
+/// [`ENCODER_SLIP`].
 pub const ENCODER_SEQUENCE: usize = 0x158;
-/// Offset, board to host: [`FEED_STEPS`] from which the encoder continues, as an `i32`.
+/// Byte offset of a word that the host writes: position of the feed, as in [`FEED_STEPS`], from which the encoder
+/// continues, as an `i32`.
 pub const ENCODER_ORIGIN: usize = 0x15C;
-/// Offset, host to board: angle of the encoder at [`ENCODER_ORIGIN`], in 1/256 steps, below [`ENCODER_PITCH`].
+/// Byte offset of a word that the host writes: angle of the encoder at [`ENCODER_ORIGIN`], in 1/256 feed steps, below
+/// [`ENCODER_PITCH`].
 pub const ENCODER_PHASE: usize = 0x160;
-/// Offset, host to board: filament that each step moves beyond a step's worth from [`ENCODER_ORIGIN`] on, in 1/65536,
-/// as an `i32`.
+/// Byte offset of a word that the host writes: filament that each feed step from [`ENCODER_ORIGIN`] on moves in
+/// addition to the length of a step, in 1/65536 of a step, as an `i32`.
 pub const ENCODER_SLIP: usize = 0x164;
-/// Offset, host to board: the way in which the board must crash, one of `CRASH_*`; 0 for no crash.
+/// Byte offset of a word that the host writes: the way in which the board must crash, one of `CRASH_*`; 0 for no crash.
 pub const CRASH: usize = 0x168;
-/// Offset, host to board: 1 to make the board's main loop hang while its watchdog is fed.
+/// Byte offset of a word that the host writes: 1 to make the board's main loop hang while its watchdog is fed.
 pub const HANG: usize = 0x16C;
-/// Offset, host to board: the robot description.
+/// Byte offset of the bytes that the host writes: the robot description.
 pub const ROBOT: usize = 0x1000;
 /// Max length of the robot description, bytes.
 pub const ROBOT_CAPACITY: usize = 0x1000;
 
-/// Offset, board to host: the flash of the board's journal.
+/// Byte offset of the bytes that the board writes: the flash of the board's journal.
 pub const JOURNAL_FLASH: usize = 0x2_0000;
-/// Bytes of a sector of the emulated flash. A sector is erased as a unit, and is as large as on the robot's board.
+/// Length of a sector of the emulated flash, bytes. A sector is erased as a unit, and is as large as on the robot's
+/// board.
 pub const FLASH_SECTOR_BYTES: usize = 0x2_0000;
-/// Bytes of the flash of the journal, and of that of the description.
+/// Length of the journal's flash, bytes. The flash of the robot's description has the same length.
 pub const FLASH_AREA_BYTES: usize = 2 * FLASH_SECTOR_BYTES;
-/// Offset, board to host: the flash of the robot's description, with the same number of sectors and bytes.
+/// Byte offset of the bytes that the board writes: the flash of the robot's description. It has the same number of
+/// sectors and bytes as the journal's flash.
 pub const DESCRIPTION_FLASH: usize = 0x8_0000;
 
-/// Offset, board to host: at each tick, after [`TICKS_LO`] and [`TICKS_HI`], the board writes the tick's low half into
-/// the word of its remainder by [`ALARM_WORDS`]. A debugger that watches one word stops the board at one tick.
+/// Byte offset of the words that the board writes at each tick, after [`TICKS_LO`] and [`TICKS_HI`]: the board writes
+/// the low half of the tick's number into the word with the index `tick % ALARM_WORDS`. A debugger that watches one
+/// word stops the board at one tick.
 pub const ALARMS: usize = 0xC_0000;
-/// Words of [`ALARMS`], a power of two.
+/// Number of words of [`ALARMS`], a power of two.
 pub const ALARM_WORDS: u32 = 1024;
 
-/// Offset, board to host: the step records. Record `i` is at `STEP_RING + 4 * (i % STEP_RING_RECORDS)`.
+/// Byte offset of the ring buffer of step records, which the board writes. Record `i` is at `STEP_RING + 4 * (i %
+/// STEP_RING_RECORDS)`.
 pub const STEP_RING: usize = 0x10_0000;
-/// Records in the ring, a power of two. They last for over four minutes at one step a tick and 4 kHz.
+/// Number of step records in the ring buffer, a power of two. They suffice for over four minutes at one step a tick and
+/// 4 kHz.
 pub const STEP_RING_RECORDS: u32 = 1 << 20;
 
-/// Value of [`CRASH`]: the board executes an instruction that does not exist.
+/// Value of the word [`CRASH`]: the board executes an instruction that does not exist.
 pub const CRASH_BY_INSTRUCTION: u32 = 1;
 /// Value of [`CRASH`]: the board reads at [`NOWHERE`], where it has no memory.
 pub const CRASH_BY_ACCESS: u32 = 2;
 /// Value of [`CRASH`]: the board hangs until the watchdog expires.
 pub const CRASH_BY_HANGING: u32 = 3;
-/// Address at which the board has no memory.
+/// Address at which the emulated board has no memory.
 pub const NOWHERE: usize = 0x2FFF_FFF0;
 
 /// Value of [`RESET_CAUSE`]: the first start on this memory.
@@ -267,7 +278,7 @@ pub const ENCODER_STUCK_LOW: u32 = 1;
 /// Value of [`ENCODER_STATE`]: the filament does not move, with the encoder's line high.
 pub const ENCODER_STUCK_HIGH: u32 = 2;
 
-/// Offset of the word of [`ALARMS`] that is written at a tick.
+/// Returns the byte offset of the word of [`ALARMS`] that the board writes at a tick.
 #[must_use]
 pub const fn alarm_offset(tick: u32) -> usize {
     ALARMS + 4 * (tick % ALARM_WORDS) as usize

@@ -1,8 +1,10 @@
-//! Levels of the sensors that follow from the board's own steps.
+//! Levels of the sensors that the emulated board computes from its own steps: the index sensor and the filament
+//! encoder.
 
 use super::{ENCODER_STUCK_HIGH, ENCODER_STUCK_LOW, INDEX_FAULT_STUCK_HIGH, INDEX_FAULT_STUCK_LOW};
 
-/// Returns the level of the index line (`true` is high) for a head at `head_steps`, as the sensor's words describe it.
+/// Returns the level of the index sensor's line (`true` is high) while the head is at `head_steps`. The other arguments
+/// are the `INDEX_*` words of the shared memory.
 ///
 /// ```
 /// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
@@ -24,19 +26,20 @@ pub const fn index_level(head_steps: i32, steps_per_turn: u32, position: u32, wi
     }
 }
 
-/// Relation between the feed's steps and the level of the filament's encoder.
+/// Relation between the steps of the feed and the angle of the filament's encoder: three words of the shared memory.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncoderMapping {
-    /// [`ENCODER_ORIGIN`](super::ENCODER_ORIGIN).
+    /// Position of the feed from which this mapping applies, steps. See [`ENCODER_ORIGIN`](super::ENCODER_ORIGIN).
     pub origin: i32,
-    /// [`ENCODER_PHASE`](super::ENCODER_PHASE).
+    /// Angle of the encoder at `origin`, in 1/256 feed steps. See [`ENCODER_PHASE`](super::ENCODER_PHASE).
     pub phase: u32,
-    /// [`ENCODER_SLIP`](super::ENCODER_SLIP).
+    /// Filament that each feed step moves in addition to the length of a step, in 1/65536 of a step; negative if the
+    /// filament slips. See [`ENCODER_SLIP`](super::ENCODER_SLIP).
     pub slip: i32,
 }
 
-/// Returns the level of the filament's encoder (`true` is high) for a feed at `feed_steps`, as the encoder's words
-/// describe it.
+/// Returns the level of the filament's encoder (`true` is high) while the feed is at `feed_steps`. The other arguments
+/// are the `ENCODER_*` words of the shared memory.
 ///
 /// ```
 /// use growbot_firmware::emulated_tip::{ENCODER_OK, EncoderMapping, encoder_level};
@@ -84,7 +87,7 @@ mod tests {
         assert_eq!(rises(mapping), 888);
     }
 
-    /// Counts the rising edges of the encoder in 100,000 steps, at 112.5 steps a pulse.
+    /// Counts the rising edges of the encoder in 100,000 feed steps, at 112.5 steps between edges without slip.
     fn rises(mapping: EncoderMapping) -> usize {
         let level = |step| encoder_level(step, 225 * 128, ENCODER_OK, mapping);
         (1..=100_000).filter(|step| level(*step) && !level(step - 1)).count()

@@ -1,8 +1,9 @@
-//! The records of steps, and their addresses in the ring.
+//! The records of motor steps, and their addresses in the ring buffer that the emulated board and the simulated tip
+//! share.
 
 use super::{STEP_RING, STEP_RING_RECORDS};
 
-/// One rising edge of a STEP pin, as stored in the ring:
+/// One rising edge of a STEP pin, as stored in the ring buffer of the shared memory:
 ///
 /// | bits | meaning |
 /// |---|---|
@@ -12,17 +13,17 @@ use super::{STEP_RING, STEP_RING_RECORDS};
 /// | 28..0 | low bits of the tick at which the edge came |
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct StepRecord {
-    /// The motor.
+    /// The motor whose STEP pin rose.
     pub axis: RecordedMotor,
-    /// DIR was high.
+    /// True if the DIR pin was high, which means forward.
     pub forward: bool,
-    /// The driver was energised, so that the motor turned.
+    /// True if the driver was energised, so that the motor turned.
     pub enabled: bool,
-    /// Tick modulo 2^29 (37 hours at 4 kHz); see [`StepRecord::tick_after`].
+    /// Tick of the edge modulo 2^29 (37 hours at 4 kHz). [`StepRecord::tick_after`] returns the complete tick.
     pub tick: u32,
 }
 
-/// The two motors of the tip.
+/// The two motors of the emulated tip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordedMotor {
     /// The motor that turns the print head.
@@ -37,7 +38,7 @@ const ENABLED_BIT: u32 = 1 << 29;
 const TICK_MASK: u32 = ENABLED_BIT - 1;
 
 impl StepRecord {
-    /// Encodes the record as a word of the ring. Bits of the tick above 28 are dropped.
+    /// Encodes the record as a word of the ring buffer. Only the low 29 bits of the tick are kept.
     pub const fn to_word(self) -> u32 {
         let axis = match self.axis {
             RecordedMotor::Head => 0,
@@ -48,7 +49,7 @@ impl StepRecord {
         axis | forward | enabled | (self.tick & TICK_MASK)
     }
 
-    /// Decodes a word of the ring. Every word is a valid record.
+    /// Decodes a word of the ring buffer. Every word is a valid record.
     pub const fn from_word(word: u32) -> Self {
         StepRecord {
             axis: if word & AXIS_BIT == 0 { RecordedMotor::Head } else { RecordedMotor::Feed },
@@ -58,8 +59,8 @@ impl StepRecord {
         }
     }
 
-    /// Returns the complete tick number, given that of an earlier record (or the start of the boot) less than 2^29
-    /// ticks before.
+    /// Returns the complete number of this record's tick. `earlier` is a tick less than 2^29 ticks before it: that of
+    /// an earlier record, or the start of the boot.
     pub const fn tick_after(self, earlier: u64) -> u64 {
         let modulus = TICK_MASK as u64 + 1;
         let gap = (self.tick as u64).wrapping_sub(earlier) % modulus;
@@ -67,7 +68,8 @@ impl StepRecord {
     }
 }
 
-/// Returns the byte offset of the record with a running index.
+/// Returns the byte offset of a step record in the shared memory. `index` is the number of records written before it,
+/// wrapping.
 pub const fn step_record_offset(index: u32) -> usize {
     STEP_RING + 4 * (index % STEP_RING_RECORDS) as usize
 }

@@ -1,4 +1,4 @@
-//! Tests of flash behind a detector, alone and below a journal.
+//! Tests of flash that is changed only while the supply is high enough, alone and below a journal.
 
 use std::cell::Cell;
 use std::rc::Rc;
@@ -21,7 +21,7 @@ impl SupplyMonitor for Supply {
     }
 }
 
-/// Returns flash behind a detector, and the setting of that detector.
+/// Returns a guarded view of `flash`, and the switch that sets whether its detector reports enough voltage.
 fn below(flash: &Small, enough: bool) -> (GuardedFlash<Small, Supply>, Supply) {
     let supply = Rc::new(Cell::new(enough));
     (GuardedFlash::new(flash.clone(), Rc::clone(&supply)), supply)

@@ -1,21 +1,24 @@
-//! Measurement of the gains: the relay method of Astrom and Hagglund (Automatica 20, 1984).
+//! Measurement of the PID gains of the heater: the relay method of Astrom and Hagglund (Automatica 20, 1984).
 //!
-//! The power switches between two levels around the nozzle's need. It is low while the reading is above the target and
-//! high while it is below, each by a hysteresis that exceeds the noise. The nozzle then swings steadily. Amplitude `a`
-//! and period of the swings give the ultimate gain `4 d / (pi sqrt(a^2 - h^2))` of the loop, with `d` half the distance
-//! of the levels and `h` the hysteresis.
+//! The power switches between two levels, above and below the power that holds the nozzle at the target. The power is
+//! low while the reading is above the target and high while the reading is below it, each by a hysteresis that exceeds
+//! the noise. The nozzle's temperature then swings steadily. The ultimate gain of the loop is `Ku = 4 d / (pi sqrt(a^2
+//! - h^2))`, with `a` the amplitude of the swings, `d` half the distance of the power levels and `h` the hysteresis.
+//! The ultimate period `Tu` is the period of the swings.
 //!
-//! The gains follow from it by the rules of Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992: `kp = Ku / 2.2`, `Ti =
-//! 2.2 Tu`, `Td = Tu / 6.3`). These rules are for a plant that integrates, as a nozzle does in the time of a swing.
-//! Their gains are made for disturbances, but a nozzle also heats up at full power and must not pass its target by
-//! much. Proportional and integral gain are therefore half of theirs. The derivative gain is theirs.
+//! The gains follow from `Ku` and `Tu` by the rules of Tyreus and Luyben (Ind. Eng. Chem. Res. 31, 1992: `kp = Ku /
+//! 2.2`, `Ti = 2.2 Tu`, `Td = Tu / 6.3`). These rules are for a plant that integrates, as a nozzle does in the time of
+//! a swing. Their gains are made for disturbances, but a nozzle also heats up at full power and must not pass its
+//! target by much. The proportional and the integral gain are therefore half of those by the rules. The derivative gain
+//! is that by the rules.
 //!
-//! `heater::tests::regulating` bounds the constants: on 40 nozzles up to 30 % off their description, the measured gains
-//! keep the nozzle within 1.5 C of its target, with 4 C of overshoot.
+//! `heater::tests::regulating` bounds the constants: on 40 nozzles that differ from their description by up to 30 %,
+//! the measured gains keep the nozzle within 1.5 C of its target, with 4 C of overshoot.
 //!
-//! Supervision stays on, except for the checks that need a regulated nozzle. A swing that takes 90 s ends the tuning,
-//! and so does a tuning beyond twice `heating_timeout_s`. A nozzle whose power per capacity is about 30 % off its
-//! description is reported as a fault, because the description has to be corrected first.
+//! Supervision stays on, except for the checks that need a regulated nozzle. A swing that takes longer than 90 s ends
+//! the tuning with a fault, and so does a tuning that takes longer than twice `heating_timeout_s`. A nozzle whose power
+//! per heat capacity differs from its description by about 30 % is reported as a fault, because the description has to
+//! be corrected first.
 
 use core::f32::consts::PI;
 
@@ -36,43 +39,45 @@ const MIN_HYSTERESIS_C: f32 = 0.4;
 /// Half the distance of the relay's two power levels, as a share of the distance from their middle to zero or full
 /// power. A tenth is left, so that neither level is zero or full power. `heater::tests::regulating` bounds this share.
 const SHARE_OF_ROOM: f32 = 0.9;
-/// Limits of the middle of the two power levels, as a share of the heater's power, so that both levels can differ from
-/// the middle.
+/// Min of the middle of the relay's two power levels, as a share of the heater's power, so that both levels can differ
+/// from the middle. [`MAX_MIDDLE`] is the max.
 const MIN_MIDDLE: f32 = 0.05;
 const MAX_MIDDLE: f32 = 0.95;
-/// Factors by which one swing may change the middle of the two power levels. They are limited because a swing that is
-/// not yet steady is a poor measure of the middle. `heater::tests::regulating` bounds these factors.
+/// Min factor by which one swing may change the middle of the relay's two power levels. [`MAX_STEP`] is the max. The
+/// factors are limited because a swing that is not yet steady is a poor measure of the middle.
+/// `heater::tests::regulating` bounds them.
 const MIN_STEP: f32 = 0.7;
 const MAX_STEP: f32 = 1.4;
 /// Distance below the target, degrees, up to which the nozzle is heated at full power at the beginning of the tuning.
 /// The derivation of this value is not recorded. `heater::tests::regulating` bounds it from below: the nozzle stays 15
 /// C above its target at most.
 const FULL_POWER_BELOW_C: f32 = 10.0;
-/// Min square of the swing beyond the hysteresis, as a share of the squared amplitude. The value is the square of a
-/// fifth of the amplitude. The derivation of this value is not recorded. Without a bound the gains would be infinite if
-/// the hysteresis were all of the swing.
+/// Min of `a^2 - h^2` as a share of `a^2`, where `a` is the amplitude of the swings and `h` the hysteresis: the square
+/// of a fifth. The derivation of this value is not recorded. Without a bound the gains would be infinite if the
+/// hysteresis were all of the swing.
 const MIN_SWING_SQUARED: f32 = 0.04;
-/// Share of Tyreus' and Luyben's proportional and integral gain that is used as gain (decision 0022).
+/// Factor between the proportional and integral gains by the rules of Tyreus and Luyben and the gains that are used
+/// (decision 0022).
 const GAIN_SHARE: f32 = 0.5;
 
 /// State of a tuning, in which the nozzle temperature oscillates around a target.
 #[derive(Debug, Clone, Copy)]
 pub struct RelayTuner {
     high: bool,
-    /// Middle of the two power levels, as a share of the holding power by the model.
+    /// Middle of the two power levels, as a multiple of the holding power that the nozzle's model predicts.
     middle: f32,
     cycles: u32,
-    /// Length of the current swing, s.
+    /// Duration of the current swing until now, s.
     length_s: f32,
-    /// Time at the high power level in the current swing, s.
+    /// Time at the high power level in the current swing until now, s.
     on_s: f32,
-    /// Extremes of the reading in the current swing, degrees Celsius.
+    /// Lowest reading in the current swing, degrees Celsius. `highest_c` is the highest reading.
     lowest_c: f32,
     highest_c: f32,
     sums: Sums,
 }
 
-/// Sums over the measured swings.
+/// Sums of period, amplitude and power step over the measured swings.
 #[derive(Debug, Clone, Copy, Default)]
 struct Sums {
     period_s: f32,
@@ -96,12 +101,13 @@ impl Default for RelayTuner {
 }
 
 impl RelayTuner {
-    /// Returns the length of the current swing, s. `None` while the nozzle is still heated up to the target.
+    /// Returns the duration of the current swing until now, s. `None` while the nozzle is still heated up to the
+    /// target.
     pub fn swing_s(&self) -> Option<f32> {
         (self.cycles > 0 || !self.high).then_some(self.length_s)
     }
 
-    /// Returns the duty, 0 to 1, or the gains once they are found.
+    /// Processes a reading. Returns the duty until the next reading, 0 to 1, or the gains as `Err` once they are found.
     pub fn update(&mut self, target_c: f32, reading_c: f32, seconds: f32, nozzle: &NozzleModel) -> Result<f32, Tuned> {
         let available = nozzle.available_w;
         let need = nozzle.needed_w(target_c) / available;

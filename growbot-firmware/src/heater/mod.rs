@@ -1,13 +1,14 @@
 //! The heater: regulation of the nozzle's temperature, and the conditions under which the heater is switched off.
 //!
 //! Call [`HeaterController::update`] ten times a second with the mean of the period's conversions
-//! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the duty.
-//! `regulation` computes it while the nozzle approaches a target and holds it. `tuning` computes it while the gains are
-//! measured. `supervision` compares the reading with the behaviour that the `model` predicts for the nozzle.
+//! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the states of
+//! the heater's switches. `temperature_control` computes the duty while the nozzle approaches a target and holds it.
+//! `autotune` computes the duty while the PID gains are measured. `supervision` compares the reading with the behaviour
+//! that the `model` predicts for the nozzle.
 //!
 //! Before the heater heats, both of its switches are tested (`proof_test`). Power flows only while a reading is younger
 //! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only
-//! while it is on.
+//! while the heater is on.
 
 mod autotune;
 mod model;
@@ -32,20 +33,21 @@ pub const PERIOD_US: u64 = 100_000;
 /// Max age of a temperature reading while the heater gets power, us. The ADC conversions of a reading may be one period
 /// older, so the heater never gets power by a conversion that is older than 0.5 s (decision 0022).
 const OLDEST_READING_US: u64 = 400_000;
-/// Time for which the temperature must stay in its band before the nozzle counts as hot, us. The derivation of this
-/// value is not recorded. `heater::tests::times` checks it, and `heater::tests::sound` bounds it from below: if a
-/// nozzle counts as hot too early, its temperature drops.
+/// Time for which the temperature must stay in the robot's temperature band around the target before the nozzle counts
+/// as hot, us. The derivation of this value is not recorded. `heater::tests::times` checks it, and
+/// `heater::tests::sound` bounds it from below: if a nozzle counts as hot too early, its temperature drops.
 const SETTLING_US: u64 = 2_000_000;
-/// The temperature must stay within this share of the band for [`STEADY_US`] before a layer is laid. The share and the
+/// Max distance from the target, as a share of the temperature band, at which the nozzle's temperature counts as
+/// steady. The temperature must stay within this distance for [`STEADY_US`] before a layer is laid. The share and the
 /// time together ensure that the overshoot has decayed. `tests/no_false_alarms.rs` allows 1.5 C while growing, which is
 /// half of robot A's band.
 const STEADY_BANDS: f32 = 0.45;
-/// Time for which the temperature must stay within [`STEADY_BANDS`] before a layer is laid, us. The same test bounds
-/// both values.
+/// Time for which the temperature must stay within [`STEADY_BANDS`] of the target before a layer is laid, us.
+/// `tests/no_false_alarms.rs` bounds this time and [`STEADY_BANDS`].
 const STEADY_US: u64 = 10_000_000;
-/// A layer is also laid once the temperature has stayed anywhere in its band for this time, us. So a robot still grows
-/// if its nozzle never comes nearer to the target. The derivation of this value is not recorded. `heater::tests::times`
-/// checks it.
+/// Time in the temperature band after which a layer is laid even if the temperature never was within [`STEADY_BANDS`]
+/// of the target, us. So a robot still grows if its nozzle never comes nearer to the target. The derivation of this
+/// value is not recorded. `heater::tests::times` checks it.
 const STEADY_ENOUGH_US: u64 = 60_000_000;
 /// Distance from the target, in multiples of the robot's temperature tolerance (its band), within which the heater's
 /// power is dithered. The reading of a working sensor therefore shows the dither before the nozzle counts as hot. The
@@ -73,7 +75,7 @@ pub struct Demand {
 pub struct HeaterOutput {
     /// Duty of the power stage, 0 to 1.
     pub duty: f64,
-    /// The second switch is closed.
+    /// True if the second switch, in series with the power stage, is closed.
     pub enable: bool,
 }
 
@@ -84,35 +86,35 @@ impl HeaterOutput {
     const POWER_STAGE_ALONE: Self = Self { duty: 1.0, enable: false };
 }
 
-/// Reading of the thermistor.
+/// Temperature reading of the thermistor.
 #[derive(Debug, Clone, Copy)]
 struct Reading {
     celsius: f64,
-    /// Time of the reading, us.
+    /// Time at which the reading was taken, us.
     taken: u64,
 }
 
-/// The heater's regulation and limits.
+/// Controller of the heater: regulates the nozzle's temperature and switches the heater off if a limit is exceeded.
 #[derive(Debug, Clone, Default)]
 pub struct HeaterController {
-    /// Target, degrees Celsius. `None` while the heater is off.
+    /// Target of the nozzle's temperature, degrees Celsius. `None` while the heater is off.
     target: Option<f64>,
     reading: Option<Reading>,
-    /// Reason why the latest ADC conversions gave no temperature reading.
+    /// Reason why the latest ADC conversions gave no temperature reading. `None` if they gave one.
     broken: Option<ThermistorError>,
     /// Latest duty of the power stage, 0 to 1.
     duty: f64,
-    /// Time of the latest update, us.
+    /// Time of the latest update, us. `None` before the first update.
     updated: Option<u64>,
-    /// Latest time at which the heater was switched on, got its target, or began to heat, us.
+    /// Latest time at which the heater was switched on, its target was set, or it began to heat, us.
     on_since: u64,
-    /// Time since which the temperature has been in its band, us.
+    /// Time since which the temperature has been in its band, us. `None` while it is outside.
     in_band_since: Option<u64>,
-    /// Time since which the temperature has been within [`STEADY_BANDS`] of the target, us.
+    /// Time since which the temperature has been within [`STEADY_BANDS`] of the target, us. `None` while it is not.
     steady_since: Option<u64>,
     /// Trend of the readings while the heater is off.
     rest: UnheatedTrend,
-    /// Proof test of the switches. `None` unless it is running.
+    /// Proof test of the heater's two switches. `None` unless the test is running.
     proof: Option<ProofTest>,
     regulation: TemperatureControl,
     supervision: Supervision,
@@ -127,7 +129,7 @@ impl HeaterController {
         (self.target, self.on_since, self.proof) = (Some(target_c), now, Some(ProofTest::default()));
     }
 
-    /// Sets a new target without switching the heater off in between. It has no effect while the heater is off or being
+    /// Sets a new target without switching the heater off in between. Does nothing while the heater is off or being
     /// tuned.
     pub fn set_target(&mut self, target_c: f64, now: u64) {
         if self.tuning.is_some() || self.target.is_none_or(|target| target.to_bits() == target_c.to_bits()) {
@@ -146,32 +148,32 @@ impl HeaterController {
         *self = Self { reading, broken, rest, tuned: self.tuned.take(), ..Self::default() };
     }
 
-    /// Switches the heater on and lets the nozzle temperature oscillate around a target, to find the PID gains. The
-    /// heater is off once the gains are found.
+    /// Switches the heater on and lets the nozzle temperature oscillate around a target, to measure the PID gains. The
+    /// heater switches off once the gains are found.
     pub fn tune(&mut self, target_c: f64, now: u64) {
         self.switch_on(target_c, now);
         (self.tuning, self.tuned) = (Some(RelayTuner::default()), None);
     }
 
-    /// Returns the gains that were found since the last call.
+    /// Removes and returns the PID gains that a tuning has found. `None` if no tuning has ended since the last call.
     pub fn take_tuning_result(&mut self) -> Option<Tuned> {
         self.tuned.take()
     }
 
-    /// Returns the target, degrees Celsius. `None` while the heater is off.
+    /// Returns the target of the nozzle's temperature, degrees Celsius. `None` while the heater is off.
     #[must_use]
     pub fn target(&self) -> Option<f64> {
         self.target
     }
 
-    /// Returns the temperature, degrees Celsius. `None` without a recent reading.
+    /// Returns the nozzle's temperature, degrees Celsius. `None` without a recent reading.
     #[must_use]
     pub fn temperature(&self, now: u64) -> Option<f64> {
         let Reading { celsius, taken } = self.reading?;
         (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(celsius)
     }
 
-    /// Returns the fault of a sensor that gives no temperature.
+    /// Returns the fault to report if the thermistor gives no temperature: open, shorted, or without readings.
     #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
@@ -188,13 +190,13 @@ impl HeaterController {
         self.duty
     }
 
-    /// Returns whether the temperature has settled at the target.
+    /// Returns whether the nozzle's temperature has been in its band around the target for long enough to count as hot.
     #[must_use]
     pub fn is_hot(&self, now: u64) -> bool {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
     }
 
-    /// Returns whether the temperature is steady enough to lay a layer.
+    /// Returns whether the temperature has been near enough to the target for long enough to lay a layer.
     #[must_use]
     pub fn is_steady(&self, now: u64) -> bool {
         let lasts = |since: Option<u64>, min| since.is_some_and(|since| now.saturating_sub(since) >= min);
@@ -298,7 +300,8 @@ impl HeaterController {
         Ok(HeaterOutput { duty: f64::from(duty), enable: self.target.is_some() })
     }
 
-    /// Converts the mean conversion of a period.
+    /// Converts the mean ADC conversion of a period to a temperature and stores it. Returns a fault if the temperature
+    /// is above the robot's max.
     fn read(&mut self, raw: f64, robot: &RobotDescription, now: u64) -> Result<(), Fault> {
         match celsius_from_raw(raw, &robot.thermistor) {
             Ok(celsius) => {

@@ -1,6 +1,6 @@
 //! Model of the nozzle from the robot's description, with one heat capacity: `C dT/dt = P duty - need`. The *need* is
 //! the power that the nozzle loses at its temperature, to its surroundings, fan and filament. The heater must deliver
-//! it to hold the temperature.
+//! the need to hold the temperature.
 
 use growbot_core::robot::{RobotDescription, Thermistor};
 
@@ -10,21 +10,23 @@ use crate::thermistor;
 /// Assumed temperature of the surroundings, degrees Celsius. A difference of ten degrees changes the power that robot A
 /// needs to hold a temperature by 1.2 W. The trials cover 15 to 35 C (`heater::tests::plant`).
 const SURROUNDINGS_C: f32 = 25.0;
-/// Min share of the nominal voltage that is assumed for a measured supply. A lower voltage is a fault of the supply
-/// (`supply.min_v`). The limit also prevents a division by zero. No trial bounds this limit.
+/// Min supply voltage with which the model computes, as a share of the nominal voltage. A lower voltage is a fault of
+/// the supply (`supply.min_v`). The limit also prevents a division by zero. No trial bounds this limit.
 const MIN_SUPPLY: f64 = 0.5;
-/// Max share of the nominal voltage that is assumed for a measured supply. See [`MIN_SUPPLY`].
+/// Max supply voltage with which the model computes, as a share of the nominal voltage. See [`MIN_SUPPLY`].
 const MAX_SUPPLY: f64 = 1.5;
 
-/// The nozzle under a load. The model is in single precision, which the microcontroller's hardware computes. Readings
+/// Model of the nozzle under a load. It is in single precision, which the microcontroller's hardware computes. Readings
 /// are accurate to five digits.
 pub struct NozzleModel<'a> {
     thermistor: &'a Thermistor,
-    /// Power needed for each degree above the surroundings, W/K: loss, fan and filament.
+    /// Power that the nozzle needs for each degree above the surroundings, W/K: losses to the surroundings and the fan,
+    /// and the heating of filament.
     pub loss_w_per_k: f32,
-    /// Power at full duty, W. It is proportional to the square of the supply's voltage.
+    /// Power of the heater at full duty and the present supply voltage, W. It is proportional to the square of the
+    /// voltage.
     pub available_w: f32,
-    /// Power at full duty and the nominal voltage, W.
+    /// Power of the heater at full duty and the nominal supply voltage, W.
     pub power_w: f32,
     /// True if the supply voltage is measured.
     pub measured: bool,
@@ -57,12 +59,12 @@ impl<'a> NozzleModel<'a> {
         }
     }
 
-    /// Returns the holding power, W: the power that keeps the nozzle at a temperature.
+    /// Returns the holding power of a temperature, W: the power that keeps the nozzle at that temperature.
     pub fn needed_w(&self, celsius: f32) -> f32 {
         self.loss_w_per_k * (celsius - SURROUNDINGS_C)
     }
 
-    /// Returns the degrees that one count of the ADC spans at a temperature.
+    /// Returns the change of temperature that corresponds to one count of the ADC at a temperature, degrees.
     pub fn count_c(&self, celsius: f32) -> f32 {
         let raw = thermistor::raw_from_celsius(f64::from(celsius), self.thermistor);
         match (

@@ -1,15 +1,15 @@
-//! Supervision: compares the reading with the behaviour of the nozzle that three models predict.
+//! Supervision of the heater: compares the reading with the behaviour of the nozzle that three models predict.
 //!
 //! Three models run along with the real nozzle and use the power that it is given ([`models`]). The change of the
-//! reading over each of the last seconds, up to [`MARKS`] of them, is compared with the changes of the models. Each
-//! model has two changes: for a reading that follows at once, and for one that lags. The change nearer to the reading
-//! counts, so that the comparison favours a healthy nozzle.
+//! reading over each of the last seconds, up to [`MARKS`] of them, is compared with the changes of the models. The
+//! change of each model is computed twice: for a reading that follows the nozzle at once, and for a reading that lags.
+//! The change that is nearer to the reading counts, so that the comparison favours a healthy nozzle.
 //!
-//! The limits (docs/decisions/0023-heater-supervision.md) are for a capacity, loss and power of 10 % more or less than
-//! described and a reading that follows within 4 s. Two trials bound each of them from opposite sides. No limit may
-//! raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and `tests/no_false_alarms.rs`). Every fault
-//! must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo fault-campaign`). The comments below
-//! call these two trials `sound` and `faults`. The module's own tests check the values.
+//! The limits (docs/decisions/0023-heater-supervision.md) are for a nozzle whose heat capacity, loss and power differ
+//! from its description by up to 10 % and whose reading follows within 4 s. Two trials bound each limit from opposite
+//! sides. No limit may raise a fault on a healthy nozzle (`heater::tests::sound`, 1,000 h, and
+//! `tests/no_false_alarms.rs`). Every fault must be found in its time (`heater::tests::faults`, 200 nozzles, and `cargo
+//! fault-campaign`). The module's own tests check the values.
 //!
 //! The limits are:
 //!
@@ -52,98 +52,105 @@ use self::models::{
 use super::model::NozzleModel;
 use super::temperature_control::{DITHER_PERIOD_S, Dither, dither_at};
 
-/// Rise of the lower model, degrees, from which on the reading must rise too (decision 0023). A smaller value raises
-/// false alarms in the trial `sound`; with a larger one the trial `faults` finds a heater's open wire too late.
+/// Rise that the lower model must predict, degrees, before a reading that has risen by less than [`LOWER_SHARE`] of it
+/// is a fault (decision 0023). A smaller value raises false alarms in the trial `heater::tests::sound`; with a larger
+/// one the trial `heater::tests::faults` finds a heater's open wire too late.
 const LOWER_C: f32 = 12.0;
-/// Share of the lower model's rise that the reading must show (decision 0023). A larger share raises false alarms in
-/// the trial `sound`; with a smaller one the trial `faults` finds faults too late.
+/// Share of the rise predicted by the lower model that the reading must show (decision 0023). A larger share raises
+/// false alarms in the trial `heater::tests::sound`; with a smaller one the trial `heater::tests::faults` finds faults
+/// too late.
 const LOWER_SHARE: f32 = 0.7;
-/// Change of the nominal model, degrees, from which on the reading must change too. The value was raised from 22 until
-/// the trial `sound` raised no alarm.
+/// Change that the nominal model must predict, degrees, before a reading that has changed by less than
+/// [`NOMINAL_SHARE`] of it is a fault. The value was raised from 22 until the trial `heater::tests::sound` raised no
+/// alarm.
 const NOMINAL_C: f32 = 26.0;
-/// Share of the nominal model's change that the reading must show (decision 0023). With a smaller share the trial
-/// `faults` fails, because a detached thermistor still gets up to 40 % of the nozzle's warmth there.
+/// Share of the change predicted by the nominal model that the reading must show (decision 0023). With a smaller share
+/// the trial `heater::tests::faults` fails, because in that trial a detached thermistor still gets up to 40 % of the
+/// nozzle's warmth.
 const NOMINAL_SHARE: f32 = 0.4;
-/// Change of the nominal model, degrees, during which the reading of a working sensor must change (decision 0023). With
-/// a larger value the trial `faults` fails: a frozen reading must be detected within 15 s after the heater is switched
-/// on.
+/// Change predicted by the nominal model, degrees, after which a reading that has not changed at all counts as frozen
+/// (decision 0023). With a larger value the trial `heater::tests::faults` fails: a frozen reading must be detected
+/// within 15 s after the heater is switched on.
 const FROZEN_C: f32 = 12.0;
-/// Duration of the dither, s, during which the reading of a working sensor must change (decision 0023). With a longer
-/// time the trial `faults` fails: a frozen reading must be detected within 60 s.
+/// Duration of the dither, s, after which a reading that has not changed at all counts as frozen (decision 0023). With
+/// a longer time the trial `heater::tests::faults` fails: a frozen reading must be detected within 60 s.
 const FROZEN_S: f32 = 45.0;
 /// Time, s, after which a reading that does not follow the models and has not changed at all counts as frozen. In the
-/// trial `sound`, the reading of a working sensor of half a degree a count stands still for nearly 3 s when a draught
-/// turns a rise into a fall.
+/// trial `heater::tests::sound`, the reading of a working sensor with half a degree a count does not change for nearly
+/// 3 s when a draught turns a rise into a fall.
 const STILL_S: f32 = 4.0;
-/// Distance from the first value, degrees, up to which a reading counts as never having moved. Such a reading may also
-/// be caused by a heater without effect (decision 0023). The distance is well above the noise in the trial `sound`,
-/// which is 1.5 counts of half a degree.
+/// Distance from the first reading after the heater was switched on, degrees, up to which the reading counts as never
+/// having changed. Such a reading may also be caused by a heater without effect (decision 0023). The distance is well
+/// above the noise in the trial `heater::tests::sound`, which is 1.5 counts of half a degree.
 const MOVED_C: f32 = 3.0;
-/// Max rise of the reading above the upper model, degrees (decision 0023). A smaller value raises false alarms in the
-/// trial `sound`; with a larger one the trial `faults` finds a power stage that is stuck on too late.
+/// Degrees by which the reading may rise more than the upper model predicts (decision 0023). A smaller value raises
+/// false alarms in the trial `heater::tests::sound`; with a larger one the trial `heater::tests::faults` finds a power
+/// stage that is stuck on too late.
 const RISE_C: f32 = 6.0;
-/// Max rise of the reading above the upper model, degrees, if the heater had no power in the whole time (decision
-/// 0023). The trials bound it like [`RISE_C`].
+/// Degrees by which the reading may rise more than the upper model predicts, if the heater had no power in the whole
+/// time (decision 0023). The same trials bound it as [`RISE_C`].
 const RISE_UNPOWERED_C: f32 = 2.0;
-/// Ages of the checkpoints since which a rise of the reading is judged, s (decision 0023). The trials bound them like
-/// [`RISE_C`].
+/// Ages of the checkpoints with which the reading is compared to find a rise, s (decision 0023). The same trials bound
+/// them as [`RISE_C`].
 const RISE_WINDOW_S: RangeInclusive<f32> = 3.0..=6.0;
-/// Max fall of the reading beyond [`FALL_C`], as a multiple of the nozzle's fall without any power. A faster fall
-/// cannot be that of the nozzle (decision 0023). A smaller value raises false alarms in the trial `sound`; with a
-/// larger one the trial `faults` finds a thermistor that comes out too late.
+/// Max fall of the reading, as a multiple of the fall of a nozzle without any power. [`FALL_C`] is added to this limit.
+/// A faster fall cannot be that of the nozzle (decision 0023). A smaller value raises false alarms in the trial
+/// `heater::tests::sound`; with a larger one the trial `heater::tests::faults` finds a detached thermistor too late.
 const FALL_TIMES: f32 = 1.6;
-/// Degrees by which a fall of the reading may exceed the limit of [`FALL_TIMES`] (decision 0023). The trials bound them
-/// like [`FALL_TIMES`].
+/// Degrees that are added to the limit [`FALL_TIMES`] of a fall of the reading (decision 0023). The same trials bound
+/// them as [`FALL_TIMES`].
 const FALL_C: f32 = 4.0;
-/// Ages of the checkpoints since which a fall of the reading is judged, s (decision 0023). The trials bound them like
-/// [`FALL_TIMES`].
+/// Ages of the checkpoints with which the reading is compared to find a fall, s (decision 0023). The same trials bound
+/// them as [`FALL_TIMES`].
 const FALL_WINDOW_S: RangeInclusive<f32> = 1.0..=5.0;
-/// Distance of a hot nozzle below its target, degrees, which counts as a temperature drop after [`DROP_S`] (decision
-/// 0023). A smaller distance raises false alarms in the trial `sound`, in which the flow varies by 35 %.
+/// Distance of a hot nozzle below its target, degrees, which is a temperature drop if it lasts for [`DROP_S`] (decision
+/// 0023). A smaller distance raises false alarms in the trial `heater::tests::sound`, in which the flow varies by 35 %.
 const DROP_C: f32 = 8.0;
 /// Time for which a hot nozzle must be [`DROP_C`] below its target to count as a temperature drop, s (decision 0023).
-/// With a longer time the trial `faults` fails: a heater's open wire must be detected within 20 s.
+/// With a longer time the trial `heater::tests::faults` fails: a heater's open wire must be detected within 20 s.
 const DROP_S: f32 = 3.0;
-/// Max time for which a hot nozzle may be below its band, s. The time was lengthened from 20 s until the trial `sound`
-/// raised no alarm.
+/// Max time for which a hot nozzle may be below its temperature band, s. The time was lengthened from 20 s until the
+/// trial `heater::tests::sound` raised no alarm.
 const OUT_OF_BAND_S: f32 = 30.0;
 /// Time over which the heater's actual power and the power that the model expects are averaged, s (decision 0023). A
-/// shorter time raises false alarms in the trial `sound`; a longer one finds faults too late in the trial `faults`.
+/// shorter time raises false alarms in the trial `heater::tests::sound`; a longer one finds faults too late in the
+/// trial `heater::tests::faults`.
 const ENERGY_S: f32 = 60.0;
 /// Max mean power of the heater, as a multiple of the mean power that the model expects (decision 0023). A smaller
-/// value raises false alarms in the trial `sound`: 10 % more loss and 10 % less power than described already give 1.22.
+/// value raises false alarms in the trial `heater::tests::sound`: 10 % more loss and 10 % less power than described
+/// already give 1.22.
 const ENERGY_TIMES: f32 = 1.6;
 /// Time over which the supervision learns the integral term (trim) of the temperature control, s. A longer time raises
-/// false alarms in the trial `sound`, because the nominal model is wrong until the term is learned. A shorter time
-/// hides faults in the trial `faults`, because a fault is learned too.
+/// false alarms in the trial `heater::tests::sound`, because the nominal model is wrong until the term is learned. A
+/// shorter time hides faults in the trial `heater::tests::faults`, because a fault is learned too.
 const LEARNING_S: f32 = 30.0;
-/// Distance from the target within which the integral term (trim) is learned, degrees. The trials bound it like
-/// [`LEARNING_S`].
+/// Distance from the target within which the integral term (trim) of the temperature control is learned, degrees. The
+/// same trials bound it as [`LEARNING_S`].
 const LEARNING_C: f32 = 2.0;
 /// Share of the dither's amplitude below which the dither counts as missing in the reading (decision 0023). A larger
-/// share raises false alarms in the trial `sound`; with a smaller one the trial `faults` does not find a constant
-/// voltage with noise.
+/// share raises false alarms in the trial `heater::tests::sound`; with a smaller one the trial `heater::tests::faults`
+/// does not find a constant voltage with noise.
 const DITHER_SHARE: f32 = 0.15;
-/// Number of consecutive periods without the dither that count as a fault (decision 0023). The trial `faults` allows
-/// 120 s for the detection.
+/// Number of consecutive dither periods without the dither in the reading after which a fault is raised (decision
+/// 0023). The trial `heater::tests::faults` allows 120 s for the detection.
 const DITHERS_MISSED: u32 = 2;
-/// Share of a dither period beyond which the power counts as saturated in that period. The share was raised from 0.3
-/// until the trial `sound` raised no alarm.
+/// Share of a dither period for which the power must be saturated so that the period counts as saturated. The share was
+/// raised from 0.3 until the trial `heater::tests::sound` raised no alarm.
 const SATURATED_SHARE: f32 = 0.6;
-/// Number of consecutive saturated dither periods that count as a fault, because no hot nozzle needs so much power
-/// (decision 0023). The trials bound it like [`SATURATED_SHARE`].
+/// Number of consecutive saturated dither periods after which a fault is raised, because no hot nozzle needs that much
+/// power (decision 0023). The same trials bound it as [`SATURATED_SHARE`].
 const PERIODS_SATURATED: u32 = 3;
-/// Time, s, by which the reading is extrapolated, because the nozzle is ahead of its thermistor. The time equals the
-/// lag of the slowest healthy thermistor, [`LAG_S`].
+/// Time by which the reading is extrapolated to predict the temperature, s, because the nozzle is ahead of its
+/// thermistor. The time equals the lag of the slowest healthy thermistor, [`LAG_S`].
 const AHEAD_S: f32 = 4.0;
-/// Rate of the reading, degrees a second, beyond which the reading is extrapolated (decision 0023). With a higher rate
-/// the trial `faults` fails: the nozzle must stay below 5 C above `max_c`.
+/// Rate of the reading, degrees a second, above which the reading is extrapolated (decision 0023). With a higher rate
+/// the trial `heater::tests::faults` fails: the nozzle must stay below 5 C above `max_c`.
 const AHEAD_C_PER_S: f32 = 0.5;
-/// Ages of the checkpoints since which the rate for [`AHEAD_C_PER_S`] is measured, s. They are about 3 s (decision
-/// 0023).
+/// Ages of the checkpoints from which the rate of the reading is measured to predict the temperature, s. They are about
+/// 3 s (decision 0023).
 const AHEAD_WINDOW_S: RangeInclusive<f32> = 2.5..=3.5;
 
-/// Inputs of the supervision after each control period.
+/// Inputs of the supervision in one control period.
 pub struct SupervisionInput<'a> {
     pub reading_c: f32,
     pub target_c: f32,
@@ -151,14 +158,14 @@ pub struct SupervisionInput<'a> {
     pub duty: f32,
     /// Length of the control period, s.
     pub seconds: f32,
-    /// The target has been reached.
+    /// True if the nozzle has reached its target since the target was set.
     pub hot: bool,
-    /// State of the temperature control. `None` while the gains are tuned.
+    /// State of the temperature control. `None` while the PID gains are tuned.
     pub regulated: Option<ControlState>,
     pub nozzle: &'a NozzleModel<'a>,
 }
 
-/// The part of the temperature control's state that the supervision needs.
+/// The part of the temperature control's state that the supervision of the heater needs.
 #[derive(Debug, Clone, Copy)]
 pub struct ControlState {
     pub trim: f32,
@@ -167,7 +174,7 @@ pub struct ControlState {
     pub dither: Option<Dither>,
 }
 
-/// The supervision of a heater that is on.
+/// State of the supervision of a heater that is on.
 #[derive(Debug, Clone, Default)]
 pub struct Supervision {
     marks: Deque<Checkpoint, MARKS>,
@@ -178,32 +185,32 @@ pub struct Supervision {
     fall_c: f32,
     /// Integral term (trim) of the temperature control, averaged over [`LEARNING_S`].
     learned: f32,
-    /// Reading when the heater was switched on, degrees Celsius.
+    /// First reading after the heater was switched on, degrees Celsius. `None` before that reading.
     first_c: Option<f32>,
-    /// True once the reading has differed from `first_c` by [`MOVED_C`].
+    /// True once the reading has differed from `first_c` by more than [`MOVED_C`].
     moved: bool,
-    /// The time for which the reading has not changed at all. `None` if the reading changes.
+    /// Latest reading, and the time for which it has not changed. `None` before the first reading.
     still: Option<FrozenReading>,
-    /// Time without power, s.
+    /// Time for which the heater has had no power, s.
     unpowered_s: f32,
-    /// Time for which a hot nozzle has been far below the target, s.
+    /// Time for which a hot nozzle has been more than [`DROP_C`] below its target, s.
     low_s: f32,
-    /// Time for which a hot nozzle has been below its band, s.
+    /// Time for which a hot nozzle has been below its temperature band, s.
     out_s: f32,
     /// Power of the heater and the power that the model expects, each a mean over [`ENERGY_S`].
     mean: MeanHeat,
     dither: DitherPeriod,
 }
 
-/// A reading that does not change.
+/// A reading, and the time for which it has not changed.
 #[derive(Debug, Clone, Copy)]
 struct FrozenReading {
     reading_c: f32,
-    /// Time for which the reading has not changed, s.
+    /// Time since the latest change of the reading, s.
     seconds: f32,
-    /// Time for which the power was dithered while the reading did not change, s.
+    /// Time since the latest change of the reading in which the power was dithered, s.
     dithered_s: f32,
-    /// Change of the nominal model at the time of the last change of the reading.
+    /// Running change of the nominal model at the latest change of the reading.
     nominal: Change,
 }
 
@@ -214,28 +221,28 @@ struct MeanHeat {
     need_w: f32,
 }
 
-/// The dither in the reading, over one period.
+/// Sums over one period of the dither, from which the dither's amplitude in the reading is computed.
 #[derive(Debug, Clone, Copy, Default)]
 struct DitherPeriod {
     sine: f32,
     cosine: f32,
     seconds: f32,
-    /// Part of the dither period in which the power was saturated, s.
+    /// Time in the current dither period in which the power was saturated, s.
     saturated_s: f32,
-    /// Number of consecutive periods in which the dither was missing in the reading.
+    /// Number of consecutive dither periods in which the dither was missing in the reading.
     missed: u32,
-    /// Number of consecutive periods in which the power was saturated.
+    /// Number of consecutive dither periods in which the power was saturated.
     saturated: u32,
 }
 
 impl Supervision {
-    /// Resets all state of the supervision that refers to the previous target.
+    /// Resets the state of the supervision that refers to the previous target.
     pub fn retarget(&mut self) {
         (self.low_s, self.out_s) = (0.0, 0.0);
         self.dither = DitherPeriod::default();
     }
 
-    /// Compares a reading with the models.
+    /// Advances the models by a control period, and compares the reading with them.
     ///
     /// # Errors
     /// Returns the fault that the reading shows.
@@ -309,7 +316,7 @@ impl Supervision {
     }
 
     /// Checks for a reading that rises faster than the heater's power allows, is about to exceed `max_c`, or falls
-    /// faster than a nozzle without power.
+    /// faster than that of a nozzle without power.
     fn check_rate(&self, look: &SupervisionInput) -> Option<Fault> {
         for mark in &self.marks {
             let (age, change) = (mark.age_s, look.reading_c - mark.reading_c);
@@ -425,13 +432,14 @@ impl Supervision {
     }
 }
 
-/// Returns whether the heater gets full power. A reading that does not change at full power may be that of a nozzle
-/// that warms no further, as in a draught.
+/// Returns whether the heater gets full power. A reading that does not change at full power may be that of a nozzle in
+/// a draught, which gets no warmer.
 fn has_all_the_power(look: &SupervisionInput) -> bool {
     look.duty >= 1.0
 }
 
-/// Returns the fault of a nozzle that does not get as warm as its power makes it, depending on the reading.
+/// Returns the fault to report for a nozzle that is less warm than its power should make it. The fault depends on the
+/// reading, and on whether the nozzle was hot.
 fn lacks(look: &SupervisionInput) -> Fault {
     if !look.hot {
         Fault::HeatingTooSlow

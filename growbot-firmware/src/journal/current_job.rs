@@ -1,13 +1,13 @@
-//! The present job, as its records describe it.
+//! The current job of the journal, as its records describe it.
 
 use super::record::{LAST_COUNT, LAST_INDEX, Record, RecordKind, join, lean_owed};
 
-/// The latest job in the journal.
+/// State of the latest job in the journal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct JournalJob {
-    /// Id of the plan.
+    /// Identifier of the job's plan.
     pub plan_id: u64,
-    /// Hash of the robot's description.
+    /// Hash of the description of the robot that the job is for.
     pub robot: u64,
     /// Number of layers of the job.
     pub layer_count: u32,
@@ -32,20 +32,20 @@ pub struct RoundingCarry {
 pub(super) struct CurrentJob {
     pub state: JournalJob,
     pub carry: RoundingCarry,
-    /// Number of the job's records, counted like [`Record::count`].
+    /// Number of the job's records, counted modulo 16 like [`Record::count`].
     pub count: u32,
-    /// Slot of the job's first record.
+    /// Number of the slot that contains the job's first record.
     pub at: u32,
     pub found: LookupHint,
     /// The job's record that was applied last.
     pub latest: Record,
 }
 
-/// Position of the layer that was found last, where the next search starts.
+/// Position of the layer that was looked up last, from which the next search starts.
 #[derive(Clone, Copy)]
 pub(super) struct LookupHint {
     pub layer: u32,
-    /// Min number of slots between the job's first record and the record of the layer.
+    /// Min number of slots between the job's first record and the record of `layer`.
     pub offset: u32,
 }
 
@@ -64,8 +64,8 @@ impl CurrentJob {
         Self { state, carry: RoundingCarry::default(), count: 1, at, found, latest: *record }
     }
 
-    /// Applies the next record of the job. Returns `false` if the record does not follow from the previous records. The
-    /// state of the job is then unknown.
+    /// Applies the next record of the job to the job's state. Returns `false` if the record does not follow from the
+    /// previous records. The state of the job is then unknown.
     pub fn apply(&mut self, record: &Record) -> bool {
         if record.count != self.count {
             return false;

@@ -11,20 +11,22 @@
 //! - A record is valid as a whole or not at all, by its CRC. A record that was torn by a loss of power is skipped, and
 //!   the next one is written to the next slot.
 //! - Cells that lost their power while they were programmed may read differently at each start, and at each reading. A
-//!   slot therefore gets three looks before it counts as invalid. The journal fixes the uncertain content at each
-//!   start: the last record is programmed again if it is valid, and struck out if not. The first blank slot may have
-//!   been written to and read as blank. It is skipped, and struck out before anything is written after it.
+//!   slot is therefore read up to three times before it counts as invalid. The journal fixes the uncertain content at
+//!   each start: the last record is programmed again if it is valid, and struck out (overwritten with zeros) if not.
+//!   The first blank slot may have been written to and read as blank. It is skipped, and struck out before anything is
+//!   written after it.
 //! - The flash may refuse such a repair, because the supply is low. The repair is then tried again before anything is
 //!   appended, because a record that reads differently later must be the last one.
 //! - A record that is stored twice in a row counts once, because a slot that seemed to refuse a record may later read
 //!   as if it had accepted it.
-//! - Every record has the number of its job. The numbers of jobs never start again. The present job is the one with the
-//!   max number of any record. If one of its records is missing, except for the last ones, the journal has no job.
+//! - Every record has the number of its job. The numbers of jobs never start again. The current job is the one with the
+//!   greatest number of any record. If one of its records is missing, except for the last ones, the journal has no job.
 //! - A sector is erased only between jobs, when the next job would not fit into the blank slots. The sector written
-//!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. Without
-//!   that record the sector has no journal, even after an interrupted erasure.
-//! - If a record cannot be written, the first record of the present job is struck out. A growth that cannot be resumed
-//!   is better than one that is resumed at the wrong layer. If that is refused too, each later record tries it again.
+//!   longest ago is erased first. Its first record is struck out before the erasure and written again after it. A
+//!   sector without that record does not belong to the journal, even after an interrupted erasure.
+//! - If a record cannot be written, the first record of the current job is struck out. A growth that cannot be resumed
+//!   is better than one that is resumed at the wrong layer. If the flash refuses that write too, each later record
+//!   tries it again.
 
 mod current_job;
 mod record;
@@ -40,16 +42,17 @@ pub use current_job::{JournalJob, RoundingCarry};
 pub use record::LayerRecord;
 use record::{BLANK, RECORD_BYTES, Record, RecordBytes, RecordKind, STRUCK, split};
 
-/// Number of slots in which the journal tries to write a record before the flash counts as broken.
+/// Max number of slots in which the journal tries to write a record before the flash counts as broken.
 const MAX_WRITE_ATTEMPTS: u32 = 3;
-/// Number of times that a slot is read without a valid record before the slot counts as invalid.
+/// Max number of times that a slot is read. If no reading is a valid record, the slot counts as invalid.
 const MAX_READS: u32 = 3;
 /// Max number of sectors that the journal uses.
 const MAX_SECTORS: usize = 4;
-/// Max number of repairs that wait because the flash has refused them: one for each sector, and one each for the last
-/// record, the blank slot after the last record, and the first record of a job.
+/// Max number of repairs that are pending because the flash has refused them: one for each sector, and one each for the
+/// last record, the blank slot after the last record, and the first record of a job.
 const MAX_REPAIRS: usize = MAX_SECTORS + 3;
-/// Divisor of the journal's slots: this part of them is reserved for records of pauses and of amended plans.
+/// Reciprocal of the share of the journal's slots that is reserved for records of pauses and of amended plans: a
+/// quarter.
 const SPARE_DIVISOR: u32 = 4;
 
 /// The reason why a record is not in the journal, or why a sector was not erased.
@@ -81,39 +84,39 @@ pub struct StoredLayer {
 /// The slots of records are numbered through all sectors, without the first record of each sector.
 pub struct Journal<F> {
     flash: F,
-    /// Slot in which the next record will be written.
+    /// Number of the slot in which the next record will be written.
     next_slot: u32,
-    /// Number of blank slots from `next_slot` on, around the ring.
+    /// Number of blank slots from `next_slot` on, counted around the ring of sectors.
     free_slots: u32,
-    /// Largest number of erasures that the first record of any sector contains.
+    /// Largest count of erasures in the first record of any sector.
     erase_count: u32,
     /// Largest job number in the journal.
     last_job: u32,
-    /// Repairs that must succeed before a record is appended. They are made from the last to the first.
+    /// Repairs that must succeed before a record is appended. The journal makes the last one in the list first.
     repairs: Vec<Repair, MAX_REPAIRS>,
-    /// The last record in the journal, if it could not be programmed again. `None` otherwise.
+    /// The last record in the journal, if the flash refused to program it again. `None` otherwise.
     weak_tail: Option<LastRecord>,
     present: Option<CurrentJob>,
 }
 
-/// A write that fixes the content of a slot or of a sector's first record.
+/// A write that makes the uncertain content of a slot, or of a sector's first record, definite.
 #[derive(Clone, Copy)]
 struct Repair {
     offset: u32,
     bytes: RecordBytes,
 }
 
-/// The last slot that is not blank, as far as the journal has been read.
+/// The last slot that is not blank among the slots that have been read.
 #[derive(Clone, Copy)]
 struct LastRecord {
     place: u32,
     bytes: RecordBytes,
-    /// `None` if the bytes are not a valid record.
+    /// The decoded record. `None` if the bytes are not a valid record.
     record: Option<Record>,
 }
 
 impl<F: MultiwriteNorFlash> Journal<F> {
-    /// Slots in a sector.
+    /// Number of record slots in a sector. The sector's own first record is not counted.
     const SLOTS_PER_SECTOR: u32 = {
         assert!(F::ERASE_SIZE >= 2 * RECORD_BYTES && F::ERASE_SIZE.is_multiple_of(RECORD_BYTES));
         assert!(RECORD_BYTES.is_multiple_of(F::WRITE_SIZE) && RECORD_BYTES.is_multiple_of(F::READ_SIZE));
@@ -155,12 +158,12 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         journal
     }
 
-    /// Returns the latest job. `None` if some of its records cannot be read.
+    /// Returns the latest job. `None` if the journal has no job, or if some of its records cannot be read.
     pub fn job(&self) -> Option<&JournalJob> {
         self.present.as_ref().map(|present| &present.state)
     }
 
-    /// Returns the max number of layers of a job. A quarter of the slots is left for other records.
+    /// Returns the max number of layers of a job. A quarter of the slots is reserved for other records.
     pub fn capacity(&self) -> u32 {
         self.places() - self.places() / SPARE_DIVISOR
     }
@@ -175,7 +178,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
     /// must be off and the nozzle cold.
     ///
     /// # Errors
-    /// Returns [`JournalError::JobNotEnded`] if the sector has such a job, which is kept, or [`JournalError::Flash`].
+    /// Returns [`JournalError::JobNotEnded`] if the sector contains a job that has not ended, and does not erase it.
+    /// Returns [`JournalError::Flash`] if the flash refuses the erasure.
     pub fn erase_step(&mut self, layers: u32) -> Result<bool, JournalError> {
         if !self.can_erase(layers) {
             return Ok(false);
@@ -251,7 +255,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Begun, index, [0; 5])
     }
 
-    /// Records that a layer is laid, and whether the next layer has begun at once.
+    /// Records that a layer is laid. `next_begun` is true if the next layer has begun at once.
     ///
     /// # Errors
     /// Returns [`JournalError::NoJob`], [`JournalError::OutOfOrder`] if the layer is not the next layer of the job,
@@ -261,7 +265,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(kind, index, laid.to_content())
     }
 
-    /// Records an interrupted layer that counts as laid, with the part of the layer that was made.
+    /// Records that an interrupted layer counts as laid. `laid` is the layer as far as it was made, or a default value
+    /// if that is not known.
     ///
     /// # Errors
     /// Returns the same errors as [`Journal::record_laid`].
@@ -269,7 +274,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Interrupted, index, laid.to_content())
     }
 
-    /// Records that a new plan replaces the rest of the job, from a layer on.
+    /// Records that a new plan replaces the rest of the job, from the layer with the index `from` on.
     ///
     /// # Errors
     /// Returns the same errors as [`Journal::record_laid`], and also [`JournalError::OutOfOrder`] if the first layer of
@@ -287,7 +292,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.append_to_job(RecordKind::Ended, 0, [0; 5])
     }
 
-    /// Returns a laid layer of the current job. The search is fastest if the layers are read in their order.
+    /// Returns a laid layer of the current job. `None` if the layer is not laid or its record cannot be read. The
+    /// search is fastest if the layers are read in their order.
     pub fn layer(&mut self, index: u32) -> Option<StoredLayer> {
         let present = self.present.as_ref().filter(|present| index < present.state.layers_laid)?;
         let (at, LookupHint { layer: near, offset }) = (present.at, present.found);
@@ -328,7 +334,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.sectors() * Self::SLOTS_PER_SECTOR
     }
 
-    /// Returns a slot, wrapped once around the ring.
+    /// Returns the number of a slot, wrapped around the ring of sectors. `place` must be less than two rounds.
     fn wrap(&self, place: u32) -> u32 {
         place.checked_sub(self.places()).unwrap_or(place)
     }
@@ -337,7 +343,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.needs_erasing(layers) && self.free_slots < self.places()
     }
 
-    /// Returns the byte offset of a slot.
+    /// Returns the byte offset in flash of a slot.
     fn offset(place: u32) -> u32 {
         (place + place / Self::SLOTS_PER_SECTOR + 1) * RECORD_BYTES as u32
     }
@@ -348,8 +354,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         if self.flash.read(offset, &mut bytes).is_ok() { bytes } else { STRUCK }
     }
 
-    /// Reads a slot, or a sector's first record, up to [`MAX_READS`] times until it is valid. A slot that first reads
-    /// as blank counts as blank.
+    /// Reads a slot, or a sector's first record, up to [`MAX_READS`] times until it is a valid record. Returns the
+    /// bytes and the decoded record. A slot that reads as blank the first time counts as blank.
     fn look(&mut self, offset: u32) -> (RecordBytes, Option<Record>) {
         let mut bytes = self.read(offset);
         if bytes == BLANK {
@@ -369,7 +375,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         self.look(Self::offset(place)).1
     }
 
-    /// Returns the first record of a sector. `None` if the sector has no journal.
+    /// Returns the first record of a sector. `None` if the sector does not belong to the journal.
     fn sector_record(&mut self, sector: u32) -> Option<Record> {
         self.look(sector * F::ERASE_SIZE as u32).1.filter(|record| record.kind == RecordKind::Sector)
     }
@@ -404,7 +410,8 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         }
     }
 
-    /// Fixes the last record, and selects the slot for the next record.
+    /// Programs the last record again, or strikes its slot out if it is not valid, and selects the slot for the next
+    /// record.
     fn repair_tail(&mut self, tail: Option<LastRecord>) {
         if self.free_slots > 0 {
             // This blank slot is struck out before the next record is appended. A start without a new record therefore
@@ -434,14 +441,14 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         let _ = self.repairs.push(repair);
     }
 
-    /// Makes a repair. Returns `false` if the repair must be tried again. A slot is struck out as soon as its CRC is
-    /// wrong, so a cell that stays set does no harm in such a slot.
+    /// Makes a repair and returns whether it has succeeded. The write of zeros to a slot needs no check: its CRC is
+    /// wrong as soon as some bits are cleared, so a cell that stays set does no harm.
     fn is_repaired(&mut self, Repair { offset, bytes }: &Repair) -> bool {
         self.flash.write(*offset, bytes).is_ok() && (*bytes == STRUCK || self.read(*offset) == *bytes)
     }
 
-    /// Makes the repairs that the flash has refused. The repair of the last record comes first, because no record may
-    /// follow it while it may read differently.
+    /// Makes the repairs that the flash has refused before. The repair of the last record comes first, because no
+    /// record may follow that record while it may read differently.
     fn settle(&mut self) -> Result<(), JournalError> {
         if let Some(LastRecord { place, bytes, .. }) = self.weak_tail
             && self.write(Self::offset(place), &bytes)
@@ -497,7 +504,7 @@ impl<F: MultiwriteNorFlash> Journal<F> {
         written.map(|_| ())
     }
 
-    /// Writes a record to the next slot, or to a later slot if that fails, and returns the slot.
+    /// Writes a record to the next slot, or to a later slot if that fails, and returns the number of the slot.
     fn append(&mut self, record: &Record) -> Result<u32, JournalError> {
         self.settle()?;
         self.write_next(&record.to_bytes())

@@ -2,7 +2,8 @@
 //!
 //! | byte | content |
 //! |---|---|
-//! | 0 | [`Kind`] in the low four bits; in the others the number of the job's records before this one, modulo 16 |
+//! | 0 | [`RecordKind`] in the low four bits; in the high four bits the number of the job's earlier records, modulo 16
+//! |
 //! | 1 to 3 | index of a layer, 24 bits; 0 if the record is not about a layer |
 //! | 4 to 7 | number of the job; the numbers never start again |
 //! | 8 to 27 | content, by the kind |
@@ -13,29 +14,29 @@
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame;
 
-/// Bytes of a record.
+/// Length of a record, bytes.
 pub(super) const RECORD_BYTES: usize = 32;
 
 /// Max value of [`Record::count`], after which the count starts again at 0.
 pub(super) const LAST_COUNT: u32 = 15;
-/// Max index of a layer that a record can contain.
+/// Max index of a layer that fits into a record, 24 bits.
 pub(super) const LAST_INDEX: u32 = (1 << 24) - 1;
 
-/// A record as stored in flash.
+/// Bytes of a record, as stored in flash.
 pub(super) type RecordBytes = [u8; RECORD_BYTES];
 
-/// A slot in which nothing has been written since it was erased.
+/// Content of a slot in which nothing has been written since it was erased.
 pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
-/// A record that was struck out. It can overwrite any record, because flash can always be programmed to zero. Its CRC
-/// is wrong.
+/// Content of a slot that was struck out. It can overwrite any record, because flash can always be programmed to zero.
+/// Its CRC is wrong, so it is not a valid record.
 pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 
-/// The kind of a record, in the low bits of its first byte.
+/// The kind of a record: the low four bits of its first byte.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum RecordKind {
-    /// The first record of a sector. It contains the number of erasures in the journal, including the erasure of this
-    /// sector. Its job number is that of the last job that began before the erasure.
+    /// The first record of a sector. It contains the total number of erasures in the journal, including the erasure of
+    /// this sector. Its job number is that of the last job that began before the erasure.
     Sector,
     /// The beginning of a job: plan id, hash of the robot's description, and number of layers.
     Job,
@@ -54,7 +55,7 @@ pub(super) enum RecordKind {
 }
 
 impl RecordKind {
-    /// All kinds by their numbers.
+    /// All kinds of records, in the order of their numbers.
     const ALL: [Self; 8] = [
         Self::Sector,
         Self::Job,
@@ -82,9 +83,9 @@ pub struct LayerRecord {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Record {
     pub kind: RecordKind,
-    /// Number of the job's previous records: 0 to [`LAST_COUNT`], then from 0 again.
+    /// Number of earlier records of the same job: 0 to [`LAST_COUNT`], then from 0 again.
     pub count: u32,
-    /// Index of a layer, 24 bits.
+    /// Index of the layer that the record is about, 24 bits.
     pub index: u32,
     pub job: u32,
     pub content: [u32; 5],
@@ -142,17 +143,17 @@ impl LayerRecord {
     }
 }
 
-/// Unpacks the residual lean (see [`LayerRecord::residual_lean`]) from the last word of a layer's content.
+/// Unpacks the residual lean (see [`LayerRecord::residual_lean`]) from the last word of a layer record's content.
 pub(super) const fn lean_owed(lean: u32) -> [i16; 2] {
     [lean as i16, (lean >> 16) as i16]
 }
 
-/// Splits a number of 64 bits into two words of 32.
+/// Splits a 64-bit number into its low and its high 32-bit word.
 pub(super) const fn split(number: u64) -> [u32; 2] {
     [number as u32, (number >> 32) as u32]
 }
 
-/// Joins two words of 32 bits to a number of 64.
+/// Joins a low and a high 32-bit word to a 64-bit number.
 pub(super) const fn join(low: u32, high: u32) -> u64 {
     low as u64 | (high as u64) << 32
 }

@@ -10,17 +10,17 @@ use core::ops::Range;
 
 use growbot_core::link::crash::{CRASH_WORDS, CrashWords, FRAME_WORDS, HEAD_WORDS, frame_bytes};
 
-/// Number of retained words: a mark, the crash, a checksum.
+/// Number of words of the crash record in the retained RAM: a mark, the words of the crash, and a checksum.
 pub const RETAINED_WORDS: usize = CRASH_WORDS + 2;
-/// The first of these words.
+/// First word of every crash record.
 const MARK: u32 = 0x6372_6173;
 
-/// Address ranges of stack and program.
+/// Address ranges of the stack and of the program.
 #[derive(Debug, Clone)]
 pub struct MemoryLayout {
-    /// The stack, from its lowest address.
+    /// Addresses of the stack, from the lowest on.
     pub stack: Range<u32>,
-    /// The program.
+    /// Addresses of the program's code.
     pub code: Range<u32>,
 }
 
@@ -31,7 +31,8 @@ impl MemoryLayout {
     }
 }
 
-/// Builds the words to be retained. `stack` returns the stack's word at an address, and 0 outside of the stack.
+/// Builds the crash record. `head` contains the registers, and `stack` returns the stack's word at an address, and 0
+/// outside of the stack.
 ///
 /// After an overflow the stack pointer is below the stack. The record then contains the words that may be return
 /// addresses, starting at the stack's lowest address. They show which calls have filled the stack, however large their
@@ -66,7 +67,7 @@ pub fn encode(head: &[u32; HEAD_WORDS], places: &MemoryLayout, stack: impl Fn(u3
     words
 }
 
-/// Decodes the crash from the retained words. `None` if they are not a valid record of [`encode`].
+/// Returns the words of the crash from a crash record. `None` if `words` is not a valid record of [`encode`].
 #[must_use]
 pub fn decode(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
     let [mark, crash @ .., sum] = *words;
@@ -84,7 +85,7 @@ mod tests {
 
     use super::*;
 
-    /// Range of the stack. Each of its words contains its own address.
+    /// Address range of the stack. Each word of the test's stack is its own address with the high bits changed.
     const STACK: Range<u32> = 0x1000_0000..0x1000_1000;
     const PLACES: MemoryLayout = MemoryLayout { stack: STACK, code: 0x0000_0400..0x0000_8000 };
 

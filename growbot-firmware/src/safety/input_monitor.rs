@@ -1,5 +1,5 @@
-//! Inputs that indicate danger. A level must persist over several samples, ten a second, before it counts, because
-//! wires pick up noise.
+//! Monitor of the inputs that indicate danger. A level must persist over several samples, ten a second, before it
+//! counts, because wires pick up noise.
 
 use growbot_core::link::message::Fault;
 use growbot_core::robot::{RobotDescription, Supply};
@@ -15,18 +15,19 @@ const NO_FILAMENT_SAMPLES: u8 = 5;
 /// in SAFETY.md. The derivation of this value is not recorded.
 const NO_VOLTAGE_SAMPLES: u8 = 10;
 
-/// The present inputs. A value is `None` if the robot has no such sensor, or if the sensor gives no reading.
+/// Sample of the inputs that can indicate danger. A value is `None` if the robot has no such sensor, or if the sensor
+/// gives no reading.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct InputSample {
-    /// Voltage of the supply, V.
+    /// Voltage of the supply, V. `None` without a sensor or a reading.
     pub supply_v: Option<f64>,
-    /// Filament is present.
+    /// True if filament is present. `None` without a sensor.
     pub filament_present: Option<bool>,
-    /// A stepper driver reports a fault.
+    /// True if a stepper driver reports a fault. `None` without a sensor.
     pub driver_fault: Option<bool>,
 }
 
-/// Time for which each input has been wrong, in samples.
+/// Counters of the consecutive samples in which each input was wrong.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InputMonitor {
     no_voltage: u8,
@@ -36,14 +37,15 @@ pub struct InputMonitor {
     no_filament: u8,
 }
 
-/// Counts consecutive samples.
+/// Increments the counter if `is_so`, and resets it to 0 otherwise. Returns the counter.
 fn count(counter: &mut u8, is_so: bool) -> u8 {
     *counter = if is_so { counter.saturating_add(1) } else { 0 };
     *counter
 }
 
 impl InputMonitor {
-    /// Counts a sample. Returns a fault if a wrong input has persisted. Filament counts only if `needs_filament`.
+    /// Processes a sample of the inputs. Returns a fault if a wrong input has persisted for long enough. Missing
+    /// filament counts only if `needs_filament`.
     pub fn update(&mut self, look: &InputSample, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
         let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
         let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
@@ -65,7 +67,7 @@ impl InputMonitor {
     }
 }
 
-/// Returns the voltage for a mean of readings (0 to 4095) of the supply's divider.
+/// Returns the supply's voltage, V, from a mean of ADC readings (0 to 4095) of the supply's divider.
 #[must_use]
 pub fn volts(raw: f64, supply: &Supply) -> f64 {
     raw / f64::from(crate::thermistor::FULL_SCALE) * supply.full_scale_v
@@ -79,7 +81,7 @@ mod tests {
     const FINE: InputSample =
         InputSample { supply_v: Some(12.0), filament_present: Some(true), driver_fault: Some(false) };
 
-    /// Counts the samples until this fault is found.
+    /// Returns the number of samples after which this fault is found.
     fn looks_to(fault: Fault, look: InputSample) -> u32 {
         let robot = robot_a();
         let mut inputs = InputMonitor::default();

@@ -1,21 +1,20 @@
-//! The condition for feeding the watchdog: all parts that keep the robot safe have shown that they run.
+//! The condition for feeding the watchdog: all parts of the firmware that keep the robot safe have shown that they run.
 
-/// The parts that have reported since the watchdog was last fed.
+/// The parts of the firmware that have run since the watchdog was last fed.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct LivenessCheck {
-    /// The thermistor's ADC has been sampled.
+    /// True if the thermistor's ADC has been sampled.
     pub sampler: bool,
-    /// The heater's duty has been computed again.
+    /// True if the heater's duty has been computed again.
     pub regulator: bool,
-    /// All inputs that can indicate danger have been checked.
+    /// True if all inputs that can indicate danger have been checked.
     pub supervisor: bool,
-    /// The step interrupt has run.
+    /// True if the step interrupt has run.
     pub steps: bool,
 }
 
 impl LivenessCheck {
-    /// Returns `true` once all parts have reported, and clears the reports. Feed the watchdog only if the result is
-    /// `true`.
+    /// Returns `true` once all parts have run, and clears the flags. Feed the watchdog only if the result is `true`.
     pub fn take_if_complete(&mut self) -> bool {
         let complete = self.sampler && self.regulator && self.supervisor && self.steps;
         if complete {

@@ -7,10 +7,10 @@
 //!   copy whole.
 //! - A write that changes the action of the next start (whether work is in progress, which fault is latched) goes to
 //!   both copies, one after the other, so that either copy alone has the decisive part.
-//! - At a start the board loads the newer of the copies that are whole. If this firmware cannot decode that copy,
-//!   another version has written it. The memory has kept its power then, and the copy may contain current work or a
-//!   latched fault. The start is therefore a fault, whatever the cause of the reset.
-//! - If no copy is whole, the cause of the reset decides: see [`keeps_ram`].
+//! - At a start the board loads the newer of the copies whose checksum is right. If this firmware cannot decode that
+//!   copy, another version has written it. The memory has kept its power then, and the copy may contain current work or
+//!   a latched fault. The start is therefore a fault, whatever the cause of the reset.
+//! - If no copy has the right checksum, the cause of the reset decides: see [`keeps_ram`].
 
 use growbot_core::link::frame;
 use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
@@ -18,25 +18,25 @@ use serde::{Deserialize, Serialize};
 
 use crate::hal::RetainedMemory;
 
-/// Copies in the memory.
+/// Number of copies of the retained state in the memory.
 pub const COPIES: usize = 2;
-/// Bytes of a copy: its content, its generation number and its checksum.
+/// Length of a copy, bytes: its content, its generation number and its checksum.
 pub const COPY_BYTES: usize = 128;
-/// Bytes of the memory.
+/// Length of the retained memory, bytes.
 pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
-/// Bytes of a generation number, and of a checksum.
+/// Length of a generation number, and of a checksum, bytes.
 const NUMBER_BYTES: usize = 4;
 
 /// The work that was in progress before a reset, as retained in memory.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct ActiveWork {
-    /// State of the board.
+    /// State of the robot.
     pub state: State,
-    /// Plan of the job.
+    /// Identifier of the job's plan.
     pub plan_id: u64,
-    /// Number of layers laid.
+    /// Number of layers of the job that are laid.
     pub layers_laid: u32,
-    /// Number of layers begun.
+    /// Number of layers of the job that are begun.
     pub layers_begun: u32,
     /// Number of finished sectors of the current layer, up to some tenths of a second ago.
     pub sectors_done: u8,
@@ -45,14 +45,14 @@ pub struct ActiveWork {
 /// The state that a board retains through a reset.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct RetainedState {
-    /// The latest fault.
+    /// Record of the latest fault or emergency stop. `None` if there was none.
     pub record: Option<FaultRecord>,
-    /// Current activity. `None` while the robot is at rest.
+    /// Work in progress. `None` while the robot is at rest.
     pub under_way: Option<ActiveWork>,
 }
 
 impl RetainedState {
-    /// Encodes a copy.
+    /// Encodes the state as a copy for the memory, with a generation number and a checksum.
     #[must_use]
     pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0; COPY_BYTES];
@@ -68,14 +68,14 @@ impl RetainedState {
         bytes
     }
 
-    /// Decodes a copy. `None` if the bytes are not a valid result of [`RetainedState::to_bytes`].
+    /// Decodes a copy of the state. `None` if the bytes are not a valid result of [`RetainedState::to_bytes`].
     #[must_use]
     pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
         generation_of(bytes)?;
         postcard::take_from_bytes(bytes).ok().map(|(retained, _)| retained)
     }
 
-    /// Returns the part that decides what the next start does.
+    /// Returns the part of the state that decides what the next start does.
     fn meaning(&self) -> StartupAction {
         StartupAction {
             under_way: self.under_way.is_some(),
@@ -84,7 +84,7 @@ impl RetainedState {
     }
 }
 
-/// Returns the generation number of a copy. `None` if the copy is not whole.
+/// Returns the generation number of a copy. `None` if the checksum of the copy is wrong.
 fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
     let (covered, checksum) = bytes.split_last_chunk::<NUMBER_BYTES>()?;
     let (_, number) = covered.split_last_chunk::<NUMBER_BYTES>()?;
@@ -94,9 +94,10 @@ fn generation_of(bytes: &[u8; COPY_BYTES]) -> Option<u32> {
 /// The reason why the retained state could not be loaded at start-up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RetainedError {
-    /// No copy is whole: the memory was without power, or was destroyed.
+    /// No copy has the right checksum: the memory was without power, or was destroyed.
     NotWhole,
-    /// The newer copy is whole, but this firmware cannot decode it, because another version has written it.
+    /// The newer copy has the right checksum, but this firmware cannot decode it, because another version has written
+    /// it.
     NotDecodable,
 }
 
@@ -117,23 +118,23 @@ impl RetainedError {
 struct StartupAction {
     /// True if work was in progress, so that a reset during it is a fault.
     under_way: bool,
-    /// Latched fault, `Some(None)` for the emergency stop. `None` if nothing is latched.
+    /// The latched fault: `Some(Some(fault))`, or `Some(None)` for the emergency stop. `None` if nothing is latched.
     latched: Option<Option<Fault>>,
 }
 
-/// The two copies in the memory.
+/// Access to the two copies of the retained state in the memory.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct RetainedStore {
-    /// Index of the newer copy.
+    /// Index of the copy that was written last.
     newer: usize,
-    /// Generation number of the newer copy.
+    /// Generation number of the copy that was written last.
     generation: u32,
-    /// Meaning of both copies. `None` before the first write after a start.
+    /// Startup action of both copies. `None` before the first write after a start.
     meaning: Option<StartupAction>,
 }
 
 impl RetainedStore {
-    /// Finds the copies whose checksum is right, and decodes the newer of them.
+    /// Finds the copies whose checksum is right, and decodes the newer one of them.
     pub fn find(memory: &mut impl RetainedMemory) -> (Self, Result<RetainedState, RetainedError>) {
         let bytes = memory.read();
         let mut found = Self::default();
@@ -150,7 +151,7 @@ impl RetainedStore {
         (found, bytes.and_then(|bytes| RetainedState::from_bytes(bytes).ok_or(RetainedError::NotDecodable)))
     }
 
-    /// Writes to the older copy, or to both copies if the change affects what the next start does.
+    /// Writes the state to the older copy, or to both copies if the state changes what the next start does.
     pub fn write(&mut self, memory: &mut impl RetainedMemory, retained: &RetainedState) {
         let meaning = Some(retained.meaning());
         if self.meaning != meaning {
@@ -167,7 +168,7 @@ impl RetainedStore {
     }
 }
 
-/// Returns the fault that is latched after a reset during work.
+/// Returns the fault that is latched after a reset of this cause during work.
 #[must_use]
 pub const fn fault_for_reset(cause: ResetCause) -> Fault {
     match cause {
@@ -180,8 +181,8 @@ pub const fn fault_for_reset(cause: ResetCause) -> Fault {
     }
 }
 
-/// Returns whether the memory keeps its power through a reset of this cause, and only this firmware can have written
-/// there. A copy that is not whole after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
+/// Returns whether the memory keeps its power through a reset of this cause, and only this firmware can have written to
+/// it. A copy with a wrong checksum after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
 /// debug probe flashes a board by code in RAM.
 #[must_use]
 pub const fn keeps_ram(cause: ResetCause) -> bool {
@@ -230,7 +231,7 @@ pub(crate) mod tests {
         RetainedState { record: Some(record), under_way: Some(under_way) }
     }
 
-    /// The memory, for tests.
+    /// Retained memory of a board, for tests.
     #[derive(Clone)]
     struct Memory([u8; RETAINED_BYTES]);
 
@@ -244,12 +245,12 @@ pub(crate) mod tests {
         }
     }
 
-    /// Returns the state that a start finds.
+    /// Returns the state that a start of the board finds in the memory.
     fn found(memory: &Memory) -> Option<RetainedState> {
         RetainedStore::find(&mut memory.clone()).1.ok()
     }
 
-    /// Returns a copy that is whole, and that this firmware cannot decode.
+    /// Returns a copy with the right checksum that this firmware cannot decode.
     pub(crate) fn of_another_firmware(generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0xff; COPY_BYTES];
         let (covered, checksum) = bytes.split_last_chunk_mut::<NUMBER_BYTES>().unwrap();
@@ -308,7 +309,7 @@ pub(crate) mod tests {
     #[test]
     fn both_copies_are_written_only_if_the_start_behaviour_changes() {
         let (mut memory, mut copies) = (Memory([0xA5; RETAINED_BYTES]), RetainedStore::default());
-        // For each state of the sequence: whether a start would act differently than with the state before.
+        // True for each state of the sequence after which a start acts differently than after the state before it.
         let otherwise = [true, true, true, false, true, false, false, false, true, true, true, false, true, true];
         for (retained, otherwise) in story().iter().zip(otherwise) {
             let before = copies.generation;
@@ -360,7 +361,8 @@ pub(crate) mod tests {
         ]
     }
 
-    /// Returns the memory after a part of a write. The byte at which the reset occurred may have any value.
+    /// Returns the memory after a part of a write. The byte that was being written when the reset occurred may have any
+    /// value.
     fn torn(before: &Memory, copy: usize, bytes: &[u8; COPY_BYTES], written: usize, noise: u8) -> Memory {
         let mut memory = before.clone();
         let into = &mut memory.0.as_chunks_mut::<COPY_BYTES>().0[copy];

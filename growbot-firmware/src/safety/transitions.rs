@@ -11,9 +11,9 @@ pub enum Event {
     Plan,
     /// A host resumes the job in the board's journal.
     Resume,
-    /// A host sends layers that can be laid.
+    /// A host sends layers of the current job.
     Layers,
-    /// A host replaces the next layers.
+    /// A host replaces the layers of the job from an index on.
     Amend,
     /// A host starts the stored job, or continues it.
     Start,
@@ -29,7 +29,7 @@ pub enum Event {
     MoveHead,
     /// A host requests a move of filament.
     MoveFilament,
-    /// A host stops everything.
+    /// A host requests that everything be switched off.
     Stop,
     /// A host cancels the job.
     Cancel,
@@ -39,7 +39,7 @@ pub enum Event {
     SelfTestPassed,
     /// The nozzle has settled at its target.
     TemperatureReached,
-    /// The head stands at the tip's x axis.
+    /// Homing is finished: the head stands at the tip's x axis.
     Homed,
     /// A layer is laid, and no further layer can follow now.
     LayersExhausted,
@@ -49,9 +49,9 @@ pub enum Event {
     Finished,
     /// The pause has lasted for the max time in which the heater may be on without growth.
     PauseTimeout,
-    /// The gains are found.
+    /// The tuning has found the gains of the heater.
     Tuned,
-    /// No request for maintenance has arrived for a long time.
+    /// No request for maintenance has arrived for ten minutes.
     MaintenanceTimeout,
     /// The emergency stop is pressed.
     EmergencyStop,
@@ -60,7 +60,7 @@ pub enum Event {
 }
 
 impl Event {
-    /// Every event: requests first.
+    /// All events, with the requests first.
     pub const ALL: [Self; 26] = [
         Self::Begin,
         Self::Plan,
@@ -90,7 +90,7 @@ impl Event {
         Self::Fault,
     ];
 
-    /// Returns the name of the event.
+    /// Returns the name of the event, in lower case.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -165,7 +165,7 @@ pub const fn next_state(state: State, event: Event) -> Option<State> {
         (S::Idle | S::Heating | S::Homing | S::Growing | S::Paused | S::Parked, Event::Amend) => Some(state),
 
         (S::Idle | S::Parked, Event::Start) => Some(S::Heating),
-        // A body of no length is finished at once.
+        // A job whose layers are all laid is finished at once.
         (S::Idle, Event::Finished) => Some(S::Done),
         (S::Heating | S::Homing | S::Growing | S::Paused | S::Done, Event::Start) => Some(state),
 
@@ -182,7 +182,7 @@ pub const fn next_state(state: State, event: Event) -> Option<State> {
     }
 }
 
-/// Returns whether the heater may be on.
+/// Returns whether the heater may be on in this state.
 #[must_use]
 pub const fn may_heat(state: State) -> bool {
     matches!(
@@ -191,14 +191,14 @@ pub const fn may_heat(state: State) -> bool {
     )
 }
 
-/// Returns whether motors may be energised and turn. In maintenance they do so only while the nozzle is hot, or in a
-/// dry run with the heater off.
+/// Returns whether motors may be energised and turn in this state. In maintenance they do so only while the nozzle is
+/// hot, or in a dry run with the heater off.
 #[must_use]
 pub const fn may_move(state: State) -> bool {
     matches!(state, State::Homing | State::Growing | State::Paused | State::Maintenance)
 }
 
-/// Returns whether filament may be fed, which is a fault below the min extrusion temperature.
+/// Returns whether filament may be fed in this state, so that a nozzle below the min extrusion temperature is a fault.
 #[must_use]
 pub const fn may_feed(state: State) -> bool {
     matches!(state, State::Homing | State::Growing)
@@ -250,7 +250,7 @@ mod tests {
         }
     }
 
-    /// Returns the rows of a table of SAFETY.md, as cells.
+    /// Returns the rows of a table of SAFETY.md that follows the text `from`, as cells.
     fn rows(from: &'static str) -> impl Iterator<Item = std::vec::Vec<&'static str>> {
         let (_, rest) = include_str!("../../../SAFETY.md").split_once(from).expect("SAFETY.md has the table");
         let rows = rest.trim_start_matches('\n').lines().take_while(|row| row.starts_with('|')).skip(2);

@@ -1,11 +1,11 @@
-//! Moves of one axis alone.
+//! Moves of the head alone or of the feed alone.
 
 use embedded_hal::digital::OutputPin;
 
 use super::moves::{AxisMove, EngineFault};
 use super::stepper::Stepper;
 
-/// Progress of a move of one axis.
+/// Progress of a move of one axis, head or feed.
 pub(super) struct AxisMoveRun {
     ticks_per_step: u32,
     pub ticks_to_step: u32,

@@ -1,8 +1,8 @@
 //! Even distribution of a sector's steps over its ticks, by additions and comparisons.
 //!
-//! With `n` steps in `t` ticks, `n` is added in each tick to an accumulator that starts at `t / 2`. Each time it
-//! reaches `t`, a step is due. Steps therefore fall where the even line crosses half steps, and after `t` ticks there
-//! are exactly `n`.
+//! With `n` steps in `t` ticks, `n` is added in each tick to an accumulator that starts at `t / 2`. Each time the
+//! accumulator reaches `t`, a step is due and `t` is subtracted. Steps therefore fall where the straight line of the
+//! position crosses half steps, and after `t` ticks there are exactly `n` steps.
 
 /// Even distribution of steps over ticks.
 #[derive(Debug, Clone, Copy)]
@@ -34,7 +34,7 @@ impl Bresenham {
         if self.steps == 0 { u32::MAX } else { (self.ticks - self.accumulator).div_ceil(self.steps) }
     }
 
-    /// Skips ticks in which no step is due.
+    /// Skips a number of ticks in which no step is due.
     pub fn skip(&mut self, ticks: u32) {
         self.accumulator += self.steps * ticks;
     }

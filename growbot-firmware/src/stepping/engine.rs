@@ -1,13 +1,13 @@
-//! The step interrupt: tick by tick, integers only.
+//! The step engine, which the step interrupt runs tick by tick. It computes with integers only.
 //!
-//! The steps of both axes are spread evenly over the ticks of a sector: see [`super::spread`]. The ticks of a turn are
-//! virtual: see [`super::pace`].
+//! The steps of both axes are spread evenly over the ticks of a sector: see `bresenham`. The ticks of a turn are
+//! virtual: see `ramp`.
 //!
 //! A step pulse is raised in one tick and lowered in the next, so that it is high for a tick and low for at least one.
 //! A direction changes while no pulse is high, at least one tick before the next pulse.
 //!
 //! [`Engine::ticks_to_event`] and [`Engine::skip`] let a simulation skip ticks in which no pin changes. The result is
-//! the same, tick for tick.
+//! the same as with every tick.
 
 use embedded_hal::digital::{InputPin, OutputPin};
 use growbot_core::layer::SECTORS;
@@ -24,28 +24,28 @@ use super::stepper::{Stepper, StepperPins};
 use super::turn::Sector;
 use crate::hal::Outputs;
 
-/// The inputs of the engine. Levels are logical.
+/// Inputs of the step engine. Levels are logical.
 pub struct EngineInputs<I, M, S> {
     /// Input that is high while the index sensor detects its mark.
     pub index: I,
-    /// The filament's encoder. Without an encoder it is a pin that never changes.
+    /// Input of the filament's encoder. Without an encoder it is a pin that never changes.
     pub filament_motion: M,
     /// Input that is high while the emergency stop is pressed.
     pub emergency_stop: S,
 }
 
-/// The part of a robot's description that the engine needs.
+/// The part of a robot's description that the step engine needs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct EngineConfig {
     mark: IndexWindow,
     emergency_stop: bool,
-    /// Number of feed steps without a pulse of the encoder beyond which the filament counts as jammed. `u32::MAX`
-    /// without an encoder.
+    /// Number of feed steps without a pulse of the filament's encoder beyond which the filament counts as jammed.
+    /// `u32::MAX` without an encoder.
     jam_steps: u32,
 }
 
 impl EngineConfig {
-    /// Returns the settings of a robot.
+    /// Returns the configuration of the step engine for a robot.
     #[must_use]
     pub fn for_robot(robot: &Robot) -> Self {
         let description = robot.description();
@@ -60,31 +60,32 @@ impl EngineConfig {
     }
 }
 
-/// The current task.
+/// The move that the step engine makes now.
 enum Mode {
     Idle,
     Homing(HomingRun),
     Feeding(AxisMoveRun),
     Rotating(AxisMoveRun),
-    /// A layer is laid in one turn of the head. [`Engine::turn`] has the turn's header, and [`Engine::progress`] its
-    /// progress.
+    /// A layer is laid in one turn of the head. [`Engine::turn`] is the header of the turn, and [`Engine::progress`]
+    /// its progress.
     Laying,
     /// Everything is off after an alarm. No move begins until the controller requests a halt, which also drops a
     /// pending move.
     Alarmed,
 }
 
-/// Progress of the current turn.
+/// Progress of the current turn of the head.
 struct TurnProgress {
-    /// Index of the current sector, by angle.
+    /// Index of the current sector, in the order of increasing angles of the head.
     sector: usize,
     sectors_left: usize,
-    /// Remaining virtual ticks of the sector and of the turn.
+    /// Number of remaining virtual ticks of the current sector. `turn_left` is the number for the whole turn.
     sector_left: u32,
     turn_left: u32,
     head: Bresenham,
     feed: Bresenham,
-    /// Numbers of steps made: by the head in the turn, and by the feed in the current sector.
+    /// Number of steps that the head has made in the turn. `feed_made` is the number that the feed has made in the
+    /// sector.
     head_made: u32,
     feed_made: u32,
 }
@@ -119,7 +120,7 @@ pub struct Engine<HS, HD, HE, FS, FD, FE, I, M, S, O> {
     ticks: u32,
     filament_pulses: u32,
     filament_high: bool,
-    /// Number of feed steps in layers since the latest pulse of the filament's encoder.
+    /// Number of monitored feed steps since the latest pulse of the filament's encoder.
     feed_steps_without_pulse: u32,
 }
 
@@ -136,7 +137,8 @@ where
     S: InputPin,
     O: Outputs,
 {
-    /// Creates an idle engine, with both stepper drivers off. An emergency stop or an alarm switches `outputs` off.
+    /// Creates an idle engine, with both stepper drivers off. `outputs` are all outputs of the tip, which an emergency
+    /// stop or an alarm switches off.
     pub fn new(
         head: StepperPins<HS, HD, HE>,
         feed: StepperPins<FS, FD, FE>,
@@ -178,8 +180,8 @@ where
         }
     }
 
-    /// Returns the number of ticks up to and including the next tick that does more than count: it makes a step, begins
-    /// a sector or a move, changes the pace, or halts. `u32::MAX` if nothing happens without a new move.
+    /// Returns the number of ticks up to and including the next tick that does more than count itself: it makes a step,
+    /// begins a sector or a move, changes the speed, or halts. `u32::MAX` if nothing happens without a new move.
     pub fn ticks_to_event(&self, handover: &Mailbox) -> u32 {
         if self.head.raised || self.feed.raised || handover.is_halt_requested() || handover.is_link_stop_pending() {
             return 1;
@@ -198,7 +200,7 @@ where
         }
     }
 
-    /// Skips ticks that only count. The number of skipped ticks must be below [`Engine::ticks_to_event`].
+    /// Skips ticks that do no more than count. The number of skipped ticks must be below [`Engine::ticks_to_event`].
     pub fn skip(&mut self, ticks: u32) {
         self.ticks = self.ticks.wrapping_add(ticks);
         match &mut self.mode {
@@ -370,7 +372,7 @@ where
         }
     }
 
-    /// Reports the end of a task.
+    /// Ends the current move and reports its end to the controller.
     fn finish(&mut self, report: PendingReport, handover: &Mailbox) {
         self.mode = Mode::Idle;
         handover.set_sector(&Sector::default());

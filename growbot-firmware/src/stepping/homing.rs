@@ -7,7 +7,7 @@ use super::mailbox::Mailbox;
 use super::moves::{EngineFault, HomingMove};
 use super::stepper::Stepper;
 
-/// Progress of a homing.
+/// Progress of a homing move.
 pub(super) struct HomingRun {
     homing: HomingMove,
     pub ticks_to_step: u32,
@@ -32,7 +32,7 @@ impl HomingRun {
         }
     }
 
-    /// Runs one tick. Returns whether the homing is over.
+    /// Runs one tick of the homing move. Returns whether the move is over.
     pub fn tick<S: OutputPin, D: OutputPin, E: OutputPin>(
         &mut self,
         head: &mut Stepper<S, D, E>,

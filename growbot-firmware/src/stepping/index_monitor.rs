@@ -1,13 +1,13 @@
 //! Monitor of the index mark. In every turn it checks that the head is at the position that its steps give.
 //!
-//! The head's position is known since homing. At each of its steps the sensor must detect the mark if the head is on
-//! it, and must not detect it elsewhere. Within a tolerance around both edges it may do either. Two consecutive samples
-//! must contradict this, so that a single disturbed one raises no alarm. The check is the same in both directions of
-//! turning.
+//! The head's position is known since homing. At each step of the head the sensor must detect the mark if the head is
+//! on it, and must not detect it elsewhere. Within a tolerance around both edges of the mark either is allowed. Only
+//! two consecutive samples that contradict the head's position count, so that a single disturbed sample raises no
+//! alarm. The check is the same in both directions of turning.
 //!
 //! The mark must be detected from its beginning to its end, less `index_tolerance_deg` on both sides. It must not be
-//! detected outside the mark and the tolerance. On a contradiction the engine releases the motors by itself and
-//! reports:
+//! detected outside the mark and the tolerance. If a contradiction persists, the engine releases the motors by itself
+//! and reports:
 //!
 //! | detected | report |
 //! |---|---|
@@ -32,7 +32,7 @@ use super::moves::EngineFault;
 /// raised.
 const MIN_CONTRADICTING_SAMPLES: u32 = 2;
 
-/// Positions of the index mark and of its tolerances, in head steps.
+/// Position and tolerances of the index mark, in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct IndexWindow {
     steps_per_turn: u32,
@@ -76,7 +76,8 @@ impl IndexWindow {
     }
 }
 
-/// The readings of the index sensor in the current turn of the head.
+/// State of the monitor of the index mark: the head's position, and the samples of the index sensor in the current
+/// turn.
 pub(super) struct IndexMonitor {
     /// Position of the head, in head steps from the beginning of the tolerance before the index mark. `None` unless the
     /// head has homed since its motor was last energised.
@@ -85,7 +86,7 @@ pub(super) struct IndexMonitor {
     /// Number of consecutive samples in which the index mark was detected.
     seen_for: u32,
     /// Number of consecutive samples in which the index mark was detected outside its position. `absent_for` is the
-    /// number of those in which it was missing at its position.
+    /// number of consecutive samples in which it was missing at its position.
     stray_for: u32,
     absent_for: u32,
     /// True if the index mark was detected at its position in the current turn.
@@ -108,7 +109,7 @@ impl IndexMonitor {
         stray: false,
     };
 
-    /// Records that the head stands at the tip's x axis.
+    /// Records that homing is finished: the head stands at the tip's x axis.
     pub fn homed(&mut self, mark: &IndexWindow) {
         *self = Self { place: Some(mark.zero), ..Self::LOST };
     }
@@ -119,7 +120,7 @@ impl IndexMonitor {
         *self = Self { place: self.place, backwards, seen_for, stray: self.stray, ..Self::LOST };
     }
 
-    /// Checks the sensor's reading as the head makes a step.
+    /// Checks the reading of the index sensor at a step of the head. `on` is true if the sensor detects the mark.
     #[inline]
     pub fn step(&mut self, on: bool, mark: &IndexWindow) -> Result<(), EngineFault> {
         let Some(place) = self.place else { return Ok(()) };
@@ -166,14 +167,15 @@ impl IndexMonitor {
         Ok(())
     }
 
-    /// Checks for a missing index mark at the end of a turn, after the head has passed all positions.
+    /// Checks for an index mark that was not detected in the turn. Call it at the end of a turn, after the head has
+    /// passed all positions.
     pub fn end_turn(&self) -> Result<(), EngineFault> {
         let missing = self.place.is_some() && !self.seen && !self.stray;
         if missing { Err(EngineFault::IndexMissing) } else { Ok(()) }
     }
 }
 
-/// Returns whether the index sensor detects its mark.
+/// Reads the index sensor and publishes its level in the mailbox. Returns whether the sensor detects the mark.
 pub(super) fn read_index_sensor(index: &mut impl InputPin, handover: &Mailbox) -> Result<bool, EngineFault> {
     let on = index.is_high().map_err(|_| EngineFault::Hardware)?;
     handover.set_on_index(on);

@@ -1,13 +1,14 @@
-//! The handover between controller and step interrupt: one pending move, reports, a halt, and the readings of the
-//! interrupt.
+//! The mailbox between the controller and the step interrupt. It contains one pending move, reports, a halt request,
+//! and the values that the interrupt measures.
 //!
 //! The interrupt checks `halt` first in every tick, and accepts a turn at the end of the previous turn. Sectors are
 //! handed over and counted one by one, in two slots each, because copying a whole turn made the worst tick ten times as
 //! long.
 //!
-//! No report is lost. Two ended moves can wait for the controller, and an alarm beside them. If a turn ends before the
-//! previous report is removed, it ends at rest, and no move begins until then. After a halt the interrupt changes
-//! neither reports nor progress, so the controller reads both after it ([`Mailbox::halt`]).
+//! No report is lost. The reports of two ended moves can wait for the controller, and an alarm in addition. If a turn
+//! ends while the report of the previous move still waits, it ends at rest, and no move begins until the controller has
+//! removed a report. After a halt the interrupt changes neither reports nor progress, so the controller reads both
+//! after it ([`Mailbox::halt`]).
 //!
 //! The interrupt reports the emergency stop, the edges of the filament's encoder, the index sensor, and the count of
 //! ticks, which proves that it runs. At an emergency stop the engine releases the motors, switches heater and fan off
@@ -36,8 +37,8 @@ use super::turn::{Sector, Turn};
 /// A move as the engine accepts it. It does not contain the sectors of a turn, which the engine reads one by one from
 /// the mailbox.
 ///
-/// In the numbers here and in [`PendingReport`], 0 stands for `None`. An empty [`Mailbox`] is therefore all zeros, and
-/// costs a board no flash.
+/// The discriminants here and in [`PendingReport`] begin at 1, so that 0 can stand for `None`. An empty [`Mailbox`] is
+/// therefore all zeros, and costs a board no flash.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingMove {
@@ -47,10 +48,10 @@ pub(super) enum PendingMove {
     Rotate(AxisMove) = 4,
 }
 
-/// Header of a turn: all data except the sectors.
+/// Header of a turn: all its data except the sectors.
 #[derive(Clone, Copy)]
 pub(super) struct TurnHeader {
-    /// Slot of the mailbox that contains the turn's sectors.
+    /// Slot of the mailbox that contains the sectors of this turn.
     slot: Slot,
     pub backwards: bool,
     pub ticks: u32,
@@ -61,8 +62,8 @@ impl TurnHeader {
     pub const NONE: Self = Self { slot: Slot::A, backwards: false, ticks: 0, pace: RampLimits::FULL };
 }
 
-/// The report of an ended move as the engine writes it. It does not contain the steps of each sector, which the engine
-/// has already written one by one to the mailbox.
+/// The report of an ended move as the engine writes it. It does not contain the feed steps of each sector, which the
+/// engine has already written one by one to the mailbox.
 #[derive(Clone, Copy)]
 #[repr(u8)]
 pub(super) enum PendingReport {
@@ -72,7 +73,7 @@ pub(super) enum PendingReport {
     Rotated = 4,
 }
 
-/// Max number of reports of ended moves that wait for the controller. There are two, because the steps of two turns are
+/// Max number of reports of ended moves that wait for the controller. It is two, because the steps of two turns are
 /// counted in two slots.
 const MAX_REPORTS: u32 = 2;
 
@@ -106,7 +107,7 @@ impl Slot {
     }
 }
 
-/// A value for each sector of two turns.
+/// A value for each sector of two turns, in two slots.
 struct Slots<T>(Mutex<[[Cell<T>; SECTORS]; 2]>);
 
 impl<T: Copy> Slots<T> {
@@ -139,20 +140,20 @@ pub struct Mailbox {
     task: Mutex<Cell<Option<PendingMove>>>,
     /// Sectors of the current turn and of the pending turn.
     sectors: Slots<Sector>,
-    /// Slot of the current turn. The controller owns the other slot.
+    /// Slot of the turn that is being laid. The controller may write to the other slot.
     laying: Mutex<Cell<Slot>>,
     reports: Mutex<Cell<Reports>>,
-    /// Feed steps made in each sector of the current turn, and of the turn that is being reported.
+    /// Number of feed steps made in each sector of the current turn, and of the turn that is being reported.
     made: Slots<u32>,
     order_waits: AtomicBool,
     /// Number of reports of ended moves that the controller has not yet removed.
     ended: AtomicU32,
     alarm_waits: AtomicBool,
     halt: AtomicBool,
-    /// Rate at which the pending turn can be entered; 0 if no turn is pending.
+    /// Rate at which the pending turn can be entered, units of 2^-24; 0 if no turn is pending.
     entry: AtomicU32,
     emergency_stop: AtomicBool,
-    /// An emergency stop was received over the link, and the engine has not handled it yet.
+    /// True if an emergency stop was received over the link, and the engine has not handled it yet.
     called: AtomicBool,
     /// Number of emergency stops received over the link.
     calls: AtomicU32,
@@ -160,7 +161,7 @@ pub struct Mailbox {
     presses: AtomicU32,
     /// Number of finished sectors of the current turn, plus 1; 0 if the latest turn has ended.
     progress: AtomicU32,
-    /// Feed steps and ticks of the current sector. The steps are 0 while no turn is laid.
+    /// Number of feed steps of the current sector; 0 while no turn is laid. `sector_ticks` is its number of ticks.
     sector_feed: AtomicU32,
     sector_ticks: AtomicU32,
     on_index: AtomicBool,
@@ -234,8 +235,8 @@ impl Mailbox {
         });
     }
 
-    /// Removes and returns the next report: first those of ended moves, oldest first, then the alarm. The controller
-    /// calls it.
+    /// Removes and returns the next report (controller side). The reports of ended moves come first, oldest first, and
+    /// then the alarm. `None` if no report is pending.
     pub fn pop_report(&self) -> Option<Report> {
         if let Some(ended) = self.pop_ended_move() {
             return Some(ended);
@@ -252,7 +253,7 @@ impl Mailbox {
         })
     }
 
-    /// Removes and returns the oldest report of an ended move (controller side).
+    /// Removes and returns the oldest report of an ended move (controller side). `None` if no such report is pending.
     pub fn pop_ended_move(&self) -> Option<Report> {
         if self.ended.load(Ordering::Acquire) == 0 {
             return None;
@@ -281,8 +282,9 @@ impl Mailbox {
         Some(report)
     }
 
-    /// Stops the steppers and switches their drivers off at the next tick (controller side). The pending move is
-    /// dropped, and so is an emergency stop that has been released. Reports and progress stay, and no longer change.
+    /// Requests a halt (controller side). The engine stops the steppers and switches their drivers off at the next
+    /// tick. The pending move is dropped, and so is an emergency stop that has been released. Reports and progress
+    /// stay, and no longer change.
     pub fn halt(&self) {
         exclusive::with(|cs| {
             self.halt.store(true, Ordering::Release);
@@ -318,7 +320,7 @@ impl Mailbox {
         self.calls.load(Ordering::Acquire)
     }
 
-    /// Returns the number of times that the emergency stop was pressed, wrapping, however short.
+    /// Returns the number of times that the emergency stop was pressed, wrapping. Even a very short press counts.
     #[must_use]
     pub fn emergency_stop_presses(&self) -> u32 {
         self.presses.load(Ordering::Acquire)
@@ -331,14 +333,15 @@ impl Mailbox {
         self.progress.load(Ordering::Acquire).checked_sub(1)
     }
 
-    /// Like [`Mailbox::sectors_done`], but forgets the turn (controller side). Call it after [`Mailbox::halt`].
+    /// Returns the number of finished sectors of the current turn, as [`Mailbox::sectors_done`] does, and records that
+    /// no turn is being laid (controller side). Call it after [`Mailbox::halt`].
     pub fn take_sectors_done(&self) -> Option<u32> {
         let sectors = self.sectors_done();
         self.end_progress();
         sectors
     }
 
-    /// Returns the present feed rate of the current layer, steps a tick; 0 if no layer is laid.
+    /// Returns the present feed rate of the current layer, feed steps a tick; 0 if no layer is laid.
     #[must_use]
     pub fn feed_steps_per_tick(&self) -> f64 {
         // Both values must belong to one sector, so the step interrupt must not run between the reads.
@@ -347,20 +350,20 @@ impl Mailbox {
         f64::from(steps) / f64::from(ticks.max(1))
     }
 
-    /// Returns whether the index sensor detects its mark. It is read in each step of the head, and in each tick without
-    /// a move.
+    /// Returns whether the index sensor detects its mark. The engine reads the sensor in each step of the head, and in
+    /// each tick without a move.
     #[must_use]
     pub fn on_index(&self) -> bool {
         self.on_index.load(Ordering::Acquire)
     }
 
-    /// Returns the pulses of the filament's encoder: those forward minus those in reverse, wrapping.
+    /// Returns the number of pulses of the filament's encoder: forward pulses minus reverse pulses, wrapping.
     #[must_use]
     pub fn filament_pulses(&self) -> u32 {
         self.filament_pulses.load(Ordering::Acquire)
     }
 
-    /// Returns the ticks of the step interrupt, wrapping. They prove that the interrupt runs.
+    /// Returns the number of ticks of the step interrupt, wrapping. A change proves that the interrupt runs.
     #[must_use]
     pub fn ticks(&self) -> u32 {
         self.ticks.load(Ordering::Acquire)
@@ -390,7 +393,7 @@ impl Mailbox {
         self.halt.load(Ordering::Acquire)
     }
 
-    /// Returns whether to halt now, and clears the request (engine side).
+    /// Returns whether the controller requests a halt, and clears the request (engine side).
     #[inline]
     pub(super) fn take_halt_request(&self) -> bool {
         // A load comes before the swap, because a swap in each tick would cost more than the rest of an idle tick.
@@ -403,15 +406,15 @@ impl Mailbox {
         self.order_waits.load(Ordering::Acquire)
     }
 
-    /// Returns the rate at which the pending turn can follow the current turn (engine side). The rate is 0 if the
-    /// engine must stop, because no turn is pending, or because the report of the previous turn still waits for the
-    /// controller.
+    /// Returns the rate at which the pending turn can follow the current turn, units of 2^-24 (engine side). The rate
+    /// is 0 if the engine must stop, because no turn is pending, or because the report of the previous turn still waits
+    /// for the controller.
     #[inline]
     pub(super) fn next_entry_rate(&self) -> u32 {
         if self.ended.load(Ordering::Acquire) > 0 { 0 } else { self.entry.load(Ordering::Acquire) }
     }
 
-    /// Accepts the pending move (engine side).
+    /// Removes and returns the pending move (engine side). `None` if no move is pending.
     pub(super) fn take_move(&self) -> Option<PendingMove> {
         exclusive::with(|cs| {
             let task = self.task.borrow(cs).get();
@@ -423,7 +426,7 @@ impl Mailbox {
         })
     }
 
-    /// Returns a sector of the current turn (engine side).
+    /// Returns a sector of a turn (engine side). `None` if the turn has no sector with this index.
     pub(super) fn sector(&self, turn: &TurnHeader, index: usize) -> Option<Sector> {
         self.sectors.get(turn.slot, index)
     }
@@ -439,12 +442,12 @@ impl Mailbox {
         self.task.borrow(cs).set(None);
     }
 
-    /// Writes the feed steps of a sector (engine side).
+    /// Stores the number of feed steps made in a sector (engine side).
     pub(super) fn store_feed_steps(&self, slot: Slot, sector: usize, steps: u32) {
         self.made.set(slot, sector, steps);
     }
 
-    /// Writes the report of an ended move (engine side). The mailbox has room for it, because a move begins only if
+    /// Stores the report of an ended move (engine side). The mailbox has room for it, because a move begins only if
     /// [`Mailbox::can_begin_move`] returns true.
     pub(super) fn post_report(&self, report: PendingReport) {
         exclusive::with(|cs| {
@@ -459,7 +462,7 @@ impl Mailbox {
         });
     }
 
-    /// Writes an alarm (engine side). Only the first alarm is kept until the controller removes it.
+    /// Stores an alarm (engine side). Until the controller removes an alarm, only the first one is kept.
     pub(super) fn post_alarm(&self, alarm: EngineFault) {
         exclusive::with(|cs| {
             let mut reports = self.reports.borrow(cs).get();
@@ -474,7 +477,7 @@ impl Mailbox {
         self.called.load(Ordering::Acquire)
     }
 
-    /// Returns whether an emergency stop was received over the link, and clears this flag (engine side).
+    /// Returns whether an emergency stop was received over the link, and clears the flag for it (engine side).
     #[inline]
     pub(super) fn take_link_stop(&self) -> bool {
         self.is_link_stop_pending() && self.called.swap(false, Ordering::AcqRel)
@@ -489,8 +492,8 @@ impl Mailbox {
         self.progress.store(0, Ordering::Release);
     }
 
-    /// Publishes the feed of the sector that begins (engine side). The value is [`Sector::default`] once no layer is
-    /// laid.
+    /// Publishes the feed steps and ticks of the sector that begins (engine side). The value is [`Sector::default`]
+    /// once no layer is laid.
     pub(super) fn set_sector(&self, sector: &Sector) {
         self.sector_feed.store(sector.feed_steps, Ordering::Release);
         self.sector_ticks.store(sector.ticks, Ordering::Release);

@@ -1,11 +1,13 @@
 //! Conversion of layers to step pulses.
 //!
 //! ```text
-//! Layer --Material::lay--> Turn (steps and ticks of 64 sectors) --Handover--> Engine --tick by tick--> step pins
+//! Layer --TurnPlanner::next_turn--> Turn (steps and ticks of 64 sectors) --Mailbox--> Engine --tick by tick--> step
+//! pins
 //! ```
 //!
 //! [`TurnPlanner::next_turn`] does the floating-point work in the controller's time, a layer ahead. The [`Engine`] runs
-//! in the step interrupt, where it only adds and compares integers. The two exchange data only through the [`Mailbox`].
+//! in the step interrupt, where it only adds and compares integers. The controller and the engine exchange data only
+//! through the [`Mailbox`].
 //!
 //! The engine also reads the inputs that need an immediate reaction: the index mark at each step of the head, the
 //! filament's encoder, and the emergency stop.

@@ -1,16 +1,16 @@
-//! Moves from the controller to the engine, and reports of the engine.
+//! Moves that the controller submits to the step engine, and reports of the step engine to the controller.
 
 use growbot_core::layer::SECTORS;
 
 use super::turn::Turn;
 
-/// A move for the engine.
+/// A move that the controller submits to the step engine.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Move {
-    /// Finds the index mark and stops at the tip's x axis.
+    /// Turns the head to the index mark and stops it at the tip's x axis.
     Home(HomingMove),
-    /// Lays a layer. If it is submitted while the one before is laid, it follows without a stop.
+    /// Lays a layer. If the move is submitted while the previous layer is being laid, the layer follows without a stop.
     Lay(Turn),
     /// Moves filament while the head stands.
     Feed(AxisMove),
@@ -18,74 +18,76 @@ pub enum Move {
     Rotate(AxisMove),
 }
 
-/// A move that finds the index mark.
+/// A move of the head that finds the index mark and stops at the tip's x axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HomingMove {
-    /// Ticks between two steps of the head, at least 2.
+    /// Number of ticks between two steps of the head, at least 2.
     pub ticks_per_step: u32,
-    /// Number of steps without the leading edge of the mark after which homing fails.
+    /// Number of head steps without the leading edge of the index mark after which homing fails.
     pub max_steps: u32,
-    /// Steps from the leading edge to the tip's x axis.
+    /// Number of head steps from the leading edge of the index mark to the tip's x axis.
     pub steps_to_zero: u32,
 }
 
-/// A move of one axis. It pulls filament back when feeding pauses, and forward again before feeding continues, or it is
-/// a move of maintenance.
+/// A move of the feed alone or of the head alone. It pulls filament back for a pause, or pushes it forward again after
+/// the pause, or it is a maintenance move.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct AxisMove {
-    /// Number of steps.
+    /// Number of steps of the move.
     pub steps: u32,
-    /// Filament is pulled back, or the head turned in reverse.
+    /// True if filament is pulled back, or the head is turned in reverse.
     pub backwards: bool,
-    /// Ticks between two steps, at least 2.
+    /// Number of ticks between two steps, at least 2.
     pub ticks_per_step: u32,
-    /// Filament is loaded, purged or unloaded. Its pulses do not count as growth, and a forward move is monitored for a
-    /// jam.
+    /// True if filament is loaded, purged or unloaded. Its encoder pulses do not count as growth, and a forward move is
+    /// monitored for a jam.
     pub changes_filament: bool,
 }
 
-/// A report of the engine.
+/// A report of the step engine to the controller: the end of a move, or the reason why the engine has switched
+/// everything off.
 #[expect(clippy::large_enum_variant, reason = "one of each exists, and there is no heap to box a turn on")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Report {
-    /// The head stands at the tip's x axis.
+    /// A homing move has ended: the head stands at the tip's x axis.
     Homed,
-    /// A layer is laid.
+    /// A layer has been laid.
     Laid(TurnReport),
-    /// Filament is moved.
+    /// A move of filament has ended.
     Fed,
-    /// The head is turned.
+    /// A rotation of the head has ended.
     Rotated,
-    /// Homing did not find the index mark. Everything is off, as for all reports below.
+    /// Homing did not find the index mark. The engine has switched everything off, as for all reports that follow.
     IndexNotFound,
-    /// A turn has passed without the index mark.
+    /// A whole turn of the head has passed without the index mark.
     IndexMissing,
-    /// The index sensor detects its mark for longer than the mark is wide.
+    /// The index sensor has detected its mark for longer than the mark is wide.
     IndexStuck,
-    /// The index mark was detected at another position.
+    /// The index mark was detected at a wrong position of the head.
     HeadStepsLost,
-    /// Filament is fed and does not move.
+    /// The feed turns, but the filament does not move.
     FilamentJam,
     /// A pin could not be read or written.
     Hardware,
 }
 
-/// The steps of a layer that were made.
+/// Numbers of steps that head and feed have made in the turn of a laid layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct TurnReport {
-    /// Steps of the head.
+    /// Number of steps of the head in the whole turn.
     pub head: u32,
-    /// Steps of the feed in each sector, by angle, whichever way the head has turned.
+    /// Number of steps of the feed in each sector, in the order of increasing angles, also if the head has turned in
+    /// reverse.
     pub feed: [u32; SECTORS],
 }
 
 /// The reason why the engine switches everything off.
 ///
-/// The numbers leave 0 for `None`, as in the mailbox.
+/// The discriminants begin at 1, so that 0 can stand for `None` in the mailbox.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub(super) enum EngineFault {
-    /// A pin failed.
+    /// A pin could not be read or written.
     Hardware = 1,
     IndexNotFound,
     IndexMissing,

@@ -1,38 +1,39 @@
-//! Ramps: acceleration and deceleration of a turn.
+//! Ramps: acceleration at the beginning and deceleration at the end of a turn of the head.
 //!
 //! The sectors of a turn are laid out in *virtual ticks*. A real tick advances virtual time by the *rate*,
 //! [`FULL_RATE`] at most: an accumulator adds it up, and each time it overflows a virtual tick is due. Both axes
 //! therefore slow down together and lay the same plastic at any rate, to the step.
 //!
-//! From rest the rate begins at the speed that the motors can reach at an instant, and rises evenly. Before the end of
-//! a turn it falls in time, to a rate that allows a stop, or to the entry rate of the next turn. Slopes and rates come
-//! with each turn ([`RampLimits`]), so that the interrupt only multiplies and compares, without division.
+//! From rest the rate begins at the speed that the motors can reach at an instant (the speed jump), and rises evenly.
+//! Before the end of a turn it falls in time, to a rate that allows a stop, or to the entry rate of the next turn. The
+//! limits come with each turn ([`RampLimits`]), so that the interrupt only multiplies and compares, without division.
 //!
-//! If a move arrives while a turn brakes, the turn speeds up again. A layer in which no speed exceeds the jumps has no
-//! ramp, and every tick counts. Homing and moves of the filament run evenly, at speeds within the jump.
+//! If a move arrives while a turn brakes, the turn speeds up again. A layer in which no speed exceeds the speed jump
+//! has no ramp, and every tick is a virtual tick. Homing and moves of the filament run at constant speed, within the
+//! speed jump.
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 
-/// Full speed: a virtual tick in each tick.
+/// Rate at full speed: one virtual tick in each tick.
 pub const FULL_RATE: u32 = 1 << FRACTION;
-/// Bits of a rate below one.
+/// Number of fractional bits of a rate.
 const FRACTION: u32 = 24;
 
 /// Limits of the rate at the beginning and the end of a turn, and of its change. Rates are in units of 2^-24.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RampLimits {
-    /// Max rate from rest, and to rest.
+    /// Max rate at which a turn may begin from rest, and may end at rest.
     pub(super) start_rate: u32,
-    /// Max change of the rate in a tick.
+    /// Max change of the rate from one tick to the next.
     pub(super) rate_step: u32,
-    /// Max rate at which the turn may follow the one before. The change of speed between the two is within the speed
-    /// that the motors can reach at an instant, and the turn is long enough to brake.
+    /// Max rate at which the turn may follow the previous turn. The change of speed between the two turns is then
+    /// within the speed jump of the motors, and the turn is long enough to brake.
     pub(super) entry_rate: u32,
-    /// Virtual ticks within which the turn can brake from any rate.
+    /// Number of virtual ticks within which the turn can brake from any rate.
     pub(super) braking_ticks: u32,
 }
 
-/// Signed speeds of both axes at the beginning and the end of a turn at full rate.
+/// Signed speeds of head (turns/s) and feed (mm/s) at the beginning and the end of a turn at full rate.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct EndSpeeds {
     head: f64,
@@ -46,17 +47,18 @@ impl EndSpeeds {
     }
 }
 
-/// Converts a share of full speed to a rate, rounded down, but at least 1 unit.
+/// Converts a share of full speed to a rate in units of 2^-24, rounded down, but at least 1 unit.
 fn units(share: f64) -> u32 {
     ((share.min(1.0) * f64::from(FULL_RATE)) as u32).max(1)
 }
 
 impl RampLimits {
-    /// The pace without ramps.
+    /// Limits of a turn without ramps: it runs at full rate from its first tick to its last.
     pub(super) const FULL: Self =
         Self { start_rate: FULL_RATE, rate_step: FULL_RATE, entry_rate: FULL_RATE, braking_ticks: 0 };
 
-    /// Returns the pace of a turn of this number of ticks that follows another.
+    /// Returns the limits for a turn of `ticks` virtual ticks. `before` contains the speeds of the previous turn, and
+    /// is `None` if the turn begins at rest.
     pub(super) fn of(
         motion: &LayerMotion,
         ends: &EndSpeeds,
@@ -89,17 +91,17 @@ impl RampLimits {
         }
     }
 
-    /// Returns the max number of ticks that a turn can take beyond its own. They are two ramps up and two down, because
-    /// a move that arrives while the turn brakes speeds it up again, and some virtual ticks at the slowest rate.
+    /// Returns the max number of ticks that ramps can add to a turn. It allows for two ramps up and two down, because a
+    /// move that arrives while the turn brakes speeds it up again, and for some virtual ticks at the slowest rate.
     pub(super) fn ramps_ticks(&self) -> u32 {
         let slowest = FULL_RATE.div_ceil(self.start_rate.min(self.entry_rate).max(1));
         self.braking_ticks.saturating_mul(4).saturating_add(slowest.saturating_mul(4))
     }
 }
 
-/// The virtual clock.
+/// Clock of virtual ticks, whose rate rises and falls with the ramps.
 pub(super) struct VirtualClock {
-    /// Rate; 0 at rest.
+    /// Present rate, virtual ticks a tick in units of 2^-24; 0 at rest.
     rate: u32,
     accumulator: u32,
 }
@@ -112,14 +114,14 @@ impl VirtualClock {
         self.rate == 0
     }
 
-    /// Begins a turn: from rest, or at the rate at which the one before has ended.
+    /// Begins a turn: from rest, or at the rate at which the previous turn has ended.
     pub fn enter(&mut self, pace: &RampLimits) {
         // A rate above the entry rate of the next turn is low enough to stop: the engine has braked to one of the two.
         self.rate = if self.rate <= pace.entry_rate { self.rate.max(pace.start_rate) } else { pace.start_rate };
     }
 
-    /// Advances by a tick, with `left` virtual ticks of the turn left. Returns whether a virtual tick is due. `passing`
-    /// is the rate at which the next turn can be entered, 0 without one.
+    /// Advances by a tick. Returns whether a virtual tick is due. `left` is the number of virtual ticks left in the
+    /// turn. `passing` is the rate at which the next turn can be entered, 0 if there is none.
     #[inline]
     pub fn tick(&mut self, pace: &RampLimits, left: u32, passing: u32) -> bool {
         let goal = passing.max(pace.start_rate);
@@ -134,7 +136,8 @@ impl VirtualClock {
         due
     }
 
-    /// Accelerates if the turn can still brake to the goal by its end, and decelerates if it must.
+    /// Raises the rate if the turn can then still brake to the rate `goal` by its end, and reduces it if the turn must
+    /// brake.
     fn change(&mut self, pace: &RampLimits, left: u32, goal: u32) {
         let faster = (self.rate + pace.rate_step).min(FULL_RATE);
         if left > pace.braking_ticks || self.can_brake(pace, left, goal, faster) {
@@ -144,16 +147,17 @@ impl VirtualClock {
         }
     }
 
-    /// Returns whether this tick can run at a rate. Each tick after it reduces the rate by a slope, until the goal is
-    /// reached. From `r` to `g` by `s`, that takes `(r + g)(r - g + s) / 2 s` of virtual time. The computation does not
-    /// overflow, because `left` is within [`RampLimits::braking_ticks`].
+    /// Returns whether the turn can still brake to the rate `goal` in time if this tick runs at `rate`. Each tick after
+    /// it reduces the rate by `rate_step`, until the goal is reached. From `r` to `g` by steps of `s`, that takes `(r +
+    /// g)(r - g + s) / 2 s` of virtual time. The computation does not overflow, because `left` is within
+    /// [`RampLimits::braking_ticks`].
     fn can_brake(&self, pace: &RampLimits, left: u32, goal: u32, rate: u32) -> bool {
         let Some(over) = rate.checked_sub(goal) else { return true };
         let room = (u64::from(left) << FRACTION) - u64::from(self.accumulator);
         over == 0 || u64::from(rate + goal) * u64::from(over + pace.rate_step) <= 2 * u64::from(pace.rate_step) * room
     }
 
-    /// Returns the number of next ticks that are all virtual ticks for certain; 0 while the rate changes.
+    /// Returns the number of upcoming ticks each of which is certain to be a virtual tick; 0 while the rate changes.
     #[inline]
     pub fn steady_ticks(&self, pace: &RampLimits, left: u32, passing: u32) -> u32 {
         if self.rate != FULL_RATE {
@@ -170,7 +174,7 @@ impl VirtualClock {
 mod tests {
     use super::*;
 
-    /// Runs a turn of this number of ticks. Returns the rate in each real tick.
+    /// Runs a turn of this number of virtual ticks. Returns the rate in each tick.
     fn run(
         clock: &mut VirtualClock,
         pace: &RampLimits,

@@ -4,7 +4,7 @@ use embedded_hal::digital::OutputPin;
 
 use super::moves::EngineFault;
 
-/// A stepper driver: step, direction and enable pins. Levels are logical. A board with inverted wiring wraps its pins
+/// Step, direction and enable pins of a stepper driver. Levels are logical. A board with inverted wiring wraps its pins
 /// in [`crate::invertible_pin::InvertiblePin`].
 pub struct StepperPins<S, D, E> {
     /// Step pin. A rising edge is a step.
@@ -15,11 +15,11 @@ pub struct StepperPins<S, D, E> {
     pub enable: E,
 }
 
-/// An axis with the states of its pins.
+/// A stepper driver, with the levels that its step and direction pins were set to.
 pub(super) struct Stepper<S, D, E> {
     pins: StepperPins<S, D, E>,
     pub raised: bool,
-    /// Level of the direction pin. `None` before it is first set.
+    /// True if the direction pin is set to reverse. `None` before the pin is first set.
     pub reverse: Option<bool>,
 }
 

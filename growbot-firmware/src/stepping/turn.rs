@@ -1,16 +1,17 @@
 //! One layer as one turn of the head: the steps of head and feed, and the ticks, in each sector.
 //!
 //! The material between angle 0 and `psi` has a closed form ([`Layer::material_fraction`]). At the edges of the sectors
-//! both axes stand at the positions of this form, to the step. Within a sector both run evenly. This flattens the first
-//! harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for 64 sectors). The
-//! turn is computed with a tilt that is larger by this factor, so that the layer as laid has the planned tilt.
+//! head and feed stand at the positions of this form, to the step. Within a sector both run at constant speed. This
+//! flattens the first harmonic of the profile, which *is* the tilt, by `sinc^2` of half the sector's angle (0.08 % for
+//! 64 sectors). The turn is computed with a tilt that is larger by this factor, so that the layer as laid has the
+//! planned tilt.
 //!
 //! Two strategies lay the same steps in the same sectors. `feed` gives every sector the same time and varies the feed.
 //! `speed` gives every sector time in proportion to its material, so that the feed is steady and the head is slower
 //! where more material is needed.
 //!
-//! Turns come from [`Material::next_turn`](super::Material::lay), which carries the lean that the layers before have
-//! left owing.
+//! [`TurnPlanner::next_turn`](super::TurnPlanner::next_turn) computes the turns. It adds to each layer the lean that
+//! the previous layers lack because of rounding.
 
 use core::f64::consts::{PI, TAU};
 
@@ -21,35 +22,35 @@ use growbot_core::trigonometry;
 
 use super::ramp::{EndSpeeds, FULL_RATE, RampLimits};
 
-/// Steps and ticks of one sector. Neither axis makes more than one step in two ticks.
+/// Steps and ticks of one sector of a turn. Neither head nor feed makes more than one step in two ticks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Sector {
-    /// Duration, ticks of the step interrupt.
+    /// Duration of the sector, ticks of the step interrupt.
     pub ticks: u32,
-    /// Steps of the head.
+    /// Number of steps of the head in the sector.
     pub head_steps: u32,
-    /// Steps of the feed.
+    /// Number of steps of the feed in the sector.
     pub feed_steps: u32,
 }
 
-/// One layer as one turn of the head.
+/// Plan of one layer: the steps and ticks of one turn of the head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turn {
-    /// The sectors by angle, from the tip's x axis on.
+    /// The sectors in the order of increasing angles, starting at the tip's x axis.
     pub sectors: [Sector; SECTORS],
     /// True if the head turns clockwise, from the last sector to the first.
     pub reverse: bool,
-    /// Ticks of all sectors.
+    /// Total number of ticks of all sectors.
     pub ticks: u32,
-    /// Limits of the speed at the beginning and the end of the turn.
+    /// Limits of the speed at the beginning and the end of the turn, and of its change.
     pub pace: RampLimits,
 }
 
-/// Error: a layer needs steps faster than one in two ticks, or more acceleration than the motors have.
+/// Error: a layer needs more than one step in two ticks, or more acceleration than the motors have.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepRateError;
 
-/// Returns the factor by which running evenly within a sector flattens the first harmonic of a profile.
+/// Returns the factor by which constant speed within each sector flattens the first harmonic of a profile.
 fn flattening() -> f64 {
     let half_sector = PI / SECTORS as f64;
     let sinc = trigonometry::sin(half_sector) / half_sector;
@@ -57,13 +58,13 @@ fn flattening() -> f64 {
 }
 
 impl Turn {
-    /// Computes the turn that lays this profile from one position of the feed to another. Also returns the state at the
-    /// end of the turn. `feed_steps` returns the position, in steps and not rounded, after a share of the layer.
-    /// `before` is the state at the end of the previous turn.
+    /// Computes the turn that lays a layer with this profile. Also returns the speeds at the end of the turn.
+    /// `feed_steps` returns the position of the feed, in steps and not rounded, after a share of the layer. `before`
+    /// contains the speeds at the end of the previous turn, and is `None` at rest.
     ///
     /// # Errors
-    /// Returns [`StepRate`] if a sector needs more than one step in two ticks, feed taken back, or more acceleration
-    /// than the motors have.
+    /// Returns [`StepRateError`] if a sector needs more than one step in two ticks, feed in reverse, or more
+    /// acceleration than the motors have.
     pub(super) fn new(
         profile: &Layer,
         feed_steps: impl Fn(f64) -> f64,
@@ -123,7 +124,7 @@ impl Turn {
         self.pace.start_rate == FULL_RATE
     }
 
-    /// Returns the max number of ticks that the turn can take, if it starts and ends at rest and the next move arrives
+    /// Returns the max number of ticks that the turn can take if it starts and ends at rest and the next move arrives
     /// late. A turn that takes longer counts as stuck.
     #[must_use]
     pub fn longest_ticks(&self) -> u32 {
@@ -137,10 +138,10 @@ impl Turn {
     }
 }
 
-/// Returns the layer that results from the feed steps made in each sector.
+/// Returns the layer that results from the number of feed steps made in each sector.
 ///
-/// The mean height follows from the sum, tilt and alpha from the first harmonic: `h(psi) = h + r_t phi cos(psi -
-/// alpha)`.
+/// The mean height follows from the sum of the steps, tilt and alpha from their first harmonic: `h(psi) = h + r_t phi
+/// cos(psi - alpha)`.
 #[must_use]
 pub fn as_built(feed: &[u32; SECTORS], robot: &Robot) -> Layer {
     let half_sector = PI / SECTORS as f64;
@@ -219,7 +220,7 @@ mod tests {
                 nalgebra::Vector2::new(cos, sin) * layer.tilt * robot.tip_radius()
             };
             // Rounding shifts each edge by half a step at most. In the first harmonic the error is far less than the
-            // sum of all.
+            // sum of all these shifts.
             prop_assert!((tilt(&built) - tilt(&layer)).norm() < 4.0 * step, "{built:?} for {layer:?}");
         }
     }

@@ -19,49 +19,51 @@ use crate::journal::RoundingCarry;
 use super::ramp::EndSpeeds;
 use super::turn::{StepRateError, Turn};
 
-/// Max lean that rounding can leave owing, in the height of a step spread over the whole ring. With every edge of a
-/// sector off by half a step, the first harmonic is off by `2 pi` at most. A larger lean arises if a layer is too thin
-/// to correct it, and the excess is dropped.
+/// Max lean that the laid layers can lack because of rounding, in units of the height of one feed step spread over the
+/// whole ring. With every edge of a sector off by half a step, the first harmonic is off by `2 pi` at most. A larger
+/// lean is missing only if a layer is too thin to correct it, and the excess is dropped.
 const MAX_RESIDUAL_LEAN_STEPS: f64 = core::f64::consts::TAU;
 
-/// Parts of a step in which owed lean is stored, so that it can be recorded exactly.
+/// Number of units in a feed step, in which the missing lean is stored, so that it can be recorded exactly.
 const LEAN_UNITS: f64 = 4096.0;
 
-/// The material that a job has laid so far.
+/// Planner of the turns of a job. It carries the rounding errors of each turn to the next.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TurnPlanner {
     carry: RoundingCarry,
-    /// The end of the turn before.
+    /// Speeds at the end of the previous turn. `None` if the head is at rest.
     before: Option<EndSpeeds>,
 }
 
 impl From<RoundingCarry> for TurnPlanner {
-    /// Continues from this carry, with the head at rest.
+    /// Continues with the rounding errors of earlier layers, with the head at rest.
     fn from(carry: RoundingCarry) -> Self {
         Self { carry, before: None }
     }
 }
 
-/// Returns the height of a layer's outer side above its mean, as a vector towards that side, mm.
+/// Returns the lean of a layer: the height of its highest side above its mean height, as a vector towards that side,
+/// mm.
 fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
     let (sin, cos) = trigonometry::sin_cos(layer.alpha);
     Vector2::new(cos, sin) * (robot.tip_radius() * layer.tilt)
 }
 
 impl TurnPlanner {
-    /// Returns the carry from the layers so far to the next ones.
+    /// Returns the rounding errors that the layers planned so far carry over to the next layers.
     #[must_use]
     pub fn carry(&self) -> RoundingCarry {
         self.carry
     }
 
-    /// Computes the turn that lays the next layer, counter-clockwise or (`backwards`) clockwise. The layer counts as
-    /// laid.
+    /// Computes the turn that lays the next layer, counter-clockwise or (`backwards`) clockwise. The planner then
+    /// counts the layer as laid.
     ///
     /// # Errors
     /// Returns [`StepRateError`] if a sector needs more than one step in two ticks, the layer has no height or needs
-    /// feed taken back, or its profile needs more acceleration than the motors have. A layer that
-    /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count.
+    /// feed in reverse, or its profile needs more acceleration than the motors have. A layer that
+    /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count
+    /// as laid.
     pub fn next_turn(&mut self, bytes: &LayerBytes, robot: &Robot, backwards: bool) -> Result<Turn, StepRateError> {
         let fields = RawLayer::from_bytes(bytes);
         if fields.height == 0 {
@@ -82,7 +84,7 @@ impl TurnPlanner {
             ..layer
         };
         let lay = |profile: &Layer| Turn::new(profile, feed_steps, robot, backwards, self.before.as_ref());
-        // A layer close to its limits is laid without the correction, and the next one corrects.
+        // A layer close to its limits is laid without the correction, which the next layer then makes.
         let (turn, ends) = lay(&paying).or_else(|StepRateError| lay(&layer))?;
         self.before = Some(ends);
         let mut owed = (asked - lean(&turn.layer(robot), robot)) / unit;

@@ -1,4 +1,5 @@
-//! An I2C bus with a simulated BMI160, level by level. It has the chip's I2C interface and the registers used here.
+//! Simulated I2C bus with a BMI160, level by level. The chip has its I2C interface and the registers that the firmware
+//! uses.
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -8,17 +9,18 @@ use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 
 use super::PinFailed;
 
-/// Address of the chip, with its SDO pin low.
+/// Address of the simulated chip on the bus, with its SDO pin low.
 pub const ADDRESS: u8 = 0x68;
 
-/// Registers and commands of the chip (BMI160 data sheet, 2.11).
+/// Address of the register CHIP_ID (BMI160 data sheet, 2.11). The next constants are the addresses of other registers,
+/// and a command.
 const CHIP_ID: u8 = 0x00;
 const PMU_STATUS: u8 = 0x03;
 const ACC_RANGE: u8 = 0x41;
 const CMD: u8 = 0x7E;
 const ACC_NORMAL: u8 = 0x11;
 
-/// Defect of a chip.
+/// Defect of the simulated chip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BusFault {
     /// No defect.
@@ -34,7 +36,7 @@ pub enum BusFault {
     HoldsData,
 }
 
-/// A chip of 256 registers.
+/// Simulated chip with 256 registers. All clones share their content.
 #[derive(Clone)]
 pub struct FakeChip(Rc<RefCell<Chip>>);
 
@@ -52,7 +54,7 @@ impl Default for FakeChip {
 }
 
 impl FakeChip {
-    /// Removes the chip's power for a moment.
+    /// Sets the registers to their values after a short loss of the chip's power.
     pub fn power_up(&self) {
         let mut chip = self.0.borrow_mut();
         chip.registers = [0; 256];
@@ -65,13 +67,13 @@ impl FakeChip {
         self.0.borrow_mut().trouble = trouble;
     }
 
-    /// Sets registers from this one on.
+    /// Sets the content of registers, from `register` on.
     pub fn set(&self, register: u8, bytes: &[u8]) {
         let from = usize::from(register);
         self.0.borrow_mut().registers[from..from + bytes.len()].copy_from_slice(bytes);
     }
 
-    /// Returns a register.
+    /// Returns the content of a register.
     pub fn get(&self, register: u8) -> u8 {
         self.0.borrow().registers[usize::from(register)]
     }
@@ -89,18 +91,18 @@ impl FakeChip {
     }
 }
 
-/// State of the chip on the bus.
+/// State of the simulated chip on the bus.
 #[derive(Clone, Copy)]
 enum Phase {
-    /// Waits for a start condition.
+    /// The chip waits for a start condition.
     Idle,
-    /// Receives bits of the address, the register, or data.
+    /// The chip receives the bits of the address, of the register's number, or of data.
     Takes { what: ByteKind, byte: u8, bits: u8 },
-    /// Holds the data line low to acknowledge. `next` follows.
+    /// The chip holds the data line low to acknowledge a byte. Then it sends if `reads`, and otherwise receives `next`.
     Acknowledges { reads: bool, next: ByteKind },
-    /// Sends a byte. `bits` of it have been sent.
+    /// The chip sends a byte, of which `bits` bits have been sent.
     Sends { byte: u8, bits: u8 },
-    /// Checks whether the board reads another byte.
+    /// The chip checks whether the board acknowledges the byte and so reads another one.
     Listens { goes_on: bool },
 }
 
@@ -115,20 +117,20 @@ struct Bus {
     chip: FakeChip,
     phase: Phase,
     register: u8,
-    /// The chip holds the data line low.
+    /// True if the chip holds the data line low.
     chip_data_low: bool,
     /// Time until which the chip holds the clock low, ns.
     clock_held_until: u64,
-    /// Time for which the chip holds the clock low from its next fall on, ns.
+    /// Time for which the chip will hold the clock low after its next falling edge, ns.
     stretch: u64,
-    /// Outputs of the board; `true` releases the line.
+    /// Level of the board's clock output; `true` releases the line. `board_data` is that of the data line.
     board_clock: bool,
     board_data: bool,
-    /// Previous levels of the lines.
+    /// Level of the clock line before the latest change. `data` is that of the data line.
     clock: bool,
     data: bool,
     now: u64,
-    /// Number of clocks after which the board's pins fail.
+    /// Number of clock pulses after which the board's pins fail. `None` if they do not fail.
     clocks_left: Option<u32>,
     broken: bool,
 }
@@ -142,7 +144,7 @@ impl Bus {
         self.board_data && !self.chip_data_low && !self.chip.has(BusFault::HoldsData)
     }
 
-    /// Updates the chip after a change of a line.
+    /// Updates the chip after a possible change of a line's level.
     fn look(&mut self) {
         let (clock, data) = (self.clock_level(), self.data_level());
         let (clock_before, data_before) = (self.clock, self.data);
@@ -220,12 +222,12 @@ impl Bus {
     }
 }
 
-/// The bus, for tests.
+/// The simulated bus, for tests. All clones share it.
 #[derive(Clone)]
 pub struct FakeWires(Rc<RefCell<Bus>>);
 
 impl FakeWires {
-    /// Creates a bus with this chip. Both lines are released.
+    /// Creates a bus with one chip. Both lines are released.
     pub fn new(chip: FakeChip) -> Self {
         Self(Rc::new(RefCell::new(Bus {
             chip,
@@ -244,12 +246,12 @@ impl FakeWires {
         })))
     }
 
-    /// Returns the pin of the clock.
+    /// Returns the board's pin of the clock line.
     pub fn clock(&self) -> Wire<true> {
         Wire(self.clone())
     }
 
-    /// Returns the pin of the data line.
+    /// Returns the board's pin of the data line.
     pub fn data(&self) -> Wire<false> {
         Wire(self.clone())
     }
@@ -259,7 +261,7 @@ impl FakeWires {
         WireTimer(self.clone())
     }
 
-    /// Returns the time that has passed, us.
+    /// Returns the time that has passed on the bus, us.
     pub fn elapsed_us(&self) -> u64 {
         self.0.borrow().now / 1000
     }
@@ -270,19 +272,19 @@ impl FakeWires {
         bus.clock_level() && bus.data_level()
     }
 
-    /// Makes the chip hold the clock low for this time when it falls next. 0 cancels that.
+    /// Makes the chip hold the clock low for this time after its next falling edge. 0 cancels that.
     pub fn stretch_next(&self, us: u64) {
         let mut bus = self.0.borrow_mut();
         bus.stretch = us * 1000;
         bus.clock_held_until = 0;
     }
 
-    /// Disconnects the board after a number of clocks.
+    /// Disconnects the board from the bus after a number of clock pulses.
     pub fn disconnect_after(&self, clocks: u32) {
         self.0.borrow_mut().clocks_left = Some(clocks);
     }
 
-    /// Reconnects the board. Its pins released the lines in between.
+    /// Reconnects the board to the bus. While it was disconnected, its pins have released the lines.
     pub fn reconnect(&self) {
         let mut bus = self.0.borrow_mut();
         (bus.clocks_left, bus.broken) = (None, false);
@@ -290,13 +292,13 @@ impl FakeWires {
         bus.look();
     }
 
-    /// Makes the board's pins fail from now on.
+    /// Makes every access to the board's pins fail from now on.
     pub fn break_pins(&self) {
         self.0.borrow_mut().broken = true;
     }
 }
 
-/// A line of the bus, on the board's side.
+/// A pin of the board at the clock line (`CLOCK`) or at the data line.
 pub struct Wire<const CLOCK: bool>(FakeWires);
 
 impl<const CLOCK: bool> Wire<CLOCK> {

@@ -1,7 +1,7 @@
-//! Atomics and critical sections before whose accesses a test lets the step interrupt occur.
+//! Atomics and critical sections for tests in which the step interrupt occurs just before an access to them.
 //!
-//! Each access outside of the interrupt is a point, counted from 1. A critical section is one point, because nothing
-//! occurs within it.
+//! Each access of the main program is a point at which the interrupt can occur, counted from 1. A critical section is
+//! one point, because no interrupt occurs within it.
 
 use core::cell::{Cell, RefCell};
 use core::sync::atomic::Ordering;
@@ -12,23 +12,23 @@ use critical_section::CriticalSection;
 
 #[derive(Default)]
 struct Preemption {
-    /// Points at which the interrupt occurs.
+    /// Numbers of the points at which the interrupt occurs.
     points: Vec<usize>,
-    /// Number of points passed.
+    /// Number of points passed so far.
     passed: usize,
-    /// `None` while no test preempts, and during the interrupt itself.
+    /// Function that runs as the interrupt. `None` while no test preempts, and during the interrupt itself.
     interrupt: Option<Box<dyn FnMut()>>,
-    /// A critical section is entered.
+    /// True within a critical section.
     masked: bool,
 }
 
 std::thread_local! {
-    /// Some test preempts. Otherwise an access costs little more than that of a plain atomic.
+    /// True while a test preempts. Otherwise an access costs little more than that of a plain atomic.
     static IS_ACTIVE: Cell<bool> = const { Cell::new(false) };
     static PREEMPTION: RefCell<Preemption> = RefCell::default();
 }
 
-/// Runs `work`, and `interrupt` at each of the points. Returns the number of points passed.
+/// Runs `work`, and runs `interrupt` at each of the points in it. Returns the number of points that `work` has passed.
 pub fn preempt(points: &[usize], interrupt: impl FnMut() + 'static, work: impl FnOnce()) -> usize {
     PREEMPTION.with_borrow_mut(|preemption| {
         *preemption =
@@ -61,7 +61,7 @@ fn pass_point() {
     }
 }
 
-/// Like `critical_section::with`.
+/// Runs `work` in a critical section, as `critical_section::with` does, with a point before it.
 pub fn with<R>(work: impl FnOnce(CriticalSection) -> R) -> R {
     if !IS_ACTIVE.get() {
         return critical_section::with(work);
@@ -75,7 +75,7 @@ pub fn with<R>(work: impl FnOnce(CriticalSection) -> R) -> R {
 
 macro_rules! atomic {
     ($name:ident, $value:ty) => {
-        /// The atomic of the same name, with a point before each access.
+        /// Wrapper of the atomic of the same name, with a point before each access.
         pub struct $name(core::sync::atomic::$name);
 
         impl $name {

@@ -1,4 +1,4 @@
-//! Model of the drivers' line: four drivers that share one wire.
+//! Model of the drivers' serial line for tests: four TMC2209 drivers that share one wire.
 
 use std::cell::RefCell;
 use std::collections::{BTreeMap, VecDeque};
@@ -14,21 +14,21 @@ pub const IFCNT: u8 = 0x02;
 pub const TSTEP: u8 = 0x12;
 pub const SG_RESULT: u8 = 0x41;
 pub const DRV_STATUS: u8 = 0x6F;
-/// DRV_STATUS of a motor that turns in StealthChop, and of one that stands still.
+/// Value of DRV_STATUS while the motor turns in StealthChop. [`STANDING`] is the value while the motor stands still.
 pub const TURNING: u32 = 1 << 30;
 pub const STANDING: u32 = 1 << 31 | TURNING;
 
-/// One driver.
+/// Model of one TMC2209 driver.
 #[derive(Clone)]
 pub struct Chip {
     pub registers: BTreeMap<u8, u32>,
-    /// Number of writes to this driver, including lost ones.
+    /// Number of writes to this driver, including those that it did not accept.
     pub writes: u32,
-    /// The driver does not respond.
+    /// True if the driver does not respond.
     pub silent: bool,
-    /// The driver counts no writes.
+    /// True if the driver accepts and counts no writes.
     pub deaf: bool,
-    /// Number of next responses with a wrong CRC.
+    /// Number of the next responses that have a wrong CRC.
     pub corrupt: u32,
 }
 
@@ -39,7 +39,7 @@ impl Chip {
         chip
     }
 
-    /// Removes the driver's supply for a moment.
+    /// Sets the registers to their values after a short loss of the driver's supply.
     pub fn start_anew(&mut self) {
         self.registers = BTreeMap::from([(GSTAT, 1), (DRV_STATUS, STANDING), (TSTEP, 0xFFFFF), (SG_RESULT, 300)]);
     }
@@ -70,16 +70,16 @@ impl Chip {
     }
 }
 
-/// The line.
+/// Model of the serial line with four drivers.
 pub struct FakeDriverLine {
     pub chips: [Chip; 4],
-    /// The board receives its own bytes.
+    /// True if the board receives the bytes that it sends.
     pub echoes: bool,
-    /// The line has no room for the board's bytes.
+    /// True if the transmit buffer has no room for the board's bytes.
     pub full: bool,
     /// Bytes on their way to the board.
     pub incoming: VecDeque<u8>,
-    /// Byte that is received without end.
+    /// Byte that the board receives without end, once `incoming` is empty. `None` for no such byte.
     pub babbles: Option<u8>,
 }
 
@@ -93,12 +93,12 @@ impl FakeWire {
         Self(Rc::new(RefCell::new(line)))
     }
 
-    /// Changes one driver.
+    /// Calls `change` with the driver at an address.
     pub fn chip(&self, address: usize, change: impl FnOnce(&mut Chip)) {
         change(&mut self.0.borrow_mut().chips[address]);
     }
 
-    /// Returns a register of a driver.
+    /// Returns the value of a register of the driver at an address.
     pub fn register(&self, address: usize, register: u8) -> u32 {
         self.0.borrow().chips[address].registers.get(&register).copied().unwrap_or_default()
     }

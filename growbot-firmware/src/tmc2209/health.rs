@@ -1,31 +1,32 @@
-//! The health of a driver, from its registers.
+//! The health of a stepper driver, determined from its registers.
 
 use growbot_core::link::message::DriverProblem;
 use tmc2209::reg::{DRV_STATUS, GSTAT, SG_RESULT, TSTEP};
 
 use super::settings::STALL_MAX_STEP_TIME;
 
-/// Number of consecutive samples of a moving motor with the open-load flag that mean an open wire. The samples take
-/// some 0.3 s, because the flag is also set as a motor starts (data sheet of the TMC2209, rev. 1.09, 10.3).
+/// Number of consecutive samples of a moving motor with the open-load flag after which an open wire is reported. The
+/// samples take some 0.3 s, because the flag is also set as a motor starts (data sheet of the TMC2209, rev. 1.09,
+/// 10.3).
 const OPEN_LOOKS: u8 = 10;
-/// Number of consecutive samples below the stall threshold that mean a stall. The samples take some 0.1 s, because a
-/// measurement covers one full step and is noisy.
+/// Number of consecutive samples below the stall threshold after which a stall is reported. The samples take some 0.1
+/// s, because a measurement covers one full step and is noisy.
 const STALL_LOOKS: u8 = 3;
 
-/// The registers read in one sample.
+/// Registers of a stepper driver, read in one sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HealthSample {
-    /// GSTAT.
+    /// Register GSTAT: reset, shut-down and charge pump.
     pub global: GSTAT,
-    /// DRV_STATUS.
+    /// Register DRV_STATUS: shorts, open loads, temperature and standstill.
     pub status: DRV_STATUS,
-    /// TSTEP.
+    /// Register TSTEP: time between two 256ths of a step.
     pub step_time: TSTEP,
-    /// SG_RESULT.
+    /// Register SG_RESULT: load of the motor by StallGuard4.
     pub load: SG_RESULT,
 }
 
-/// Counts of consecutive samples with an open load, and with a stall.
+/// Counters of the consecutive samples that show an open load, and a stall.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct HealthMonitor {
     open: u8,
@@ -38,7 +39,8 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
 }
 
 impl HealthMonitor {
-    /// Returns the problem that the driver's samples show. A stall is checked only if a threshold is given.
+    /// Evaluates a sample of the driver's registers. Returns the problem that the samples show, or `None`. A stall is
+    /// checked only if `threshold` is given.
     pub(super) fn look(&mut self, look: &HealthSample, threshold: Option<u8>) -> Option<DriverProblem> {
         let status = look.status;
         let moves = !status.stst();

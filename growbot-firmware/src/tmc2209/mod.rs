@@ -5,12 +5,12 @@
 //! - Both drivers are configured when the board starts, with 12 registers each. A driver counts the writes that it
 //!   accepts (IFCNT). It counts as configured only if it accepted all of them. Otherwise all registers are written
 //!   again.
-//! - Then each driver is polled in turn, some 30 times a second: reset, charge pump, temperature, shorts, open wires,
-//!   and the load, if a threshold is set.
+//! - Then the drivers are polled one after the other, each some 30 times a second, for resets, undervoltage of the
+//!   charge pump, temperature, shorts, open wires, and the load, if a threshold is set.
 //! - StallGuard4 measures the load in StealthChop only, and only from about one turn of the motor a second on. In
 //!   SpreadCycle, and with slower motors, a stall is not detected.
-//! - A driver that restarted has lost its current and its microsteps. While its motor is in use that is a problem,
-//!   because the motor has lost its position. At rest the driver is configured again.
+//! - A driver that restarted has lost its settings of current and microsteps. While its motor is in use the restart is
+//!   reported as a problem, because the motor has lost its position. At rest the driver is configured again.
 //! - A driver that does not respond is polled again and again, and is configured once it responds, because the motors'
 //!   supply may be switched on later than the board's.
 //!
@@ -35,12 +35,12 @@ use self::health::{HealthMonitor, HealthSample};
 use self::settings::REGISTERS;
 use crate::hal::StepperDrivers;
 
-/// Time between two polls of both drivers, us.
+/// Time from the beginning of a poll of both drivers to the beginning of the next poll, us.
 const PERIOD_US: u64 = 30_000;
-/// Number of consecutive failed configurations of a driver that are a problem.
+/// Number of consecutive failed configurations of a driver after which a problem is reported.
 const MAX_UNCOUNTED: u8 = 3;
 
-/// One driver.
+/// State of one stepper driver.
 struct DriverState {
     motor: Motor,
     settings: DriverConfig,
@@ -56,7 +56,7 @@ impl DriverState {
         Self { motor, settings, configured: false, uncounted: 0, watch: HealthMonitor::default(), problem: None }
     }
 
-    /// Records the end of a configuration, with the number of writes that the driver has counted.
+    /// Records that all registers were written. `counted` is the number of writes that the driver has counted.
     fn note_counted(&mut self, counted: u8) {
         self.configured = usize::from(counted) == REGISTERS;
         self.uncounted = if self.configured { 0 } else { self.uncounted.saturating_add(1) };
@@ -64,7 +64,7 @@ impl DriverState {
         self.problem = (self.uncounted >= MAX_UNCOUNTED).then_some(DriverProblem::NotConfigured);
     }
 
-    /// Records the end of a sample.
+    /// Evaluates a complete sample of the driver's registers.
     fn note_look(&mut self, look: &HealthSample, in_use: bool) {
         self.problem = self.watch.look(look, self.settings.watched_threshold());
         if self.problem == Some(DriverProblem::ShutDown) && !in_use {
@@ -74,29 +74,29 @@ impl DriverState {
     }
 }
 
-/// Progress with the current driver.
+/// The action in progress for the driver that is configured or polled now.
 #[derive(Debug, Clone, Copy)]
 enum PollState {
-    /// Nothing is done until this time.
+    /// No driver is configured or polled until this time, us.
     Rest(u64),
-    /// The driver's count of writes is read, before it is configured.
+    /// The driver's count of accepted writes is read, before its registers are written.
     CountBefore,
-    /// A register is written.
+    /// The register with the index `index` is written. `before` is the driver's count before the first write.
     Write { index: usize, before: u8 },
-    /// The count is read again.
+    /// The driver's count of accepted writes is read again, after its registers were written.
     CountAfter { before: u8 },
-    /// A sample is being taken, and this register is read.
+    /// This register is read, as a part of the sample of the driver's health.
     Look(Address, HealthSample),
 }
 
-/// Two drivers, and the line to them.
+/// The stepper drivers of head and feed, and the serial line to them.
 pub struct Tmc2209<W> {
     bus: Bus<W>,
     nodes: [DriverState; 2],
-    /// The current driver.
+    /// Motor whose driver is configured or polled now.
     active_motor: Motor,
     step: PollState,
-    /// Time at which the first driver's turn began, us.
+    /// Time at which the current poll of both drivers began, us.
     begun: u64,
 }
 
@@ -125,7 +125,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
         self.bus.read(address, register, now);
     }
 
-    /// Begins the turn of a driver.
+    /// Begins to configure or to poll the active motor's driver.
     fn begin(&mut self, now: u64) {
         if self.active_motor == Motor::Head {
             self.begun = now;
@@ -140,7 +140,8 @@ impl<W: SingleWireUart> Tmc2209<W> {
         self.read(first, now);
     }
 
-    /// Ends the exchange with a driver, and begins that with the other one or waits for the next period.
+    /// Ends the work with the active motor's driver. Begins with the other driver, or waits for the next period if both
+    /// are done.
     fn end(&mut self, now: u64) {
         if self.active_motor == Motor::Head {
             self.active_motor = Motor::Feed;
@@ -151,7 +152,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
         }
     }
 
-    /// Writes a register, or reads the count of accepted writes.
+    /// Writes the register with this index. If all registers are written, reads the driver's count of accepted writes.
     fn write(&mut self, index: usize, before: u8, now: u64) {
         let settings = self.node().settings;
         if let Some(register) = settings.registers().get(index) {
@@ -163,7 +164,7 @@ impl<W: SingleWireUart> Tmc2209<W> {
         }
     }
 
-    /// Takes the next step after an exchange.
+    /// Continues with the active motor's driver after an exchange on the serial line has ended.
     fn proceed(&mut self, outcome: TransactionResult, now: u64, in_use: bool) {
         match (self.step, outcome) {
             (PollState::CountBefore, TransactionResult::Read(count)) => self.write(0, count as u8, now),
@@ -182,7 +183,8 @@ impl<W: SingleWireUart> Tmc2209<W> {
         }
     }
 
-    /// Stores a register of a sample, and reads the next one.
+    /// Stores the value of one register of a sample and begins to read the next one. Evaluates the sample once it is
+    /// complete.
     fn look(&mut self, register: Address, mut look: HealthSample, value: u32, now: u64, in_use: bool) {
         let next = match register {
             Address::GSTAT => {

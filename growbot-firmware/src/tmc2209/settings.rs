@@ -1,4 +1,5 @@
-//! Settings of a driver, and the registers that configure them (data sheet of the TMC2209, rev. 1.09, 5).
+//! Settings of a TMC2209 stepper driver, and the registers that configure them (data sheet of the TMC2209, rev. 1.09,
+//! 5).
 
 use growbot_core::robot::{ChopperMode, DriverSettings, RobotDescription};
 use tmc2209::data::MicroStepResolution;
@@ -7,41 +8,43 @@ use tmc2209::reg::{
     VACTUAL,
 };
 
-/// Addresses of the drivers at the terminals of an SKR Pico: X for the head, and E for the feed.
+/// Address of the head's driver on the serial line of an SKR Pico: the driver at terminal X. [`FEED_ADDRESS`] is that
+/// of the feed's driver, at terminal E.
 const HEAD_ADDRESS: u8 = 0;
 const FEED_ADDRESS: u8 = 3;
-/// Number of registers that are written.
+/// Number of registers that are written to configure a driver.
 pub(super) const REGISTERS: usize = 12;
 /// Blank time of the chopper's comparator: 24 clocks (table 5.5.1, TBL).
 const BLANK_TIME: u32 = 1;
 /// Delay of a driver's response: 3 times 8 bits after the request, which several drivers on one line need (table 5.1,
 /// SENDDELAY).
 const SEND_DELAY: u8 = 2;
-/// All flags of GSTAT. Writing ones clears them (table 5.1).
+/// All flags of the register GSTAT. Writing ones clears them (table 5.1).
 const ALL_FLAGS: u32 = 0b111;
 /// Max time between two 256ths of a step at which StallGuard's reading is used, clocks of 12 MHz. The value corresponds
-/// to one turn a second of a motor of 200 steps. Below about this speed StallGuard is not reliable (11.5).
+/// to one turn a second of a motor of 200 full steps. Below about this speed StallGuard is not reliable (11.5).
 pub(super) const STALL_MAX_STEP_TIME: u32 = 12_000_000 / (200 * 256);
 
-/// The settings of one driver.
+/// The settings of one TMC2209 stepper driver.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriverConfig {
-    /// Address on the line, 0 to 3, set by the driver's pins MS1 and MS2.
+    /// Address of the driver on the serial line, 0 to 3, set by its pins MS1 and MS2.
     pub address: u8,
-    /// Resistance of the sense resistors, ohm.
+    /// Resistance of the driver's sense resistors, ohm.
     pub sense_ohm: f64,
     /// Current of a motor's phase, A rms.
     pub current_a: f64,
-    /// Steps of STEP in a full step, a power of two up to 256.
+    /// Number of microsteps (pulses at STEP) in a full step, a power of two up to 256.
     pub microsteps: u16,
-    /// The driver runs in SpreadCycle, otherwise in StealthChop.
+    /// True if the driver runs in SpreadCycle, false for StealthChop.
     pub spread_cycle: bool,
-    /// Load at which the motor counts as stalled (SGTHRS). The driver measures the load only in StealthChop.
+    /// Load value (SGTHRS) at which the motor counts as stalled. `None` if stalls are not detected. The driver measures
+    /// the load only in StealthChop.
     pub stall_threshold: Option<u8>,
 }
 
 impl DriverConfig {
-    /// Returns the settings of a robot's drivers. `None` if its board does not configure drivers.
+    /// Returns the settings of the drivers of head and feed. `None` if the robot's board does not configure drivers.
     #[must_use]
     pub fn of(robot: &RobotDescription) -> Option<[Self; 2]> {
         let (head, feed) = (robot.head.driver?, robot.feed.driver?);
@@ -59,12 +62,14 @@ impl DriverConfig {
         }
     }
 
-    /// Returns the threshold that is monitored, because StallGuard4 measures in StealthChop only.
+    /// Returns the stall threshold if the load is monitored. `None` without a threshold and in SpreadCycle, because
+    /// StallGuard4 measures in StealthChop only.
     pub(super) fn watched_threshold(&self) -> Option<u8> {
         self.stall_threshold.filter(|_| !self.spread_cycle)
     }
 
-    /// Returns every register that has to be written, in this order. The driver's pin EN keeps the motor off meanwhile.
+    /// Returns the values of all registers that have to be written, in the order of writing. The driver's pin EN keeps
+    /// the motor off while they are written.
     pub(super) fn registers(&self) -> [State; REGISTERS] {
         let (current, scale) = self.current();
         let threshold = self.watched_threshold();
@@ -89,8 +94,8 @@ impl DriverConfig {
         ]
     }
 
-    /// Returns GCONF: the line and registers configure the driver instead of pins, and the current's reference is
-    /// internal.
+    /// Returns the register GCONF: the serial line and registers configure the driver instead of pins, and the
+    /// reference of the current is internal.
     fn general(&self) -> GCONF {
         with(0, |register: &mut GCONF| {
             register.set_pdn_disable(true);
@@ -100,7 +105,8 @@ impl DriverConfig {
         })
     }
 
-    /// Returns CHOPCONF: the chopper's default values, with these microsteps, interpolated to 256.
+    /// Returns the register CHOPCONF: the chopper's default values, with the configured microsteps, interpolated to
+    /// 256.
     fn chopper(&self, high_sensitivity: bool) -> CHOPCONF {
         let mut register = CHOPCONF::default();
         let exponent = self.microsteps.trailing_zeros().min(8);
@@ -111,9 +117,9 @@ impl DriverConfig {
         register
     }
 
-    /// Returns IHOLD_IRUN, and whether the sense resistors' full scale is the lower one (data sheet, 9). The current is
-    /// the same whether the motor turns or not, because a motor without current loses its position. The current is
-    /// rounded down to a current that the driver can be set to.
+    /// Returns the register IHOLD_IRUN, and whether the sense resistors' full scale is the lower one (data sheet, 9).
+    /// The current is the same whether the motor turns or not, because a motor without current loses its position. The
+    /// current is rounded down to a current that the driver can be set to.
     fn current(&self) -> (IHOLD_IRUN, bool) {
         let milliamps = (self.current_a * 1000.0) as f32;
         let (high_sensitivity, scale) = tmc2209::rms_current_to_vsense_cs(self.sense_ohm as f32, milliamps);
@@ -126,7 +132,7 @@ impl DriverConfig {
     }
 }
 
-/// Returns a register with these bits and some fields set.
+/// Returns a register with the value `bits`, after `set` has set some of its fields.
 fn with<R: From<u32>>(bits: u32, set: impl FnOnce(&mut R)) -> R {
     let mut register = R::from(bits);
     set(&mut register);

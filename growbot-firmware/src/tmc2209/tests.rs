@@ -5,22 +5,22 @@ use super::fake_bus::{DRV_STATUS, FakeWire, GSTAT, IFCNT, SG_RESULT, STANDING, T
 use super::{DriverConfig, SingleWireUart, Tmc2209};
 use crate::hal::StepperDrivers;
 
-/// Addresses of the head's and the feed's driver.
+/// Address of the head's driver on the serial line. [`FEED`] is that of the feed's driver.
 const HEAD: usize = 0;
 const FEED: usize = 3;
 
-/// A board's drivers and its clock.
+/// The stepper drivers of a board on a simulated serial line, and the board's clock.
 struct Bench {
     wire: FakeWire,
     drivers: Tmc2209<FakeWire>,
     now: u64,
-    /// Time between two polls, us.
+    /// Time between two polls of the drivers, us.
     period: u64,
     in_use: bool,
 }
 
 impl Bench {
-    /// Creates a board whose power has just been switched on.
+    /// Creates a bench whose board has just been switched on.
     fn new() -> Self {
         let wire = FakeWire::new();
         let head = DriverConfig {
@@ -36,7 +36,7 @@ impl Bench {
         Self { wire, drivers, now: 0, period: 1000, in_use: false }
     }
 
-    /// Creates a board whose drivers are configured, in use or not.
+    /// Creates a bench whose drivers are configured. `in_use` states whether the motors are in use from then on.
     fn configured(in_use: bool) -> Self {
         let mut bench = Self::new();
         bench.run(500);
@@ -63,7 +63,7 @@ impl Bench {
         self.drivers.problem().map(|DriverReport { motor, problem }| (motor, problem))
     }
 
-    /// Asserts that this problem is found within a time. That time excludes the controller's own samples.
+    /// Asserts that the drivers have not reported a problem yet, and that they report this one within a time, ms.
     fn finds(&mut self, motor: Motor, problem: DriverProblem, ms: u64) {
         assert_eq!(self.found(), None);
         self.run(ms);
@@ -258,7 +258,7 @@ fn a_full_transmit_or_receive_buffer_does_not_block() {
     assert!(bench.drivers.are_configured());
 }
 
-/// A line that delivers arbitrary bytes, whatever is sent.
+/// Serial line that delivers arbitrary bytes, whatever is sent.
 struct Noise<'a> {
     bytes: std::slice::Iter<'a, u8>,
     rooms: std::iter::Cycle<std::slice::Iter<'a, bool>>,

@@ -7,9 +7,9 @@ use growbot_client::suggest::did_you_mean;
 pub const REQUIRED: [&str; 4] = ["id", "to_x_mm", "to_y_mm", "to_z_mm"];
 /// Columns of the goal's direction. Without them, or if both are empty, any direction is allowed.
 pub const DIRECTION: [&str; 2] = ["to_heading_deg", "to_pitch_deg"];
-/// Columns of the start. Without them, or if all are empty, the command's own start applies.
+/// Columns of the start pose. If they are absent or all empty, the start pose of the command line applies.
 pub const START: [&str; 5] = ["from_x_mm", "from_y_mm", "from_z_mm", "from_heading_deg", "from_pitch_deg"];
-/// Optional columns. If one is absent or empty, the command's own setting applies.
+/// Optional columns. If a column is absent or its field is empty, the option of the command line applies.
 pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 
 /// Errors of a header.
@@ -47,28 +47,29 @@ fn suggestion(name: &str) -> String {
     did_you_mean(name, known())
 }
 
-/// Returns the part of a message that names the columns which are required together with this one.
+/// Returns the part of an error message that names the columns which are required together with column `name`. It is
+/// empty if the column can be given alone.
 fn together(name: &&'static str) -> String {
     let group = [&DIRECTION[..], &START].into_iter().find(|group| group.contains(name));
     group.map_or_else(String::new, |group| format!(", and all of {} or none", group.join(",")))
 }
 
-/// Positions of the columns.
+/// Positions of the columns in the header of a batch.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchColumns {
     /// Number of columns.
     pub count: usize,
     /// Index of `id`.
     pub id: usize,
-    /// Columns of the start: x, y, z, heading, pitch.
+    /// Columns of the start: x, y, z, heading, pitch. `None` if the header does not have them.
     pub from: Option<[Column; 5]>,
     /// Columns of the goal's position: x, y, z.
     pub to: [Column; 3],
-    /// Columns of the goal's heading and pitch.
+    /// Columns of the goal's heading and pitch. `None` if the header does not have them.
     pub direction: Option<[Column; 2]>,
-    /// Column `radius_mm`.
+    /// Column `radius_mm`. `None` if the header does not have it.
     pub radius: Option<Column>,
-    /// Column `planner`.
+    /// Column `planner`. `None` if the header does not have it.
     pub planner: Option<Column>,
 }
 
@@ -111,7 +112,7 @@ impl BatchColumns {
     }
 }
 
-/// Returns the columns with these names.
+/// Returns the columns with these names. Returns an error if one of them is missing.
 fn all<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<[Column; N], HeaderError> {
     let mut columns = [Column::default(); N];
     for (column, name) in columns.iter_mut().zip(names) {
@@ -121,7 +122,8 @@ fn all<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<[Co
     Ok(columns)
 }
 
-/// Returns the columns with these names if at least one of them is there.
+/// Returns the columns with these names, or `None` if all of them are missing. Returns an error if only some are
+/// missing.
 fn all_or_none<const N: usize>(found: &[Column], names: [&'static str; N]) -> Result<Option<[Column; N]>, HeaderError> {
     if found.iter().any(|column| names.contains(&column.name)) { all(found, names).map(Some) } else { Ok(None) }
 }

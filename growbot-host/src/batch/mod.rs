@@ -1,7 +1,7 @@
 //! Planning of many queries from a CSV stream, in the order of the queries.
 //!
-//! Only one query is in memory at a time, so a stream can have any length. An invalid query has its own error, and the
-//! rest continues. An invalid header is rejected before the first query.
+//! Only one query is in memory at a time, so a stream can have any length. An invalid query gives an error as its
+//! result, and the later queries are still planned. An invalid header is rejected before the first query.
 
 mod columns;
 
@@ -31,7 +31,7 @@ pub enum BatchError {
     /// The header is invalid.
     #[error(transparent)]
     Header(#[from] HeaderError),
-    /// The source cannot be read any further.
+    /// Reading the CSV stream failed.
     #[error("reading failed: {0}")]
     Reading(#[source] csv::Error),
 }
@@ -78,7 +78,7 @@ pub enum QueryError {
     /// The numbers are not a valid pose.
     #[error("{which}: {error}")]
     Pose {
-        /// `from` or `to`.
+        /// Prefix of the pose's columns: `from` or `to`.
         which: &'static str,
         /// Error of the pose.
         #[source]
@@ -120,15 +120,16 @@ pub fn check_length_limit(plan: Plan, max_length: Option<f64>) -> Result<Plan, P
 /// Result of one query.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BatchResult {
-    /// Name of the query.
+    /// Name of the query, from its column `id`.
     pub id: String,
     /// Plan of the query, or the error.
     pub outcome: Result<Plan, QueryError>,
 }
 
 impl BatchResult {
-    /// Returns the result as a row of CSV under [`ANSWERS`], with its newline. Numbers have full precision, and codes
-    /// of warnings are separated by spaces. A query that failed has only `id` and `error`.
+    /// Returns the result as a row of CSV with the columns of [`ANSWERS`], with its newline. Numbers have full
+    /// precision, and codes of warnings are separated by spaces. The row of a query that failed has only `id` and
+    /// `error`.
     #[must_use]
     pub fn to_row(&self) -> String {
         let mut fields = vec![self.id.clone()];
@@ -189,7 +190,7 @@ pub struct Defaults {
     pub max_length: Option<f64>,
 }
 
-/// Header of the results as CSV.
+/// Header of the CSV that contains the results.
 pub const ANSWERS: &str = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg,direction_free,planner,radius_mm,\
                            path_type,length_mm,layers,duration_s,filament_mm,warnings,error\n";
 
@@ -202,7 +203,7 @@ pub struct Batch<R> {
 }
 
 impl<R: Read> Batch<R> {
-    /// Reads the header. `defaults` are for fields that a query omits.
+    /// Reads the header of the CSV stream `source`. `defaults` are for fields that a query omits.
     ///
     /// # Errors
     /// The header is missing or invalid, or the source cannot be read.
@@ -299,7 +300,7 @@ impl<R: Read> Batch<R> {
     }
 }
 
-/// Returns a field as text. It is empty if the field is not UTF-8, which is rejected earlier.
+/// Returns a field as text. The text is empty if the field is missing or is not UTF-8.
 fn text_of(field: Option<&[u8]>) -> &str {
     str::from_utf8(field.unwrap_or_default()).unwrap_or_default()
 }

@@ -89,7 +89,8 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Reconnects to the board at its port. A serial port over USB disappears while its board restarts, and comes back.
+/// Reconnects to the board after its restart, and waits at most `RESTART` until the board reports the new
+/// description. A serial port over USB disappears while its board restarts.
 fn after_restart(port: &SelectedPort, robot: &Robot) -> Result<BoardInfo, Failure> {
     let began = Instant::now();
     while began.elapsed() < RESTART {

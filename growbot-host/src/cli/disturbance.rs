@@ -65,12 +65,12 @@ impl DisturbanceArgs {
         }
     }
 
-    /// Returns the noise of the measurements. It is 0 by default.
+    /// Returns the sensors' noise. A noise that the options do not give is 0.
     pub fn sensor_noise(&self) -> SensorNoise {
         self.sensor_noise_or(SensorNoise { odometry: 0.0, direction: 0.0 })
     }
 
-    /// Returns the noise of the measurements, with `assumed` for values that are not given.
+    /// Returns the sensors' noise. A noise that the options do not give is taken from `assumed`.
     pub fn sensor_noise_or(&self, assumed: SensorNoise) -> SensorNoise {
         SensorNoise {
             odometry: self.odometry_noise.map_or(assumed.odometry, |percent| percent / 100.0),
@@ -78,12 +78,12 @@ impl DisturbanceArgs {
         }
     }
 
-    /// Returns true if layers have errors.
+    /// Returns true if the options give layers any error.
     pub fn has_disturbance(&self) -> bool {
         self.disturbance() != Disturbance::default()
     }
 
-    /// Returns true if a noise of the sensors is given.
+    /// Returns true if the options give any noise of the sensors.
     pub fn has_sensor_noise(&self) -> bool {
         self.odometry_noise.is_some() || self.direction_noise.is_some()
     }

@@ -52,7 +52,7 @@ fn simple_commands(line: &str) -> Vec<Vec<String>> {
     commands
 }
 
-/// Returns the words of a call of growbot, by its name or by cargo. `None` for another command.
+/// Returns the words of a command that runs growbot, directly or by `cargo run`. `None` for another command.
 fn growbot(words: &[String]) -> Option<Vec<&str>> {
     let words: Vec<_> = words.iter().map(String::as_str).skip_while(|word| word.contains('=')).collect();
     match words.as_slice() {
@@ -62,7 +62,7 @@ fn growbot(words: &[String]) -> Option<Vec<&str>> {
     }
 }
 
-/// Returns the error if this is not a command of growbot.
+/// Returns the error if the command line of growbot cannot be parsed.
 fn wrong(words: &[&str]) -> Option<String> {
     match Cli::try_parse_from(words) {
         Ok(_) => None,
@@ -71,8 +71,8 @@ fn wrong(words: &[&str]) -> Option<String> {
     }
 }
 
-/// Returns the commands of blocks with their lines. It omits commands whose exit code a document shows, because they
-/// are run.
+/// Returns the commands in the code blocks of a document, with their line numbers. Commands whose exit code the
+/// document shows are omitted, because they are run in `tests/documents.rs`.
 fn commands(document: &Document) -> Vec<(usize, Vec<String>)> {
     let mut found = Vec::new();
     for block in document.blocks() {
@@ -87,7 +87,7 @@ fn commands(document: &Document) -> Vec<(usize, Vec<String>)> {
     found
 }
 
-/// Returns the code within the lines of a document.
+/// Returns the inline code of a document with its line numbers.
 fn inline_code(document: &Document) -> Vec<(usize, String)> {
     let code = |(event, line)| if let Event::Code(code) = event { Some((line, code.to_string())) } else { None };
     document.events().filter_map(code).collect()

@@ -118,7 +118,7 @@ impl ExportFormat {
     }
 }
 
-/// Bodies that differ by less look like one, mm.
+/// Distance below which two bodies count as equal, so that only one of them is exported to GLB, mm.
 const APART: f64 = 0.05;
 
 /// Runs the command.

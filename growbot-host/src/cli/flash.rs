@@ -43,7 +43,7 @@ enum FlashTarget {
 }
 
 impl FlashTarget {
-    /// Returns the alias by which cargo builds the image.
+    /// Returns the cargo alias that builds the firmware image of the board.
     fn build(self) -> &'static str {
         match self {
             Self::Stm32f405 => "build-stm32f405",
@@ -59,7 +59,7 @@ impl FlashTarget {
         }
     }
 
-    /// Returns the instruction that makes the board a drive.
+    /// Returns the instruction for the user that makes the board appear as a USB drive.
     fn way_to_drive(self) -> &'static str {
         match self {
             Self::SkrPico => "set the jumper BOOT and press RESET",
@@ -75,8 +75,9 @@ impl FlashTarget {
         }
     }
 
-    /// Returns the robot that the image is built for. The signals of a description without a board are not those of an
-    /// SKR Pico. In that case the image is for no robot, and the board is configured once it runs.
+    /// Returns the value of `GROWBOT_ROBOT` for the build: the robot that the image is built for. If the description
+    /// does not name a board, an image for an SKR Pico is built for `none`, because the signals would be wrong. Its
+    /// board is configured once it runs.
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
             Some(BoardDescription { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
@@ -196,7 +197,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     flash.iter().try_for_each(ToolRun::run)
 }
 
-/// Returns images that may have been built last in this source tree.
+/// Returns the paths of the firmware images that cargo builds in this source tree. The files need not exist.
 pub fn built_images() -> Vec<PathBuf> {
     let target = target_in(&source_tree().unwrap_or_else(|| ".".into()));
     [IMAGE, growbot_sim::port::emulator::FIRMWARE_PATH].map(|image| target.join(image)).into()
@@ -207,7 +208,7 @@ fn target_in(directory: &Path) -> PathBuf {
     directory.join(std::env::var_os("CARGO_TARGET_DIR").unwrap_or_else(|| "target".into()))
 }
 
-/// A call of a tool.
+/// A run of a tool, which is cargo or probe-rs.
 struct ToolRun {
     tool: &'static str,
     /// Instructions to install the tool.

@@ -1,4 +1,4 @@
-//! `growbot grow`: grows a body, and does the main job of `growbot` without a command.
+//! `growbot grow`: grows a body. `growbot` without a command also runs it, with built-in arguments.
 
 use std::path::PathBuf;
 
@@ -96,7 +96,8 @@ Examples:
 Exit codes: 0, the body is grown; 1, stopped, refused or a fault; 2, invalid
 arguments or input.";
 
-/// Arguments of the main job of `growbot` alone: 1 m of robot A to a pose that needs both planes.
+/// Arguments of the growth that `growbot` without a command runs: 1 m of robot A, to a pose that needs bends in two
+/// planes.
 const MAIN_JOB: [&str; 7] =
     ["growbot grow", "--to", "550,345,610,120,-25", "--port", "sim", "--robot", robot_file::DEFAULT];
 
@@ -107,7 +108,7 @@ struct MainJobArgs {
     grow: GrowArgs,
 }
 
-/// Runs the main job.
+/// Runs the growth of `growbot` without a command.
 pub fn run_main_job() -> Result<(), Failure> {
     let MainJobArgs { grow } = MainJobArgs::try_parse_from(MAIN_JOB).map_err(Failure::bad_input)?;
     growbot_host::note!("no command given, so the simulated robot A grows {} {}", MAIN_JOB[1], MAIN_JOB[2]);
@@ -218,7 +219,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
 }
 
 impl GrowArgs {
-    /// Returns the format of the printed result.
+    /// Returns the format in which the result is printed.
     fn print(&self) -> Result<ResultFormat, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
@@ -262,7 +263,7 @@ impl GrowArgs {
         })
     }
 
-    /// Creates the requested log, or none.
+    /// Creates the run log that `--log` requests. Without `--log` it writes nothing.
     fn begin_log(
         &self,
         plan: &Plan,

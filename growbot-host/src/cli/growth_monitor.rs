@@ -72,7 +72,7 @@ pub struct GrowthMonitor<'a> {
     pub watch: Option<WatchPage>,
     /// Format of the printed result.
     pub print: ResultFormat,
-    /// Number of layers that were laid before.
+    /// Number of layers that were laid before this command started.
     pub laid: usize,
     /// Seed of the random errors. `None` if nothing is random.
     pub seed: Option<u64>,
@@ -87,7 +87,8 @@ pub struct GrowthMonitor<'a> {
 }
 
 impl GrowthMonitor<'_> {
-    /// Returns the effect of a parked board: the growth waits if the user can let it continue, or else it ends.
+    /// Returns the reaction to a board that parks after a long pause: the growth waits if the user has a way to
+    /// continue it, or else the command ends.
     pub fn when_parked(&self) -> OnParked {
         if self.keyboard.is_there() || self.page_controls { OnParked::Wait } else { OnParked::End }
     }
@@ -206,12 +207,12 @@ pub fn clock_drift_failure(drift: &ClockDrift, simulated: bool) -> Failure {
     Failure::request_failed(format!("{drift}: the robot was stopped, {}; {}", off_text(simulated), ClockDrift::REMEDY))
 }
 
-/// Returns a text about the parts that are off after a stop.
+/// Returns the part of a message that names the outputs that are off after a stop.
 fn off_text(simulated: bool) -> &'static str {
     if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
 }
 
-/// Returns the failure for a growth without an outcome that could be measured.
+/// Returns the failure for a growth that ended with an error instead of an outcome.
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {
@@ -288,20 +289,20 @@ pub fn print_refusal(result: &GrowthResult) {
     }
 }
 
-/// Shows a growth on standard error.
+/// Progress of a growth, which is shown on standard error.
 struct GrowthProgress {
     progress: Progress,
     layers: usize,
-    /// Number of layers before the latest amendment.
+    /// Number of layers that the job had before the latest amendment.
     layers_before: usize,
     laid: u64,
     forecast: Option<Forecast>,
     state: &'static str,
-    /// True if the emergency stop was given here, or pressed.
+    /// True if this program has sent the emergency stop, or if the button was pressed.
     emergency: bool,
     /// Latest printed reason why the board did not accept an amendment.
     not_amended: Option<String>,
-    /// True if the robot waits for filament and the warning was printed.
+    /// True if the robot waits for filament and the user was warned.
     out_of_filament: bool,
 }
 

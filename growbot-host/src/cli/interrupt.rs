@@ -33,7 +33,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     orders
 }
 
-/// Gives the emergency stop, and prints the result. Returns the line on which it was sent.
+/// Sends the emergency stop on the port `line`, and prints the result. Returns the client of that port.
 fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) -> Option<Client> {
     growbot_host::warning!("sending the emergency stop");
     let mut client = line.map(|line| Client::new(line, name));

@@ -224,7 +224,8 @@ impl Failure {
         Self { code: 1, kind: Severity::Error, message: Some(message.to_string()) }
     }
 
-    /// Returns the end of a command whose reader has closed the results. It is not an error.
+    /// Returns the result of a command whose standard output was closed by its reader, for example `head`. Its exit
+    /// code is 0.
     fn stdout_closed() -> Self {
         Self { code: 0, kind: Severity::Error, message: None }
     }
@@ -234,7 +235,7 @@ impl Failure {
         Self { kind: Severity::Warning, ..self }
     }
 
-    /// Returns true if the reader of the results has closed them.
+    /// Returns true if the command ended because the reader of its standard output closed it.
     pub fn is_stdout_closed(&self) -> bool {
         self.code == 0
     }
@@ -368,12 +369,13 @@ impl PortArg {
 }
 
 impl RequiredPortArg {
-    /// Reports whether a port is given on the command line.
+    /// Returns true if a port is given on the command line.
     fn is_given(&self) -> bool {
         self.port.is_some()
     }
 
-    /// Returns the port, or the port of the robot, that `text` names, with the `--link-fault` of this command.
+    /// Returns the port that `text` names directly, or the port of the robot that it names, with the options of this
+    /// command for the link.
     fn at(&self, text: String) -> Result<SelectedPort, Failure> {
         self.link.at(text)
     }
@@ -383,7 +385,7 @@ impl RequiredPortArg {
         self.resolve_from_files(InvalidFiles::Refuse)
     }
 
-    /// Like [`RequiredPortArg::resolve`], but with this treatment of invalid settings files.
+    /// Like [`RequiredPortArg::resolve`], but invalid settings files are treated as `invalid` requires.
     fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
@@ -407,7 +409,7 @@ impl LinkArgs {
         self.at_from_files(text, InvalidFiles::Refuse)
     }
 
-    /// Like [`LinkArgs::at`], but with this treatment of invalid settings files.
+    /// Like [`LinkArgs::at`], but invalid settings files are treated as `invalid` requires.
     fn at_from_files(self, text: String, invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let (text, name) = match text.parse::<PortName>() {
             Ok(name) => (text, name),
@@ -451,7 +453,8 @@ impl SelectedPort {
         self.is_simulated() && self.name.resident().is_none()
     }
 
-    /// Returns an error if the robot would be a new one of this program, which has nothing to stop or discard.
+    /// Returns an error if the port would start a new simulated robot in this program, because that has nothing to
+    /// stop or discard.
     fn require_running_robot(&self, command: &str) -> Result<(), Failure> {
         if !self.is_in_process() {
             return Ok(());
@@ -469,17 +472,18 @@ impl SelectedPort {
         simulated_prefix(self.is_simulated())
     }
 
-    /// Returns the text after the name of a simulated robot.
+    /// Returns the remark after the name of a simulated robot. It is empty for a real robot.
     fn simulated_suffix(&self) -> &'static str {
         if self.is_simulated() { ", simulated" } else { "" }
     }
 
-    /// Returns a client at the port of this robot.
+    /// Opens the port and returns a client of the board. `robot` is the robot that `sim` and the emulators simulate.
     fn client(&self, robot: &Robot) -> Result<Client, Failure> {
         Ok(self.connect(robot, &TipSettings::default())?.client)
     }
 
-    /// Opens the port of this robot. The settings are those of a simulated tip.
+    /// Opens the port. `robot` is the robot that `sim` and the emulators simulate, and `settings` apply to a
+    /// simulated tip.
     fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
         let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
@@ -492,7 +496,7 @@ impl SelectedPort {
     }
 }
 
-/// A robot behind an open port.
+/// An open connection to a robot.
 pub struct Connection {
     /// Client of the robot's board.
     client: Client,
@@ -539,7 +543,7 @@ impl RobotArg {
         Ok(robot_file::load(&self.name()?)?)
     }
 
-    /// Like [`RobotArg::load`], but with this treatment of invalid settings files.
+    /// Like [`RobotArg::load`], but invalid settings files are treated as `invalid` requires.
     fn load_from_files(&self, invalid: InvalidFiles) -> Result<Robot, Failure> {
         Ok(robot_file::load(&self.name_from_files(invalid)?)?)
     }

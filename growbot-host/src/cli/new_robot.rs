@@ -97,7 +97,8 @@ fn refuse_to_overwrite(output: &Path, overwrite: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the robot's name for this file. It is `my-robot` if the file's name is not possible.
+/// Returns the proposed name of the robot: the name of the output file without its extension, or `my-robot` if that
+/// is not a valid name.
 fn name_in(output: Option<&Path>) -> String {
     let stem = output.and_then(Path::file_stem).map(|stem| stem.to_string_lossy().to_lowercase());
     let plain = |name: &String| {
@@ -115,7 +116,8 @@ const BACK: &str = "back";
 /// Answer that accepts the proposed values of the rest of a section.
 const SKIP: &str = "skip";
 
-/// State of the dialogue: the present draft, and the draft before each answer.
+/// State of the dialogue: the present draft, the fields that were answered so far (`given`), and both as they were
+/// before each answer (`before`).
 struct Interview<'a> {
     draft: &'a mut Draft,
     given: Vec<&'static str>,
@@ -186,7 +188,8 @@ impl Interview<'_> {
         }
     }
 
-    /// Applies an answer, or the proposed value. At a terminal the question is repeated after an invalid answer.
+    /// Applies the answer `text` to the field `path`, or the proposed value if `text` is `None`. At a terminal, the
+    /// question is repeated after an invalid answer.
     fn take(&mut self, path: &'static str, text: Option<&str>, proposed: Option<&str>) -> Result<(), Failure> {
         let shown = self.draft.shown(path);
         let taken = text.unwrap_or_else(|| in_brackets(proposed.unwrap_or(&shown)));
@@ -217,7 +220,7 @@ impl Interview<'_> {
     }
 }
 
-/// Lines of standard input.
+/// Reader of the answers from standard input.
 struct AnswerReader {
     ended: bool,
     is_interactive: bool,

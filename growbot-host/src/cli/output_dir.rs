@@ -8,8 +8,8 @@ use growbot_host::output::is_standard_output;
 
 use super::Failure;
 
-/// Creates the directory if it does not exist. Commands call this first, so that a place that cannot be written is
-/// reported at once and not at the end.
+/// Creates the directory if it does not exist. Commands call this function first, so that a directory that cannot be
+/// written is reported at once and not at the end.
 pub fn make(directory: &Path) -> Result<(), Failure> {
     if directory.is_dir() {
         return Ok(());

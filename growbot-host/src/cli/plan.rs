@@ -174,7 +174,7 @@ impl BatchOutput {
         }
     }
 
-    /// Returns the part of the output that reports failed queries.
+    /// Returns the name of the part of the output that has the errors of failed queries, for messages.
     fn name_of_errors(&self) -> &'static str {
         if self.format == PlanFormat::Csv { "the column error" } else { "the lines with \"error\"" }
     }

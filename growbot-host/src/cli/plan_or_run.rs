@@ -16,16 +16,16 @@ use super::{Failure, robot_of, warn_of_damage};
 pub struct PlanOrRun {
     pub robot: Robot,
     pub plan: Plan,
-    /// The run log: its record, and its bytes.
+    /// Run log of the body: its record, and its bytes. `None` for a plan.
     pub run: Option<(RecordedRun, Vec<u8>)>,
-    /// The scene of the view: its name, and its contents.
+    /// Scene that is shown with the body: its name, and its contents. `None` without a scene.
     pub scene: Option<(String, LoadedScene)>,
 }
 
 impl PlanOrRun {
-    /// Reads a plan or a run log from a file, from standard input (`-`), or from a pipe that the shell has opened. It
-    /// reads them only once, because only a file can be read again. The scene is the one that the plan names. The given
-    /// scene replaces it if that file is elsewhere, or if the plan names none.
+    /// Reads a plan or a run log from a file, from standard input (`-`), or from a pipe that the shell has opened.
+    /// The input is read only once, because a pipe cannot be read again. The scene is that of the plan, read from the
+    /// file `given` if there is one. If the plan has no scene, `given` is the scene.
     pub fn open(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
         let mut opened = Self::read(file, robot, given)?;
         if let (None, Some(given)) = (&opened.scene, given) {

@@ -66,7 +66,8 @@ impl PlanSourceArgs {
         given.or_else(|| plan.scene.as_ref().map(|scene| scene.file.clone())).unwrap_or_default()
     }
 
-    /// Reads the plan, or makes it. Robot and scene are those of the plan, unless others are given.
+    /// Reads the plan from its file, or plans to the given goal. Robot and scene are those of the plan, unless others
+    /// are given.
     pub fn open(&self, json: bool) -> Result<ResolvedPlan, Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
@@ -106,6 +107,6 @@ pub struct ResolvedPlan {
     pub plan: Plan,
     /// Scene in which the body grows.
     pub scene: Option<LoadedScene>,
-    /// Reason why the plan is not clear of the scene.
+    /// Reason why the plan is not clear of the scene. `None` if it is clear, or without a scene.
     pub clearance_error: Option<SceneCheckError>,
 }

@@ -16,7 +16,8 @@ use time::{Duration, OffsetDateTime};
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
-/// Returns the table, within 80 columns. With the time of day it contains the finish time of a growth that starts now.
+/// Returns the table, within 80 columns. If `now` is given, the table contains the finish time of a growth that
+/// starts then.
 pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n", pose(&plan.start));
@@ -75,7 +76,7 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     text
 }
 
-/// Returns the finish time of a growth whose first layer starts now. Empty if it is not known.
+/// Returns a text with the finish time of a growth whose first layer starts at `now`. Empty if `now` is not given.
 fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     let finish =
         now.and_then(|now| Some((now, now.checked_add(Duration::checked_seconds_f64(plan.requirements.duration)?)?)));
@@ -119,13 +120,15 @@ fn pose(pose: &Pose) -> String {
     )
 }
 
-/// Returns a position with the direction that was chosen for it. The direction was not typed, and so it is rounded.
+/// Returns a position as text, with the direction that the planner chose for it. The direction is rounded, because
+/// the user did not type it.
 fn position_with_direction(pose: &Pose) -> String {
     let position = pose.position();
     format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction_text(pose, 2))
 }
 
-/// Wraps a text after a head into lines that fit a terminal. Later lines have this indentation.
+/// Wraps `rest` after `head` into lines of at most 80 columns. All lines but the first have this indentation, in
+/// columns.
 fn wrapped(head: &str, rest: &str, indent: usize) -> String {
     let mut text = head.to_owned();
     let mut column = head.chars().count();

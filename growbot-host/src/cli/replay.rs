@@ -69,10 +69,10 @@ pub fn text_of(record: &RecordedRun) -> Result<String, Failure> {
     Ok(replayed.text(&replayed.arrivals()?, None))
 }
 
-/// The body of a log.
+/// The body that is rebuilt from a run log.
 struct ReplayedBody<'a> {
     record: &'a RecordedRun,
-    /// Layers by the steps of the board.
+    /// Layers that follow from the steps of the board's motors.
     commanded: Vec<Layer>,
     /// Layers of the plastic of a simulated tip. `None` if the log does not contain them.
     simulated: Option<Vec<Layer>>,
@@ -82,7 +82,7 @@ struct ReplayedBody<'a> {
 struct Arrivals {
     /// Final pose of the body: as laid on a simulated tip, or else as commanded.
     body: Arrival,
-    /// Final pose as commanded. `None` unless the log has the plastic of a simulated tip.
+    /// Final pose of the commanded body. `None` if the log does not contain the layers as laid on a simulated tip.
     commanded: Option<Arrival>,
 }
 
@@ -114,8 +114,8 @@ impl<'a> ReplayedBody<'a> {
         Ok(Arrivals { body: end_of(self.body()), commanded })
     }
 
-    /// Returns the result of the growth. Pose, layers and length are those of the body, and the rest is from the log's
-    /// own result.
+    /// Returns the result of the growth. Pose, layers and length are those of the rebuilt body, and the rest is from
+    /// the result in the log.
     fn result(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> GrowthResult {
         let record = self.record;
         let logged = record.result.as_ref();
@@ -250,7 +250,7 @@ fn fed_back(record: &RecordedRun, robot: Option<&Path>) -> Result<Option<Replaye
     Ok(fed_back.map(|fed_back| ReplayedFeedback { fed_back, plan }))
 }
 
-/// Returns a line with a pose, and a line with its distance from the goal.
+/// Returns two lines of text: the final pose, followed by the text `by`, and its distance from the goal.
 fn arrived(name: &str, arrival: &Arrival, by: &str) -> String {
     let [x, y, z, ..] = arrival.final_pose.to_degrees().map(|number| fixed(number, 3));
     let direction = direction_text(&arrival.final_pose, 3);

@@ -61,7 +61,7 @@ Examples:
   growbot reproduce --table 2
   growbot reproduce --figure 4 --figure 6 --repeat 200 -o more";
 
-/// End of the names of the figures' files.
+/// Extension of the figures' files.
 const FIGURE_ENDING: &str = ".svg";
 
 /// Returns a parser for a number within a range.

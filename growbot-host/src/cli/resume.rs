@@ -188,7 +188,8 @@ impl ResumeArgs {
         }
     }
 
-    /// Opens the growth, in the scene of its plan.
+    /// Reads the run log or plan of the growth, with the scene of the plan. Returns an error if a scene is given but
+    /// the plan has none.
     fn opened(&self, file: &Path) -> Result<Opened, Failure> {
         let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {

@@ -167,7 +167,8 @@ fn describe(explained: &AnnotatedRobot) -> String {
     text
 }
 
-/// Returns the places of the robot's signals on the board that the file names.
+/// Returns a text with the pin or terminal of each signal of the robot, on the board that its description names.
+/// Empty if the description names no board.
 fn wires(robot: &Robot) -> String {
     let Some(board) = robot.description().board else { return String::new() };
     let mut text = format!("\n{}, signal by signal:\n", board.kind);

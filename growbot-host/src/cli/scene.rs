@@ -54,13 +54,13 @@ enum SceneKind {
 struct SceneInfo {
     file: String,
     hash: String,
-    /// Null if the file states none. A plan then takes the deviation that is expected of its robot.
+    /// Margin, mm. Null if the file states none: a plan then takes the deviation that is expected of its robot.
     margin_mm: Option<f64>,
     shapes: usize,
     half_spaces: usize,
     triangles: usize,
     points: usize,
-    /// Box round everything but half spaces.
+    /// Box around all obstacles except half spaces. Null if there are only half spaces.
     #[serde(rename = "box")]
     bounds: Option<SceneBox>,
 }

@@ -22,7 +22,7 @@ use super::units::mm;
 /// Greatest margin, mm, as in scene files.
 const MAX_MARGIN_MM: f64 = scene_file::MAX_LENGTH;
 
-/// Parses a margin.
+/// Parses a margin, mm.
 pub fn margin_mm(text: &str) -> Result<f64, String> {
     let number = mm(text)?;
     if (0.0..=MAX_MARGIN_MM).contains(&number) {
@@ -77,12 +77,12 @@ impl SceneArgs {
         Ok(loaded)
     }
 
-    /// Reports whether a margin is given.
+    /// Returns true if the options give a margin.
     pub fn has_margin(&self) -> bool {
         self.margin.is_some()
     }
 
-    /// Plans through the scene of this file.
+    /// Plans from the start through the goals (`ends`), clear of everything in the scene of this file.
     pub fn plan(
         &self,
         scene: &Path,
@@ -96,7 +96,7 @@ impl SceneArgs {
         self.plan_in((scene, &loaded), robot, ends, search, max_length, json)
     }
 
-    /// Like [`Self::plan`], but for a scene that was read before.
+    /// Like [`Self::plan`], but for a scene that has already been read.
     pub fn plan_in(
         &self,
         (scene, loaded): (&Path, &LoadedScene),

@@ -65,7 +65,7 @@ impl PlanningOptions {
         }
     }
 
-    /// Returns the poses and positions on the way.
+    /// Returns the poses and positions that the path must pass through before the goal, in order.
     fn waypoints(&self) -> Result<Vec<Goal>, Failure> {
         let Some(file) = &self.via_csv else { return Ok(self.via.iter().map(|typed| typed.goal).collect()) };
         let name = input::display_name(file);
@@ -79,7 +79,8 @@ impl PlanningOptions {
         Ok(Plan::through_waypoints(robot, &start, &via, &goal, &self.search(robot, avoid_self_collision))?)
     }
 
-    /// Returns the start, and all goals including the last. Warns about units that may be mistaken.
+    /// Returns the start, and the poses and positions on the way with the goal as the last one. Warns about units
+    /// that may be mistaken.
     pub fn start_and_goals(&self, robot: &Robot, goal: &TypedGoal) -> Result<(Pose, Vec<Goal>), Failure> {
         let (start, via) = (self.start()?, self.waypoints()?);
         let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
@@ -90,7 +91,7 @@ impl PlanningOptions {
         Ok((start, via.into_iter().chain([goal.goal]).collect()))
     }
 
-    /// Returns the search for paths of this robot.
+    /// Returns the parameters of the path search for this robot.
     pub fn search(&self, robot: &Robot, avoid_self_collision: bool) -> PlanOptions {
         PlanOptions {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),

@@ -45,11 +45,12 @@ Examples:
 /// Default port of the pages.
 const PAGE_PORT: u16 = 8017;
 
-/// Maximum number of commands that are sent to robots at a time. There are fewer connections, so no stop waits for a
-/// thread.
+/// Maximum number of threads that send commands to robots. It is greater than the number of possible connections to
+/// the service, so that a stop never waits for a thread.
 const COMMAND_THREADS: usize = 1024;
 
-/// Variable of glibc: number of free bytes at the end of a heap above which they are returned.
+/// Environment variable of glibc: number of free bytes at the end of a heap above which they are returned to the
+/// system.
 const TRIM_THRESHOLD: &str = "MALLOC_TRIM_THRESHOLD_";
 
 /// Runs the command.
@@ -101,7 +102,7 @@ fn restart_with_small_heap() {
     );
 }
 
-/// Returns a simulated robot, because the user has configured none.
+/// Returns the settings of a simulated robot for practice, for a user who has configured no robots.
 fn practising() -> Result<BTreeMap<String, RobotEntry>, Failure> {
     let robot = settings::log_setting(Key::Robot, Setting::load(Key::Robot)?);
     growbot_host::note!("no robots are configured: {PRACTICE} is a simulated robot, 60 times as fast as real time");

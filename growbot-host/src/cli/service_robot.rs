@@ -28,8 +28,8 @@ use time::format_description::well_known::Rfc3339;
 use super::growth_monitor::ResultFormat;
 use super::{Failure, RequiredPortArg, SelectedPort, replay};
 
-/// Timeout of a request to the service in an emergency. An emergency stop makes two. If the service has not confirmed
-/// it by then, the stop is sent to the port itself.
+/// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
+/// the stop in time, the command sends it to the robot's port itself.
 const EMERGENCY: Duration = Duration::from_millis(50);
 
 impl From<ServiceError> for Failure {
@@ -57,7 +57,8 @@ pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
     owner_of(service_in_emergency()?, port, EMERGENCY).ok().flatten()
 }
 
-/// Returns the port of the robot with this name: of one in the settings, otherwise of one that the service owns.
+/// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.
+/// `None` if the name is unknown.
 pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
     let configured = settings::load_service(invalid)?.robots.remove(name);
     Ok(configured.map(|entry| entry.port).or_else(|| {
@@ -71,7 +72,8 @@ pub fn robots_in_emergency() -> Vec<RobotStatus> {
     service_in_emergency().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
 }
 
-/// Returns the user's service, for an emergency. A service that may be of another user is left out with a warning.
+/// Returns the user's service, for an emergency. `None` if no service runs. A service that may belong to another user
+/// is ignored, with a warning.
 fn service_in_emergency() -> Option<ServiceClient> {
     static WARNED: Once = Once::new();
     ServiceClient::find().unwrap_or_else(|error| {
@@ -89,7 +91,8 @@ fn owner_of(caller: ServiceClient, port: &SelectedPort, limit: Duration) -> Resu
     Ok(robot.map(|robot| ServiceRobot { caller, robot }))
 }
 
-/// Lease of a robot's link from the service to this program. The caller is dropped last.
+/// Lease of a robot's link from the service to this program. It ends when this guard is dropped. The connection to
+/// the service is dropped last.
 pub struct PortLeaseGuard {
     _line: LeasedPort,
     _caller: ServiceClient,
@@ -141,8 +144,8 @@ impl ServiceRobot {
         Ok(print(&format!("body discarded by the {}board\n", self.kind()))?)
     }
 
-    /// Sends the emergency stop. Returns false if the service does not confirm it at once. Only the service reaches a
-    /// robot that is simulated in its process, so it has longer for that.
+    /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
+    /// simulated inside the service, the timeout is longer, because only the service can stop that robot.
     pub fn emergency_stop(&self, is_in_process: bool) -> bool {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
         let limit = if is_in_process { RESPONSE_TIMEOUT } else { EMERGENCY };
@@ -208,7 +211,7 @@ impl ServiceRobot {
         Ok(())
     }
 
-    /// Follows a job to its end. Ctrl-C stops it, but the end of the terminal does not.
+    /// Shows a job until it ends. Ctrl-C stops the job, but closing the terminal does not.
     fn follow(&self, job: &Job, options: &ServiceGrowthOptions) -> Result<(), Failure> {
         self.stop_on_interrupt();
         let mut show = JobProgress::new(job, self.robot.simulated);
@@ -266,7 +269,7 @@ impl ServiceRobot {
         Ok(self.caller.bytes(&format!("/jobs/{job}/log"))?)
     }
 
-    /// Lets Ctrl-C request a stop from the service. The loss of the terminal stops nothing.
+    /// Lets Ctrl-C request a stop from the service. If the terminal is closed instead, the robot continues.
     fn stop_on_interrupt(&self) {
         let name = Arc::new(self.robot.name.clone());
         let installed = ctrlc::set_handler(move || {
@@ -297,19 +300,19 @@ impl ServiceRobot {
 /// True if Ctrl-C was pressed before.
 static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
 
-/// Options of a growth and its output.
+/// Options of a growth by the service, and of its output in this program.
 pub struct ServiceGrowthOptions {
     pub feedback: bool,
     pub force: bool,
     pub ignore_scene: bool,
     pub print: ResultFormat,
-    /// File for a copy of the run log.
+    /// File for a copy of the run log. `None` for no copy.
     pub log: Option<std::path::PathBuf>,
-    /// The requested page.
+    /// Kind of page whose address is printed. `None` if no page is requested.
     pub page: Option<PageAccess>,
 }
 
-/// The page of a growth.
+/// Kind of page that shows a growth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PageAccess {
     /// Page that only shows the growth.
@@ -318,7 +321,7 @@ pub enum PageAccess {
     Control,
 }
 
-/// Shows a growth on standard error.
+/// Progress of a job, which is shown on standard error.
 struct JobProgress {
     progress: Progress,
     state: String,

@@ -59,8 +59,9 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     Ok(print(&text)?)
 }
 
-/// Returns the value of a setting, and prints its origin: always if a project's file chooses the robot that a command
-/// reaches, otherwise if messages are verbose.
+/// Returns the value of a setting, and prints its origin. The origin of a port from the nearest `growbot.toml` is
+/// always printed, because that file belongs to a project and chooses the robot. Other origins are printed only with
+/// `--verbose`.
 pub fn log_setting(key: Key, setting: Setting) -> String {
     if let (Key::Port, SettingOrigin::Nearest(file)) = (key, &setting.origin) {
         growbot_host::note!("port {} is from {}", setting.value, file.display());

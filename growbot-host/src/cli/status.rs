@@ -68,7 +68,7 @@ pub struct BoardReport {
     latest_fault: Option<FaultRecord>,
     /// Report of the start. `None` if the board's firmware does not know the request.
     boot: Option<BootReport>,
-    /// Image that names the functions and lines of a crash.
+    /// Image that names the functions and lines of a crash. `None` if no image is known.
     image: Option<FirmwareImage>,
 }
 
@@ -183,7 +183,8 @@ fn json_of_sensors(sensors: &SensorReadings) -> Value {
     })
 }
 
-/// Returns the code of a record's fault. The emergency stop is not a fault, but has a code here.
+/// Returns the code of the fault in a record. A record without a fault is that of an emergency stop, and has the code
+/// `emergency-stop`.
 fn fault_code(record: &FaultRecord) -> &'static str {
     record.fault.map_or("emergency-stop", Fault::code)
 }

@@ -22,7 +22,8 @@ pub struct StopArgs {
     robot: RobotArg,
 }
 
-/// Runs the command. It sends no hello, so that it also stops a board of another release or robot.
+/// Runs the command. It opens no session with the board, because a board of another firmware release or of another
+/// robot must also stop.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let mut skipped = Vec::new();
     let port = args.port.resolve_from_files(InvalidFiles::Skip(&mut skipped));

@@ -40,7 +40,7 @@ impl TerminalCommands {
         self.waits.is_some()
     }
 
-    /// Sets the state of the robot.
+    /// Updates the state of the robot. Commands are read only while the robot is paused or parked.
     pub fn set_state(&self, state: State) {
         if let Some(waits) = &self.waits {
             waits.store(matches!(state, State::Paused | State::Parked), Ordering::Relaxed);
@@ -67,7 +67,8 @@ fn read(orders: &CommandQueue, waits: &AtomicBool) {
     }
 }
 
-/// Returns true if a line is there for this program. If a program in the background read the line, it would be halted.
+/// Returns true if typed input waits and this program is in the foreground. If a program in the background read from
+/// the terminal, the shell would halt it.
 fn has_input() -> bool {
     let stdin = io::stdin();
     if tcgetpgrp(&stdin).ok() != Some(getpgrp()) {
@@ -94,7 +95,8 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
     }
 }
 
-/// Returns instructions for a robot that waits, if the user has a keyboard or a page that controls the robot.
+/// Returns instructions for a robot that is paused or parked. `None` in other states, and if the user has neither a
+/// keyboard nor a page that controls the robot.
 pub fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
     let goes_on = match state {
         State::Paused => "continues",

@@ -1,4 +1,4 @@
-//! Boards that are flashed by drag and drop: the UF2 file of an image, and the drive that the board presents.
+//! Flashing of boards that appear as a USB drive: the UF2 file of an image, and the drive.
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
@@ -13,20 +13,22 @@ use growbot_sim::uf2;
 
 use super::Failure;
 
-/// Name of the drive.
+/// Volume name of the drive that the boot loader of a board presents.
 const DRIVE: &str = "RPI-RP2";
-/// File that identifies the drive of a board.
+/// File by which the drive of a board is recognised.
 const MARK: &str = "INFO_UF2.TXT";
 /// Directories in which drives, or the directories of a user's drives, are mounted.
 const MOUNTS: [&str; 4] = ["/media", "/run/media", "/mnt", "/Volumes"];
-/// Length of the end of a file, bytes. With it the board has every block, and may restart before the write returns.
+/// Length of the last block of a UF2 file, bytes. It is written separately, because the board restarts when it has
+/// every block, so that this write may fail without a loss of data.
 const END: usize = 512;
 /// Maximum number of checks whether the drive has disappeared.
 const LOOKS: u32 = 30;
-/// Pause between two checks. The system takes a moment to notice.
+/// Pause between two checks whether the drive has disappeared.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Writes an image, or its UF2 file, as a UF2 file: to `file`, or to the drive of the board.
+/// Writes an image (ELF or UF2) as a UF2 file, to `file` or else to the drive of the board. `way` is the instruction
+/// that makes the board appear as a drive, for messages.
 pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str) -> Result<(), Failure> {
     let failed = |reason| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;
@@ -92,7 +94,7 @@ fn is_board(directory: &Path) -> bool {
     directory.join(MARK).is_file()
 }
 
-/// Returns the only drive. Several drives are an error.
+/// Returns the drive if there is exactly one. `None` without a drive. Several drives are an error.
 fn only(mut drives: Vec<PathBuf>) -> Result<Option<PathBuf>, Failure> {
     if drives.len() > 1 {
         let list: Vec<String> = drives.iter().map(|drive| drive.display().to_string()).collect();
@@ -123,8 +125,8 @@ fn whole(path: &Path) -> PathBuf {
     path.canonicalize().unwrap_or_else(|_| path.to_owned())
 }
 
-/// Returns true if this is the name of a board's drive. The system gives a second one a number: `RPI-RP21`, `RPI-RP2
-/// 1`.
+/// Returns true if a drive has the name of a board's drive. The system adds a number to the name of a second drive:
+/// `RPI-RP21`, `RPI-RP2 1`.
 fn is_name(name: Option<&OsStr>) -> bool {
     let number = name.and_then(OsStr::to_str).and_then(|name| name.strip_prefix(DRIVE));
     number.is_some_and(|number| number.chars().all(|c| c.is_ascii_digit() || " -_".contains(c)))

@@ -17,7 +17,8 @@ pub fn deg(text: &str) -> Result<f64, String> {
     parse_angle(text).map(|angle| angle.value).map_err(|error| format!("it is {text:?}, {error}"))
 }
 
-/// Warns if all goals are so near the start that their coordinates may be metres. The coordinates have no unit.
+/// Warns if all goals are so near the start that their coordinates may be metres. The caller has checked that no
+/// coordinate was typed with a unit.
 pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, robot: &Robot) {
     let width = robot.outer_diameter();
     let farthest = goals.map(|goal| (goal.position() - start.position()).norm()).fold(0.0, f64::max);
@@ -30,7 +31,7 @@ pub fn warn_of_metres<'a>(start: &Pose, goals: impl Iterator<Item = &'a Goal>, r
     }
 }
 
-/// Warns if all angles without a unit may be radians.
+/// Warns if all angles that were typed without a unit may be radians.
 pub fn warn_of_radians(typed: &[&TypedGoal]) {
     let angles: Vec<f64> = typed.iter().flat_map(|typed| typed.bare_angles.iter().copied()).collect();
     if look_like_radians(&angles) {
@@ -38,8 +39,8 @@ pub fn warn_of_radians(typed: &[&TypedGoal]) {
     }
 }
 
-/// Returns true if no angle is above one turn in radians or a whole number. Zeros do not count, and alone they return
-/// false.
+/// Returns true if every angle except 0 is fractional and at most one turn in radians (2 pi). Returns false if all
+/// angles are 0.
 fn look_like_radians(angles: &[f64]) -> bool {
     let mut others = angles.iter().filter(|angle| **angle != 0.0).peekable();
     others.peek().is_some() && others.all(|angle| angle.abs() <= TAU && angle.fract() != 0.0)

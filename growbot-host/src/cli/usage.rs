@@ -11,7 +11,7 @@ use super::Cli;
 /// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
 const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
 
-/// Reports whether a robot may move or heat after this command. No message suggests such a command, because users
+/// Returns true if a robot may move or heat after this command. No message suggests such a command, because users
 /// repeat a suggestion without reading it.
 pub fn may_move(command: &str) -> bool {
     let mut maintaining = maintenance::COMMANDS.iter().map(|(name, ..)| *name).filter(|name| *name != "cooldown");
@@ -35,7 +35,8 @@ pub fn message(error: &Error) -> String {
     format!("{what}{hint}; see `{} --help`", command_named())
 }
 
-/// Returns the suggested word, if any.
+/// Returns the word that clap suggests for a mistyped one. `None` without a suggestion, or if the robot may move or
+/// heat after the suggested command.
 fn suggestion(error: &Error) -> Option<String> {
     let kinds = [ContextKind::SuggestedSubcommand, ContextKind::SuggestedArg, ContextKind::SuggestedValue];
     kinds.into_iter().find_map(|kind| match error.get(kind)? {
@@ -46,7 +47,7 @@ fn suggestion(error: &Error) -> Option<String> {
     })
 }
 
-/// Returns the command that the command line names.
+/// Returns `growbot` with the subcommand that the command line names.
 fn command_named() -> String {
     let root = Cli::command();
     let named = env::args().skip(1).find(|word| root.find_subcommand(word).is_some());

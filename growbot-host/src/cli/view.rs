@@ -265,7 +265,7 @@ impl ViewArgs {
         }
     }
 
-    /// Returns the format of the options, or else that of the file's extension.
+    /// Returns the format that the options choose, or else the format of the output file's extension.
     fn format(&self) -> ViewFormat {
         let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
         match (self.svg, self.png, self.pdf) {
@@ -380,8 +380,8 @@ impl ViewArgs {
         Ok(output)
     }
 
-    /// Returns the error for several files without `--compare`. A picture's name after `--png` or `--svg` counts as a
-    /// file.
+    /// Returns the error for several files without `--compare`. It has its own advice if the name of a picture
+    /// follows `--png` or `--svg`, where that name counts as an input file.
     fn several_files(&self) -> Failure {
         let picture = self
             .files
@@ -396,7 +396,7 @@ impl ViewArgs {
         }
     }
 
-    /// Returns the default output: beside the first file, with the names of all.
+    /// Returns the default output file: in the directory of the first input, with the names of all inputs.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
             return Err(Failure::bad_input("standard input has no file name: choose the output file with -o"));

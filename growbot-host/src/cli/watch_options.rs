@@ -36,8 +36,8 @@ pub struct WatchArgs {
 }
 
 impl WatchArgs {
-    /// Returns the requested pace of a port, in multiples of real time. `None` if the port has no virtual clock, or on
-    /// `sim` for the fastest pace.
+    /// Returns the requested speed of a port's virtual clock, in multiples of real time. `None` if the port has no
+    /// virtual clock, or if the clock of `sim` is to run as fast as possible.
     pub fn pace(&self, port: &PortName) -> Result<Option<f64>, Failure> {
         if self.pace.is_some() && !port.is_virtual() {
             return Err(Failure::bad_input(
@@ -52,8 +52,8 @@ impl WatchArgs {
         self.watch && self.control
     }
 
-    /// Returns the requested page of a service that grows the body. The service has its own pages, with its own port
-    /// and pace.
+    /// Returns the kind of page that is requested for a growth by the service, or `None`. Returns an error if a port
+    /// or a pace is given, because the service has its own.
     pub fn of_service(&self) -> Result<Option<PageAccess>, Failure> {
         let only = [(self.watch_port.is_some(), "--watch-port"), (self.pace.is_some(), "--pace")];
         if let Some((_, option)) = only.iter().find(|(given, _)| *given) {

@@ -15,17 +15,17 @@ use serde_json::{Value, json};
 
 use super::Failure;
 
-/// The scene, and the effort of the search.
+/// The scene, and the effort of the path search for each goal.
 pub struct SceneSearch<'a> {
     /// File of the scene.
     pub scene: &'a Path,
-    /// Margin that is given, mm. `None` for that of the scene or of the robot.
+    /// Margin between body and obstacles that is given, mm. `None` for the margin of the scene or of the robot.
     pub margin: Option<f64>,
     /// Effort of the search for each goal.
     pub effort: u64,
 }
 
-/// Plans to all goals and prints the result. `output` gets each goal, as CSV.
+/// Plans to all goals and prints the result. Writes each goal as CSV to `output`, if a file is given.
 pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
     let mut loaded = scene_file::load(room.scene)?;
     loaded.margin = room.margin.or(loaded.margin);
@@ -64,7 +64,7 @@ pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>,
 /// A reason why no path exists: its name in JSON, and the test for it.
 type Reason = (&'static str, fn(&Reachability) -> bool);
 
-/// All reasons.
+/// All reasons why no path to a goal exists.
 const REASONS: [Reason; 5] = [
     ("too_far", |known| *known == Reachability::TooFar),
     ("too_near", |known| *known == Reachability::TooNear),

@@ -1,4 +1,5 @@
-//! Comparison of our results with the paper's: quoted means, significance tests, and reasons for differences.
+//! Comparison of our simulated growths with the paper's results: quoted means, significance tests, and reasons for
+//! differences.
 
 use growbot_core::plan::Planner;
 
@@ -18,19 +19,19 @@ const LONG: std::ops::Range<usize> = 1..4;
 /// A mean that the paper quotes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuotedMean {
-    /// Quantity of the mean.
+    /// Name of the quantity whose mean is quoted.
     pub what: &'static str,
-    /// Mean and standard deviation of the paper.
+    /// Mean and standard deviation that the paper quotes.
     pub paper: MeanSd,
     /// Number of significant decimals.
     pub decimals: usize,
-    /// Our means, one for each slicing rule.
+    /// Means of our simulated growths, one for each slicing rule.
     pub ours: Vec<OurMean>,
-    /// Reason for the difference.
+    /// Reason for the difference between our means and the paper's.
     pub(super) why: &'static str,
 }
 
-/// One of our means, with its standard deviation.
+/// A mean of our simulated growths, with its standard deviation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct OurMean {
     /// Slicing rule of the paths.
@@ -41,7 +42,7 @@ pub struct OurMean {
     pub sd: f64,
 }
 
-/// Largest errors of exact slicing without noise.
+/// Largest errors of our growths with exact slicing and without noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ExactErrors {
     /// Largest position error, divided by the length of the path.
@@ -67,13 +68,14 @@ pub struct SignificanceTest {
     pub n: usize,
     /// p-value of the paper. `None` if the paper does not quote one.
     pub paper: Option<f64>,
-    /// Result of the test of Kruskal and Wallis, which compares mean ranks.
+    /// Result of the test of Kruskal and Wallis, which compares mean ranks. `None` if the values do not permit the
+    /// test.
     pub kruskal_wallis: Option<TestResult>,
-    /// Result of the one-way analysis of variance, which compares means.
+    /// Result of the one-way analysis of variance, which compares means. `None` if the values do not permit the test.
     pub anova: Option<TestResult>,
 }
 
-/// A difference between our results and the paper's, or the possible meanings of the paper.
+/// A difference between our results and the paper's, with its reason.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Difference {
     /// Compared quantity.
@@ -93,7 +95,7 @@ pub struct Comparison {
     pub quoted: Vec<QuotedMean>,
     /// Significance tests.
     pub questions: Vec<SignificanceTest>,
-    /// Errors of exact slicing without noise. `None` without such growths.
+    /// Largest errors of exact slicing without noise. `None` without such growths.
     pub exact: Option<ExactErrors>,
     /// Differences from the paper, with reasons.
     pub differences: Vec<Difference>,
@@ -115,7 +117,8 @@ pub(super) fn open_set(
     })
 }
 
-/// Returns the values of these robots and groups, each as a group of its own. `None` if any of them was not grown.
+/// Returns the errors of all growths of these pairs of robot and group, one list for each pair. `None` if any of the
+/// pairs was not grown.
 fn values(
     experiments: &Experiments,
     members: impl IntoIterator<Item = (usize, usize)>,
@@ -220,7 +223,7 @@ struct TestedPaths {
     planner: Planner,
 }
 
-/// Significance tests so far.
+/// Significance tests that have been made so far.
 #[derive(Default)]
 struct Questions(Vec<SignificanceTest>);
 
@@ -241,7 +244,7 @@ impl Questions {
         });
     }
 
-    /// Compares the groups of robot A.
+    /// Tests whether errors differ between the groups of robot A.
     fn over_groups_of_a(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             for (what, quantity, paper) in [
@@ -256,7 +259,7 @@ impl Questions {
         }
     }
 
-    /// Compares all robots and groups.
+    /// Tests whether errors differ between all robots and groups.
     fn over_everything(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             let of = |robot| if SlicingRule::of_robot(robot).contains(&slicing) { slicing } else { SlicingRule::Table };
@@ -272,7 +275,7 @@ impl Questions {
         }
     }
 
-    /// Compares the long paths of robots B and C.
+    /// Tests whether position errors differ between the groups with long paths of robot B, and of robot C.
     fn over_long_paths(&mut self, experiments: &Experiments, planner: Planner) {
         for (what, robot, slicing, paper) in [
             ("position error over the groups from 8 R on, robot B", paper::B, SlicingRule::Table, paper::P_LONG_B),
@@ -287,7 +290,7 @@ impl Questions {
         }
     }
 
-    /// Compares robots with the same `k`, in each group.
+    /// Tests in each group whether position errors differ between robots with the same `k`.
     fn over_robots_of_one_k(&mut self, experiments: &Experiments, planner: Planner) {
         for slicing in WHOLE {
             for robots in paper::CONSTANT_K {
@@ -303,7 +306,7 @@ impl Questions {
         }
     }
 
-    /// Compares the levels of noise, in each group.
+    /// Tests in each group whether position errors of robot A differ between the levels of noise.
     fn over_noise(&mut self, experiments: &Experiments) {
         for (group, distance) in GROUPS.iter().enumerate() {
             for slicing in SlicingRule::of_robot(paper::ROBOT_A) {
@@ -323,7 +326,7 @@ impl Questions {
     }
 }
 
-/// Slicing rules with whole steps: of the text's height and of the table's.
+/// Slicing rules with whole steps: of the height in the paper's text, and of the height in its table.
 const WHOLE: [SlicingRule; 2] = [SlicingRule::Text, SlicingRule::Table];
 
 fn questions(experiments: &Experiments) -> Vec<SignificanceTest> {

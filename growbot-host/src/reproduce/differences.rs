@@ -56,7 +56,7 @@ fn of_table2(table2: &[Cell]) -> Option<Difference> {
     })
 }
 
-/// Describes the test results of all means with one slicing rule.
+/// Returns a text with the test results of all means in Table 2, for one slicing rule.
 fn verdicts(table2: &[Cell], slicing: SlicingRule) -> String {
     let Verdicts { cells, within, differ_uncorrected, differ, equivalent } =
         Verdicts::of(table2, PAPERS_PLANNER, slicing);

@@ -22,7 +22,7 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::SampleSummary;
 use super::{ReproduceRequest, poses};
 
-/// Condition of a growth.
+/// Condition of a growth: planner, slicing, noise and feedback.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Condition {
     /// Planner of the path.
@@ -45,7 +45,7 @@ impl Condition {
         Self { planner, slicing: SlicingRule::Exact, noise, feedback: true }
     }
 
-    /// Returns the name of the loop in files and results.
+    /// Returns the name of the control loop in files and results: `open` or `closed`.
     #[must_use]
     pub fn loop_name(&self) -> &'static str {
         if self.feedback { "closed" } else { "open" }
@@ -146,7 +146,7 @@ impl GrowthSet {
         SampleSummary::of(&self.values(quantity))
     }
 
-    /// Returns the growth whose position error is nearest to the median.
+    /// Returns the growth whose position error is nearest to the median. `None` without growths.
     #[must_use]
     pub fn representative(&self) -> Option<&ExperimentGrowth> {
         let median = self.summary(ErrorQuantity::Position).median;
@@ -168,7 +168,7 @@ pub struct Example {
     pub planned: Vec<PlannedSegment>,
     /// Position of the tip at the start and after each layer, mm.
     pub grown: Vec<Vector3<f64>>,
-    /// Time of growth, s.
+    /// Time that the growth takes at the paper's velocity, s.
     pub seconds: f64,
 }
 
@@ -218,7 +218,7 @@ pub enum ExperimentError {
     },
 }
 
-/// Purpose of a random stream.
+/// Purpose of a stream of random numbers.
 #[derive(Debug, Clone, Copy)]
 enum RandomStream {
     Poses = 1,
@@ -226,7 +226,7 @@ enum RandomStream {
     GrowthWithNoise,
 }
 
-/// One random start and goal, for which the growths are done.
+/// Identifies one random pair of start and goal: indexes of its robot and group, and the number of the repetition.
 #[derive(Debug, Clone, Copy)]
 struct TrialId {
     robot: usize,
@@ -234,7 +234,7 @@ struct TrialId {
     repetition: usize,
 }
 
-/// Noise at which open and closed loop are compared between random poses.
+/// Noise at which open and closed loop are compared between random poses, as a fraction of a layer's growth.
 pub const NOISE_OF_FEEDBACK: f64 = 0.1;
 /// Sensors of a closed loop. The standard deviations of their noise are 1 % of a layer for the growth, and 0.5 degrees
 /// an axis for the direction.
@@ -312,7 +312,8 @@ fn conditions(request: &ReproduceRequest, robot: usize, planner: Planner) -> Vec
     conditions
 }
 
-/// Returns the conditions for growths of robot A along its representative paths. Growths without noise are all equal.
+/// Returns the conditions for growths of robot A along its representative paths: open loop with each slicing rule,
+/// and closed loop, each without noise and at each level of noise.
 fn conditions_with_noise() -> Vec<Condition> {
     let levels = [0.0].into_iter().chain(NOISE);
     let open = SlicingRule::of_robot(paper::ROBOT_A)
@@ -349,7 +350,7 @@ fn noise_seed(names: &[u64]) -> u64 {
     (Rng::new(names).uniform() * (1_u64 << 53) as f64) as u64
 }
 
-/// Returns the growths between one start and one goal.
+/// Returns the growths between one random start and goal, under all conditions.
 fn between_poses(
     request: &ReproduceRequest,
     robots: &[Robot],
@@ -373,7 +374,7 @@ fn between_poses(
     Ok(growths)
 }
 
-/// Simulates one growth.
+/// Simulates one growth, and returns its errors at the goal.
 fn grow(
     robot: &Robot,
     task: &TrialId,
@@ -423,7 +424,7 @@ fn examples(request: &ReproduceRequest, robots: &[Robot], sets: &[GrowthSet]) ->
     Ok(examples)
 }
 
-/// Returns a growth without noise, with its curves.
+/// Simulates a growth without noise again, and returns it with its planned and its grown curve.
 fn example(request: &ReproduceRequest, robot: &Robot, growth: &ExperimentGrowth) -> Result<Example, ExperimentError> {
     /// Number of intervals along a bend.
     const POINTS: u32 = 40;
@@ -456,7 +457,7 @@ fn example(request: &ReproduceRequest, robot: &Robot, growth: &ExperimentGrowth)
     Ok(Example { growth: *growth, poses, path, planned, grown, seconds })
 }
 
-/// Returns the first part of a segment.
+/// Returns the beginning of a segment, up to the fraction `share` of its length.
 fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
     use path::Segment::{Arc, Helicoid, Straight};
     match *segment {
@@ -466,7 +467,7 @@ fn part_of(segment: &path::Segment, share: f64) -> path::Segment {
     }
 }
 
-/// Returns growths of robot A along a representative path, with different noise.
+/// Returns the growths of robot A along a representative path under one condition, each with its own random noise.
 fn along_example(request: &ReproduceRequest, robot: &Robot, example: &Example, condition: Condition) -> GrowthSet {
     let ExperimentGrowth { robot: index, group, repetition, .. } = example.growth;
     let task = TrialId { robot: index, group, repetition };

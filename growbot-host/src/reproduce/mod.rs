@@ -70,19 +70,19 @@ impl Default for ReproduceRequest {
 }
 
 impl ReproduceRequest {
-    /// Returns whether a table is requested.
+    /// Returns true if a table is requested.
     #[must_use]
     pub fn has_table(&self, number: u8) -> bool {
         self.tables.contains(&number)
     }
 
-    /// Returns whether a figure is requested.
+    /// Returns true if a figure is requested.
     #[must_use]
     pub fn has_figure(&self, number: u8) -> bool {
         self.figures.contains(&number)
     }
 
-    /// Returns whether the request needs growths of this robot, an index into [`paper::ROBOTS`].
+    /// Returns true if the request needs growths of this robot, an index into [`paper::ROBOTS`].
     #[must_use]
     pub fn needs_robot(&self, robot: usize) -> bool {
         match robot {
@@ -92,7 +92,7 @@ impl ReproduceRequest {
         }
     }
 
-    /// Returns whether the request needs growths with noise along representative paths.
+    /// Returns true if the request needs growths with noise along representative paths.
     #[must_use]
     pub fn needs_noise(&self) -> bool {
         self.has_figure(6)

@@ -26,11 +26,12 @@ pub struct PaperRobot {
     pub g_cm_per_s: f64,
     /// Radius of the arcs, cm.
     pub radius_cm: f64,
-    /// Bending, rad/s, as printed.
+    /// Bending rate, rad/s, as printed.
     pub phi_rad_per_s: f64,
-    /// `g dt / R_c`, as printed.
+    /// Bend of one step, `g dt / R_c`, radians, as printed.
     pub k: f64,
     /// Table 2: mean and standard deviation of the position error over the path's length, in each of [`GROUPS`].
+    /// `None` if Table 2 does not contain the robot.
     pub position_error: Option<[MeanSd; 4]>,
 }
 
@@ -83,11 +84,11 @@ pub const ROBOTS: [PaperRobot; 11] = [
 
 /// Index of robot A in [`ROBOTS`].
 pub const ROBOT_A: usize = 0;
-/// Index of robot B.
+/// Index of robot B in [`ROBOTS`].
 pub const B: usize = 9;
-/// Index of robot C.
+/// Index of robot C in [`ROBOTS`].
 pub const C: usize = 10;
-/// Groups of robots with the same `k`.
+/// Sets of robots with the same `k`, as indexes into [`ROBOTS`].
 pub const CONSTANT_K: [[usize; 3]; 3] = [[0, 1, 2], [3, 4, 5], [6, 7, 8]];
 
 /// Mean heading error of robot A over the groups, with its standard deviation, degrees.
@@ -99,15 +100,15 @@ pub const LONG_PATHS_B: MeanSd = mean_sd((0.0043, 0.0023));
 /// Position error of robot C over the path's length in the groups from 8 radii on, mean and standard deviation.
 pub const LONG_PATHS_C: MeanSd = mean_sd((0.1655, 0.1089));
 
-/// p-value of heading errors over the groups of robot A.
+/// p-value that the paper quotes for a difference between the heading errors of robot A's groups.
 pub const P_HEADING_A: f64 = 0.4327;
-/// p-value of pitch errors over the groups of robot A.
+/// p-value that the paper quotes for a difference between the pitch errors of robot A's groups.
 pub const P_PITCH_A: f64 = 0.6420;
-/// p-value of heading errors over all simulations of Tables 1 and 3.
+/// p-value that the paper quotes for a difference between the heading errors of all simulations of Tables 1 and 3.
 pub const P_HEADING_ALL: f64 = 0.5578;
-/// p-value of pitch errors over all simulations of Tables 1 and 3.
+/// p-value that the paper quotes for a difference between the pitch errors of all simulations of Tables 1 and 3.
 pub const P_PITCH_ALL: f64 = 0.1490;
-/// p-value of position errors of robot B over the groups from 8 radii on.
+/// p-value that the paper quotes for a difference between the position errors of robot B's groups from 8 radii on.
 pub const P_LONG_B: f64 = 0.7719;
-/// p-value of position errors of robot C over the groups from 8 radii on.
+/// p-value that the paper quotes for a difference between the position errors of robot C's groups from 8 radii on.
 pub const P_LONG_C: f64 = 0.9160;

@@ -13,11 +13,11 @@ pub enum SlicingRule {
     Text,
     /// Whole steps, rounded up, of `g dt` from Tables 1 and 3.
     Table,
-    /// Whole steps of half the table's, as a single latch of robot C has. This is a guess that comes near the paper's
-    /// results.
+    /// Whole steps of half the height in Table 3, for robot C, whose latches have that distance. This is a guess that
+    /// comes near the paper's results.
     Half,
-    /// Whole steps of a tenth of the table's, for robot B, as if a centimetre had been taken for a millimetre. This is
-    /// a guess, too.
+    /// Whole steps of a tenth of the height in Table 3, for robot B, as if a centimetre had been taken for a
+    /// millimetre. This is a guess that comes near the paper's results.
     Tenth,
     /// Exact slicing: equal layers that end where the segment ends.
     Exact,
@@ -27,7 +27,7 @@ pub enum SlicingRule {
 const TEXT_OVER_TABLE: f64 = 4.0;
 
 impl SlicingRule {
-    /// Returns the rules that make sense for a robot with this index.
+    /// Returns the rules by which the paths of the robot with this index are sliced in the experiments.
     #[must_use]
     pub fn of_robot(robot: usize) -> &'static [Self] {
         match robot {
@@ -56,9 +56,9 @@ impl SlicingRule {
         }
     }
 
-    /// Returns the segments to slice. With whole steps, straights that come from rounding are removed. The waypoint of
-    /// a two-plane path is where two circles touch. By rounding, every other path has a straight of 3e-8 radii between
-    /// them, which would add a whole step.
+    /// Returns the path to slice. For whole steps, straight segments that are only rounding errors are removed,
+    /// because each would add a whole step. In every other two-plane path, rounding puts a straight of 3e-8 radii
+    /// between the arcs that meet at the waypoint.
     pub(super) fn stepped(self, robot: &Robot, path: &Path) -> Path {
         let rounding = 1e-6 * robot.description().planning_radius_mm;
         path.filtered(|segment| self == Self::Exact || segment.length() > rounding)

@@ -91,14 +91,14 @@ impl MeanComparison {
         Some(Self { welch: TestResult { statistic: t, p }, degrees_of_freedom, p_holm: p, tost_p, tost_p_holm: tost_p })
     }
 
-    /// Returns whether the means differ at [`LEVEL`], after the correction.
+    /// Returns true if the means differ at [`LEVEL`], after the correction.
     #[must_use]
     pub fn differs(&self) -> bool {
         self.p_holm < LEVEL
     }
 
-    /// Returns whether the means are equivalent at [`LEVEL`], after the correction: they are not further apart than the
-    /// margin.
+    /// Returns true if the means are equivalent at [`LEVEL`], after the correction: they are not further apart than
+    /// the margin.
     #[must_use]
     pub fn is_equivalent(&self) -> bool {
         self.tost_p_holm < LEVEL

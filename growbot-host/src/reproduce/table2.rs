@@ -25,18 +25,19 @@ pub struct Cell {
     pub planner: Planner,
     /// Slicing rule of the paths.
     pub slicing: SlicingRule,
-    /// Our position errors over the path's length.
+    /// Statistics of our position errors over the path's length.
     pub ours: SampleSummary,
     /// Mean and standard deviation of the paper, of [`paper::REPEAT`] growths.
     pub paper: MeanSd,
-    /// Tests of the two means, corrected for all cells with the same planner and slicing.
+    /// Tests of the two means, corrected for all cells with the same planner and slicing. `None` if the values do not
+    /// permit a test.
     pub tests: Option<MeanComparison>,
     /// Number of comparisons for which the tests are corrected.
     pub comparisons: usize,
 }
 
 impl Cell {
-    /// Returns whether our mean is within one standard deviation of the paper's mean. This is not a test.
+    /// Returns true if our mean is within one standard deviation of the paper's mean. This is not a test.
     #[must_use]
     pub fn is_within(&self) -> bool {
         (self.ours.mean - self.paper.mean).abs() <= self.paper.sd
@@ -109,7 +110,8 @@ pub(super) fn cells(experiments: &Experiments) -> Vec<Cell> {
     cells
 }
 
-/// Tests the means and corrects each test for the others of its family.
+/// Tests the means of the cells. The p-values are corrected within each family, the cells with the same planner and
+/// slicing.
 fn test(cells: &mut [Cell]) {
     for planner in [Planner::TwoPlane, Planner::Shortest] {
         for slicing in [SlicingRule::Text, SlicingRule::Table, SlicingRule::Exact] {

@@ -65,7 +65,7 @@ struct GrowthRow {
     direction_error_deg: f64,
 }
 
-/// Row of a quantity of a set of growths.
+/// Row with the statistics of one quantity over a set of growths.
 #[derive(Debug, Serialize)]
 struct SummaryRow {
     experiment: &'static str,
@@ -166,13 +166,13 @@ impl Parameters {
         self.step_mm / self.dt_s
     }
 
-    /// Returns the bending, rad/s.
+    /// Returns the bending rate, rad/s.
     #[must_use]
     pub fn phi_rad_per_s(&self) -> f64 {
         self.g_mm_per_s() / self.radius_mm
     }
 
-    /// Returns the bending of a step, radians.
+    /// Returns the bend of one step, radians.
     #[must_use]
     pub fn k(&self) -> f64 {
         self.step_mm / self.radius_mm

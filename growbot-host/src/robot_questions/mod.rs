@@ -42,16 +42,16 @@ pub const ASKED_FIELDS: [&str; 24] = [
 
 /// Field of the robot's name.
 pub const NAME: &str = "name";
-/// Field whose comment reports `R_min`.
+/// Field whose comment in the written file reports `R_min`, the minimum radius of bends.
 const PLANNING_RADIUS: &str = "planning_radius_mm";
 
-/// Value that is as good as no limit, in TOML.
+/// Value of a limit that has no effect, as TOML.
 pub const UNLIMITED: &str = "1000000000.0";
-/// Answer for such a value.
+/// Answer that sets a limit to [`UNLIMITED`].
 pub const NO_LIMIT: &str = "no limit";
 
-/// Pairs of a field and the field that it scales with. If a value is not valid any more, it is scaled like the other
-/// one.
+/// Pairs of a dependent field and the field that it is proportional to. If an answer makes the value of the dependent
+/// field invalid, it is scaled with the value of the other field.
 const IN_PROPORTION: [(&str, &str); 3] = [
     ("geometry.tip_radius_mm", "geometry.inner_radius_mm"),
     ("layer.height_min_mm", "layer.height_mm"),
@@ -139,7 +139,7 @@ impl Draft {
         Ok(draft)
     }
 
-    /// Returns the value of a field, as TOML.
+    /// Returns the present value of a field, as TOML. Empty if the draft does not set the field.
     #[must_use]
     pub fn shown(&self, path: &str) -> String {
         self.value(path).map(shown).unwrap_or_default()
@@ -189,8 +189,8 @@ impl Draft {
         robot_file::parse(&self.document.to_string(), &self.shown(NAME).replace('"', ""))
     }
 
-    /// Returns the robot and its file. The file is the existing one with its comments. Given and changed values are
-    /// marked in comments.
+    /// Returns the robot and the text of its file: the existing file with its comments and the new values. Comments
+    /// mark the values that the user gave (`given`), and values that were changed.
     ///
     /// # Errors
     /// Errors of [`Draft::robot`].
@@ -282,7 +282,8 @@ impl Draft {
         }
     }
 
-    /// Returns the robot's error if it concerns this field or a field whose question comes before.
+    /// Returns the error of the draft if it concerns the field `path`, or a field whose question comes earlier. Other
+    /// errors are ignored.
     fn check_up_to(&self, path: &str) -> Result<(), AnswerError> {
         let place = |path: &str| ASKED_FIELDS.iter().position(|question| *question == path);
         match self.robot() {
@@ -319,8 +320,9 @@ impl Draft {
         adapted
     }
 
-    /// Returns the current value of this field if it is good, otherwise a value that is. The candidates are the value
-    /// scaled with its other field, the violated limit, and steps of a quarter.
+    /// Returns the present value of a field if `good` accepts the draft with it, otherwise a value near it that
+    /// `good` accepts. The candidates are the value scaled as in `IN_PROPORTION`, the violated limit, and steps of a
+    /// quarter.
     fn nearest_valid(&self, path: &str, good: impl Fn(&Self) -> bool) -> Option<Value> {
         let value = self.value(path)?.clone();
         let (number, whole) = match &value {
@@ -355,7 +357,7 @@ impl Draft {
     }
 }
 
-/// Rounds to three digits, with the given rounding.
+/// Rounds to three significant digits, by the function `round`.
 fn rounded(number: f64, round: fn(f64) -> f64) -> f64 {
     if number == 0.0 || !number.is_finite() {
         return number;

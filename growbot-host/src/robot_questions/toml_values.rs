@@ -2,7 +2,7 @@
 
 use toml_edit::{Item, RawString, Value};
 
-/// Returns a value without its comment.
+/// Returns a value as TOML, without its comment.
 pub(super) fn shown(value: &Value) -> String {
     let mut value = value.clone();
     value.decor_mut().clear();
@@ -52,7 +52,7 @@ pub(super) fn remove(item: &mut Item, path: &str) {
     }
 }
 
-/// Returns the paths of all values that have their own line.
+/// Returns the paths of all values below `item` that have their own line. `here` is the path of `item` itself.
 pub(super) fn paths(item: &Item, here: &str) -> Vec<String> {
     let Some(table) = item.as_table() else { return vec![here.to_owned()] };
     let below = |key: &str| if here.is_empty() { key.to_owned() } else { format!("{here}.{key}") };

@@ -76,7 +76,8 @@ fn with<T: JsonSchema>(mut settings: SchemaSettings, title: &str, description: &
     schema
 }
 
-/// Removes what only Rust has (formats, links), and line breaks in descriptions.
+/// Removes the parts of a schema that only Rust needs (number formats, links in descriptions), and line breaks in
+/// descriptions.
 fn tidy(schema: &mut Value) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(tidy),

@@ -1,9 +1,9 @@
 //! JSON Schemas of the files that growbot reads and writes. Editors use them to complete, explain and check.
 //!
-//! [`json`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
+//! [`formats`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
 //! descriptions of [`RobotDescription`], from its derive and its doc comments. Its bounds come from the checks: each
-//! number is set far too low and far too high, and the error contains the limit. A limit that depends on another field
-//! cannot be a number in a schema. It is in the field's description, with the advice of the error.
+//! number is set far too low and far too high, and the error contains the limit. A limit that depends on another
+//! field cannot be a number in a schema. It is in the field's description, with the advice of the error.
 
 pub mod formats;
 
@@ -60,7 +60,7 @@ pub fn robot_file_schema_without_bounds() -> Value {
     schema
 }
 
-/// Converts a schema to a part of another one.
+/// Removes the head of a schema (`$schema` and `title`), so that it can be a part of another schema.
 fn without_head(mut schema: Value) -> Value {
     if let Some(root) = schema.as_object_mut() {
         root.remove("$schema");
@@ -87,7 +87,8 @@ fn field<'a>(schema: &'a Value, path: &str) -> Option<&'a Value> {
     path.split('.').try_fold(schema, |schema, key| schema.get("properties")?.get(key))
 }
 
-/// Removes what TOML does not have (null), what only Rust has (formats, links), and line breaks in descriptions.
+/// Removes the parts of a schema that TOML does not have (null) or only Rust needs (number formats, links), and line
+/// breaks in descriptions.
 fn tidy(schema: &mut Value) {
     match schema {
         Value::Array(items) => items.iter_mut().for_each(tidy),
@@ -139,12 +140,13 @@ fn plain(text: &str) -> String {
     plain.replace('`', "").split_whitespace().collect::<Vec<_>>().join(" ")
 }
 
-/// Returns a built-in description as a tree of fields.
+/// Returns the description of a built-in robot as a JSON tree. `None` if the name is unknown.
 fn description(name: &str) -> Option<Value> {
     serde_json::to_value(robot_file::load(name.as_ref()).ok()?.description()).ok()
 }
 
-/// Collects the paths of all numbers that have their own name.
+/// Adds the paths of all numbers below a value to `paths`. `here` is the path of the value. Numbers in arrays are
+/// omitted, because they have no names.
 fn collect_numbers(value: &Value, here: &mut Vec<String>, paths: &mut Vec<Vec<String>>) {
     match value {
         Value::Number(_) => paths.push(here.clone()),
@@ -159,20 +161,21 @@ fn collect_numbers(value: &Value, here: &mut Vec<String>, paths: &mut Vec<Vec<St
     }
 }
 
-/// Returns the schema of a field.
+/// Returns the schema of the field with this path. `None` if it does not exist.
 fn field_mut<'a>(schema: &'a mut Value, path: &[String]) -> Option<&'a mut Map<String, Value>> {
     path.iter().try_fold(schema, |schema, key| schema.get_mut("properties")?.get_mut(key))?.as_object_mut()
 }
 
-/// Returns the value of a field.
+/// Returns the value of the field with this path. `None` if it does not exist.
 fn value_mut<'a>(description: &'a mut Value, path: &[String]) -> Option<&'a mut Value> {
     path.iter().try_fold(description, |value, key| value.get_mut(key))
 }
 
-/// A limit of a field, with the advice of the error.
+/// Limit of a field, and the advice in the error about it.
 type Limit = (f64, &'static str);
 
-/// Inserts the bounds of a number. A bound that depends on another field is only described.
+/// Inserts the bounds of a number into the schema of its field. A bound that depends on another field is only
+/// described in text.
 fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[String], others: &[Vec<String>]) {
     let whole = field.get("type").is_some_and(|kind| kind == "integer");
     let (low, high) = if whole { (json!(0), json!(u32::MAX)) } else { (json!(-1e300), json!(1e300)) };
@@ -212,12 +215,12 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
     }
 }
 
-/// Returns whether the description is valid with `value` at `path`. If it is, the field has no fixed bound.
+/// Returns true if the robot description is valid with `value` at `path`.
 fn is_accepted(description: &Value, path: &[String], value: &Value) -> bool {
     with(description, path, value).is_some_and(|description| Robot::new(description).is_ok())
 }
 
-/// Returns the description with another value of a field.
+/// Returns the description with `value` at `path`. `None` if the type of the value is wrong.
 fn with(description: &Value, path: &[String], value: &Value) -> Option<RobotDescription> {
     let mut changed = description.clone();
     *value_mut(&mut changed, path)? = value.clone();

@@ -1,4 +1,5 @@
-//! The HTTP interface: its requests and responses, from which the OpenAPI document is generated.
+//! The HTTP API of the service: its routes, from which the OpenAPI document is generated, and the rights of its
+//! clients.
 
 use std::sync::Arc;
 
@@ -31,9 +32,9 @@ use super::robot_worker::{RobotStatus, RobotWorker};
 
 pub use super::command_routes::MaintenanceRequest;
 
-/// Path of the interface, relative to the address of a page or to the socket.
+/// Path of the API, below the address of the service's page or on the user's socket.
 pub const PREFIX: &str = "/api/v1";
-/// Rights of a client. They depend on the address that it uses.
+/// Rights of a client. They depend on the address or socket that the client uses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Access {
     /// The client can only read.
@@ -45,7 +46,7 @@ pub enum Access {
 pub(super) type ServiceState = State<Arc<Service>>;
 pub(super) type ApiResult<T> = Result<Json<T>, Problem>;
 
-/// Returns all routes and the OpenAPI document that describes them.
+/// Returns the router of the API, and the OpenAPI document of its main routes.
 pub fn routes() -> (Router<Arc<Service>>, Value) {
     let mut document = OpenApi {
         info: Info {
@@ -138,7 +139,8 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
     (router, openapi::complete(&document))
 }
 
-/// Sets the description of a route, and problem details as its default response.
+/// Returns a function that sets the description of an operation in the OpenAPI document, and problem details as its
+/// default response.
 fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |operation| operation.description(words).default_response::<Problem>()
 }
@@ -156,7 +158,7 @@ pub(super) fn found_job(service: &Service, id: &str) -> Result<Job, Problem> {
     service.job(id).ok_or_else(|| Problem::not_found("job", id))
 }
 
-/// Returns the client's kind if it can send commands, otherwise an error.
+/// Returns the source of the client's commands if the client can send commands, otherwise an error.
 pub(super) fn require_control(access: Access) -> Result<CommandSource, Problem> {
     match access {
         Access::Control(by) => Ok(by),
@@ -175,12 +177,12 @@ async fn access(Extension(access): Extension<Access>) -> Json<AccessInfo> {
     Json(AccessInfo { can_control: access != Access::View })
 }
 
-/// Addresses of the service's page. Only growbot's commands can request them, and those need no token.
+/// URLs of the service's page. Only growbot's commands can request them, on the user's socket.
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 pub struct PageUrls {
-    /// Address for sending commands.
+    /// URL of the page that can send commands.
     pub control_url: String,
-    /// Read-only address.
+    /// URL of the read-only page.
     pub view_url: String,
 }
 

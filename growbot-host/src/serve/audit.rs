@@ -1,4 +1,4 @@
-//! Record of all commands, a file that is only appended to.
+//! Audit log: a record of all commands, in a file to which lines are only appended.
 
 use std::fs::{File, OpenOptions};
 use std::io::Write;
@@ -12,27 +12,27 @@ use serde::Serialize;
 
 use super::JobStoreError;
 
-/// The record's file.
+/// File of the audit log.
 pub struct Audit(Mutex<File>);
 
 /// Origin of a command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum CommandSource {
-    /// A page or a program that knows the operating token.
+    /// A page or a program that knows the token for commands.
     Web,
-    /// A growbot command of the user, through the socket.
+    /// A growbot command of the user, through the Unix socket.
     Socket,
 }
 
-/// A recorded command.
+/// A line of the audit log: a command and its outcome.
 #[derive(Serialize)]
 struct AuditRecord<'a> {
     time_utc: String,
     source: CommandSource,
     robot: &'a str,
     command: &'a str,
-    /// Reason why the command failed. `None` if it was carried out or accepted.
+    /// Reason why the command failed. `None` if the command was carried out or accepted.
     error: Option<&'a str>,
 }
 
@@ -42,7 +42,8 @@ impl Audit {
         file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::from_io(path, &error))
     }
 
-    /// Records a command, and the reason of its failure if it failed.
+    /// Appends a command with its source to the audit log. `refused` is the reason why the command failed, or `None` if
+    /// the command succeeded.
     pub fn note(&self, by: CommandSource, robot: &str, order: &str, refused: Option<&str>) {
         let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error: refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);

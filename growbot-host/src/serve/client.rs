@@ -1,4 +1,4 @@
-//! Client of the service's socket, for growbot's commands.
+//! Client of the running service, through the service's Unix socket. growbot's command line uses it.
 
 use std::path::{Path, PathBuf};
 
@@ -27,7 +27,7 @@ pub enum ServiceError {
     /// The service does not respond.
     #[error("cannot reach the growbot service ({0}): is `growbot serve` running?")]
     Unreachable(String),
-    /// Another user can have put a socket in place of the service's.
+    /// Another user may have replaced the service's socket, because that user can write to a directory of its path.
     #[error("the growbot service of this user is not asked, because another user can answer in its place: {0}")]
     Ownership(#[from] OwnershipError),
     /// Another user listens on the service's socket.
@@ -38,7 +38,7 @@ pub enum ServiceError {
     ForeignPeer {
         /// Path of the socket.
         socket: String,
-        /// User number of the program.
+        /// Numeric user identifier of the program that listens on the socket.
         owner: u32,
     },
     /// The service has rejected the request.
@@ -58,7 +58,8 @@ impl ServiceError {
     }
 }
 
-/// A leased port. The lease ends when this is dropped, when its [`ServiceClient`] is dropped, or when the program ends.
+/// A lease of a robot's port. The lease ends when this value is dropped, when its [`ServiceClient`] is dropped, or when
+/// the program ends.
 pub struct LeasedPort(#[expect(dead_code, reason = "it is held")] Incoming);
 
 /// Default timeout of a request. It is long because a command to a robot may wait for its board.
@@ -71,7 +72,7 @@ pub struct ServiceClient {
 }
 
 impl ServiceClient {
-    /// Returns the service of this user. `None` if no service is running.
+    /// Connects to the service of this user. Returns `None` if no service is running.
     ///
     /// # Errors
     /// [`ServiceError`] if another user can answer in place of the service.
@@ -88,7 +89,7 @@ impl ServiceClient {
         }
     }
 
-    /// Returns the service with this socket.
+    /// Connects to the service that listens on this socket.
     ///
     /// # Errors
     /// No service of this user listens on the socket.
@@ -100,7 +101,7 @@ impl ServiceClient {
         Ok(client)
     }
 
-    /// Connects to the socket, and checks who listens there.
+    /// Connects to the socket, and checks that the program that listens on it belongs to this user or root.
     async fn connect(&self) -> Result<UnixStream, ServiceError> {
         let stream = UnixStream::connect(&self.socket).await.map_err(ServiceError::silent)?;
         let owner = stream.peer_cred().map_err(ServiceError::silent)?.uid();
@@ -110,7 +111,7 @@ impl ServiceClient {
         Err(ServiceError::ForeignPeer { socket: self.socket.display().to_string(), owner })
     }
 
-    /// Returns all robots of the service.
+    /// Requests the status of all robots of the service. `limit` is the timeout of the response.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -118,7 +119,8 @@ impl ServiceClient {
         self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))
     }
 
-    /// Returns the robot with this port if the service owns it.
+    /// Requests the status of the robot with this port. Returns `None` if the service has no robot with this port.
+    /// `limit` is the timeout of the response.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -130,7 +132,7 @@ impl ServiceClient {
         Ok(robots.into_iter().find(is_there))
     }
 
-    /// Requests a JSON value from this path.
+    /// Requests the JSON value at this path of the API.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -138,7 +140,7 @@ impl ServiceClient {
         self.runtime.block_on(self.request(Method::GET, path, Body::empty(), RESPONSE_TIMEOUT))
     }
 
-    /// Requests the bytes at this path.
+    /// Requests the bytes at this path of the API.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -150,7 +152,7 @@ impl ServiceClient {
         })
     }
 
-    /// Sends a JSON value to this path.
+    /// Sends `what` as JSON to this path of the API, and returns the value in the response.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -158,7 +160,7 @@ impl ServiceClient {
         self.post_within(path, what, RESPONSE_TIMEOUT)
     }
 
-    /// Like [`ServiceClient::post`], but with another timeout.
+    /// Like [`ServiceClient::post`], but with `limit` as the timeout of the response.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -206,7 +208,8 @@ impl ServiceClient {
         Ok((response.status(), response.into_body()))
     }
 
-    /// Leases a robot's port. The service closes the port and keeps it closed until the returned value is dropped.
+    /// Leases the port of the robot with this name. `to` is the name of the command that requests the lease. The
+    /// service closes the port and keeps it closed until the returned value is dropped.
     ///
     /// # Errors
     /// [`ServiceError`], for example if the robot has a job.

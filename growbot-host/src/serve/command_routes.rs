@@ -1,4 +1,5 @@
-//! Commands to a robot over HTTP. Stops and the other commands are handled on the thread that accepts connections.
+//! Routes of the API for commands to a robot. Stops and other commands are handled on the thread that accepts
+//! connections.
 
 use std::sync::Arc;
 
@@ -48,7 +49,7 @@ pub async fn emergency_stop(
     command_robot(state, access, permits, name, RobotCommand::EmergencyStop).await
 }
 
-/// Sends a command to a robot, and returns the robot's state after it.
+/// Sends a command to a robot, and returns the robot's status after the command.
 async fn command_robot(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
@@ -132,7 +133,8 @@ pub async fn send_live_command(
     Ok(StatusCode::ACCEPTED.into_response())
 }
 
-/// Returns the robot of a job. A stop of the active job does not wait for the list of jobs.
+/// Returns the robot of a job. The robot of an active job is found without the list of jobs, so that a stop does not
+/// wait for the database.
 async fn find_robot_of_job(service: &Arc<Service>, id: &str) -> Result<Arc<RobotWorker>, Problem> {
     if let Some(worker) = service.robots.values().find(|worker| worker.lock_state().job.as_deref() == Some(id)) {
         return Ok(Arc::clone(worker));

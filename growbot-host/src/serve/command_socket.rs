@@ -1,5 +1,5 @@
 //! Commands of pages on WebSockets. A browser opens few connections to a host and queues further requests, so a stop by
-//! HTTP may wait for other requests of any tab. A message on an open WebSocket waits for none.
+//! HTTP may wait for other requests of any tab. A message on an open WebSocket does not wait for other requests.
 
 use std::sync::Arc;
 
@@ -16,7 +16,7 @@ use super::commands::CommandRequest;
 use super::problem::Problem;
 use crate::watch::sockets::{CommandMessage, limited, serve_commands};
 
-/// Carries out commands to all robots.
+/// Opens a WebSocket, and carries out the commands to any robot that arrive on it.
 pub async fn robot_commands(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
@@ -25,7 +25,7 @@ pub async fn robot_commands(
     serve(upgrade, access, move |message| robot_command(Arc::clone(&service), access, message))
 }
 
-/// Carries out the commands of the page of a job.
+/// Opens a WebSocket for the live page of a job, and carries out the commands to the job that arrive on it.
 pub async fn job_commands(
     State(service): ServiceState,
     Extension(access): Extension<Access>,

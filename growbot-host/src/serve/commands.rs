@@ -1,4 +1,4 @@
-//! Commands to a robot, and the waits for their effect.
+//! Sends commands to a robot, and waits for their effect.
 
 use std::time::{Duration, Instant};
 
@@ -11,17 +11,17 @@ use super::robot_worker::{RobotRequest, RobotWorker};
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
-/// Number of intervals of reconnection for which a stop waits for a robot that is not connected.
+/// Number of reconnection intervals for which a stop waits for a robot that is not connected, before the stop fails.
 const RECONNECTIONS: u32 = 2;
 /// Interval of the checks whether the board has confirmed a stop.
 const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Message after an emergency stop that failed.
+/// Start of the error message after an emergency stop that the board has not confirmed.
 const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
-/// Message after each stop that the board has not confirmed.
+/// End of the error message after each stop that the board has not confirmed.
 const KEPT: &str = "The service keeps the stop, and sends it before anything else once the robot is connected; \
                     `withdraw-stop` withdraws it";
 
-/// A command.
+/// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum RobotCommand {
@@ -42,7 +42,7 @@ pub enum RobotCommand {
 }
 
 impl RobotCommand {
-    /// Returns whether the command stops or pauses the robot. Such a command is never refused because of its age.
+    /// Returns true if the command stops or pauses the robot. Such a command is never refused because of its age.
     pub(super) fn stops_or_pauses(self) -> bool {
         matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
     }
@@ -68,8 +68,8 @@ pub struct CommandRequest {
     pub command: RobotCommand,
 }
 
-/// Sends a command with the permit of the moment at which it arrived. Waits until the robot has carried it out, except
-/// for pause and continue, which the growth only queues.
+/// Sends a command to a robot, with the permit that was issued when the command arrived. Waits until the board has
+/// carried the command out. Pause and continue are only queued for the active growth.
 pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), String> {
     match order {
         RobotCommand::EmergencyStop => emergency_stop(keeper),
@@ -94,7 +94,7 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
     }
 }
 
-/// Sends the emergency stop, on all ways that reach the board.
+/// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.
 fn emergency_stop(keeper: &RobotWorker) -> Result<(), String> {
     let stop = keeper.raise_stop(StopLevel::EmergencyStop);
     let ticket = keeper.stopper.send();
@@ -105,7 +105,7 @@ fn emergency_stop(keeper: &RobotWorker) -> Result<(), String> {
     Ok(())
 }
 
-/// Stops the robot, and waits until the board has confirmed it.
+/// Stops the robot, and waits until the board has confirmed the stop.
 fn stop(keeper: &RobotWorker) -> Result<(), String> {
     let reconnects_within = RECONNECTIONS * keeper.connector.reconnect_interval();
     let began = Instant::now();

@@ -25,9 +25,10 @@ const REQUEST_S: u32 = 20;
 pub struct RobotEntry {
     /// Port of the robot.
     pub port: String,
-    /// Robot description: a built-in name or a file. Without it, the board reports the name of a built-in one.
+    /// Robot description: a built-in name or a file. The default is the built-in description whose name the board
+    /// reports.
     pub robot: Option<String>,
-    /// Pace of the time of `sim:NAME`, in multiples of real time. The default is 1.
+    /// Pace of the time of a simulated robot `sim:NAME`, in multiples of real time. The default is 1.
     pub pace: Option<f64>,
 }
 
@@ -47,9 +48,10 @@ impl RobotEntry {
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ServeEntry {
-    /// Port of the pages' address on this machine.
+    /// TCP port of the service's pages on this machine.
     pub port: Option<u16>,
-    /// Timeout of a request's body, s. The default is 20. The head, and the pause before it, have half of it.
+    /// Timeout of a request's body, s. The default is 20. The timeout of a request's head, and that of the pause before
+    /// it, are half as long.
     pub request_s: Option<NonZeroU32>,
     /// Origins of the reverse proxies that show the pages, such as `https://robots.example`.
     #[serde(default)]
@@ -85,11 +87,12 @@ pub struct NotifyEntry {
     pub webhook: Option<String>,
     /// Program, with its arguments, that is run for each notice.
     pub command: Option<Vec<String>>,
-    /// Events that are sent. The default is all events.
+    /// Events about which notices are sent. The default is all events.
     pub events: Option<Vec<NotificationEvent>>,
 }
 
-/// Returns the robots to use if none is configured: a simulated one to practise with.
+/// Returns the robots of a service without configured robots: one simulated robot to practise with, with this robot
+/// description.
 #[must_use]
 pub fn practice(robot: &str) -> BTreeMap<String, RobotEntry> {
     let entry =

@@ -1,4 +1,4 @@
-//! Connections of a listener, and the places of each kind of client among them.
+//! Limits the number of open connections of a listener, for each kind of client.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -42,7 +42,7 @@ fn all_in_use() -> Problem {
     Problem::busy(&format!("{CONNECTIONS} connections are already open"))
 }
 
-/// Returns the HTTP response to a connection beyond all limits.
+/// Returns the HTTP response to a connection that is refused because all connections are in use.
 fn too_many() -> Vec<u8> {
     let body = serde_json::to_string(&all_in_use()).unwrap_or_default();
     format!(
@@ -53,7 +53,7 @@ fn too_many() -> Vec<u8> {
     .into_bytes()
 }
 
-/// The connections of one listener.
+/// The open connections of one listener, with the limits on their number.
 pub struct ConnectionLimiter {
     open: Mutex<BTreeMap<u64, OpenConnection>>,
     /// Timeout of a request's body. The head of a request, and the pause before the next request, have half of this
@@ -70,7 +70,7 @@ struct OpenConnection {
     task: Option<AbortHandle>,
 }
 
-/// Reference to a connection, which its requests carry.
+/// Reference to an open connection. Each request of the connection carries it as an extension.
 #[derive(Clone)]
 pub struct ConnectionHandle {
     limiter: Arc<ConnectionLimiter>,
@@ -78,8 +78,8 @@ pub struct ConnectionHandle {
 }
 
 impl ConnectionHandle {
-    /// Marks the connection as authenticated. New connections never replace it. Returns an error if the limits on
-    /// connections allow a client with these rights no request except a stop.
+    /// Marks the connection as authenticated by a client with these rights, so that new connections never replace it.
+    /// Returns an error if the limits on connections allow the client only stops.
     fn authenticate(&self, access: Access) -> Result<(), Problem> {
         let mut open = self.limiter.open();
         let is_view = |connection: &OpenConnection| connection.access == Some(Access::View);
@@ -98,7 +98,7 @@ impl ConnectionHandle {
         Ok(())
     }
 
-    /// Reports whether the connection serves stops only.
+    /// Returns true if the connection serves only stops.
     fn is_for_stops(&self) -> bool {
         self.limiter.open().get(&self.number).is_none_or(|connection| connection.is_for_stops)
     }
@@ -114,7 +114,7 @@ impl Drop for ConnectionGuard {
 }
 
 impl ConnectionLimiter {
-    /// Creates the limits of a listener.
+    /// Creates the limits of a listener without connections. `request` is the timeout of a request's body.
     pub fn new(request: Duration) -> Arc<Self> {
         Arc::new(Self { open: Mutex::default(), request })
     }
@@ -195,8 +195,8 @@ where
     let _ = server.serve_connection(TokioIo::new(Box::pin(stream)), service).with_upgrades().await;
 }
 
-/// Handles a request if the limits on connections allow it. They do not apply to a stop by a client that can send
-/// commands.
+/// Handles a request if the limits on connections allow it, or if it is a stop by a client that can send commands.
+/// Otherwise rejects it.
 pub async fn require_place(
     Extension(connection): Extension<ConnectionHandle>,
     Extension(access): Extension<Access>,

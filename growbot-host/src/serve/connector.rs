@@ -1,4 +1,4 @@
-//! Connections of the service to a robot's board.
+//! Opens connections of the service to a robot's board.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -15,10 +15,10 @@ use growbot_sim::sim_daemon::StateDir;
 use super::robot_worker::RobotWorker;
 use crate::sim_process::switch_on;
 
-/// Time after which a connection to a missing port is tried again.
+/// Time after which the service tries again to connect to a robot.
 const RECONNECT_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Ways to reach a robot.
+/// Opens the ports of a robot. Tests implement it with a simulated line.
 pub trait Connector: Send + Sync {
     /// Opens the port of this robot. Called on the robot's thread.
     ///
@@ -26,24 +26,24 @@ pub trait Connector: Send + Sync {
     /// If the port cannot be opened.
     fn open(&self, robot: &Robot) -> Result<OpenPort, OpenError>;
 
-    /// Opens a separate connection for the emergency stop, beside the host that holds the port.
+    /// Opens a separate connection for the emergency stop, while another thread or program holds the port.
     ///
     /// # Errors
-    /// If there is none, or not within the limit.
+    /// If the port cannot be opened a second time, or not within the limit.
     fn open_for_emergency_stop(&self, limit: Duration) -> Result<Box<dyn Port>, OpenError>;
 
-    /// Returns the time after which a connection is tried again.
+    /// Returns the time after which the service tries again to connect.
     fn reconnect_interval(&self) -> Duration {
         RECONNECT_INTERVAL
     }
 
-    /// Returns the time for which an emergency stop is sent.
+    /// Returns the time for which an unconfirmed emergency stop is sent repeatedly.
     fn emergency_limit(&self) -> Duration {
         EMERGENCY_LIMIT
     }
 }
 
-/// The configured port of a robot.
+/// Connector of a robot by the name of its port in `growbot.toml`.
 pub struct ConfiguredPort(pub String);
 
 impl Connector for ConfiguredPort {
@@ -68,7 +68,8 @@ pub struct BoardConnection {
 }
 
 impl RobotWorker {
-    /// Connects to the board. Delivers an unconfirmed stop first, to a board of any robot, owner or release.
+    /// Connects to the board. Delivers an unconfirmed stop before anything else, even to a board of another robot,
+    /// owner or release. `switches_on` starts a simulated robot that is switched off.
     pub(super) fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
         let name = self.port()?;
         let configured = self.entry.robot.as_ref().map(PathBuf::from);

@@ -1,4 +1,4 @@
-//! Requests for streams of events, as server-sent events and on WebSockets.
+//! Routes of the API for streams of events, as server-sent events and on WebSockets.
 
 use axum::Extension;
 use axum::extract::ws::WebSocketUpgrade;
@@ -13,19 +13,20 @@ use super::event_stream::{self, StreamEvent};
 use super::limits::StreamPermit;
 use super::problem::Problem;
 
-/// Maximum length of a client's message on a WebSocket, bytes. Such messages are ignored.
+/// Maximum length of a client's message on a WebSocket, bytes. The messages of clients are ignored.
 const MAX_HEARD: usize = 1024;
 /// Length of the buffer for messages of a client, bytes.
 const READ_BUFFER: usize = 4096;
 
-/// Start of a stream of events.
+/// Query of a request for the events of a job. `after` is the number of the log line after which the stream starts.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EventQuery {
     after: Option<u64>,
 }
 
-/// Returns the number of the line after which the stream starts.
+/// Returns the number of the log line after which the stream starts: from the header `Last-Event-ID`, otherwise from
+/// the query, otherwise 0.
 fn start_line(headers: &HeaderMap, EventQuery { after }: EventQuery) -> u64 {
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
     last.or(after).unwrap_or(0)

@@ -1,4 +1,4 @@
-//! Streams of events: the lines of a job's run log, each once, and the state of all robots. They are sent as
+//! Streams of events: the lines of a job's run log, each once, and the state of all robots. The streams are sent as
 //! server-sent events or on a WebSocket.
 
 use std::collections::BTreeMap;
@@ -41,7 +41,7 @@ const UNANSWERED: u32 = 2;
 /// An event of a stream.
 pub struct StreamEvent {
     event: &'static str,
-    /// Number of the log line. A client can resume the stream after it. `None` for robots.
+    /// Number of the log line, after which a client can resume the stream. `None` for an event about robots.
     id: Option<u64>,
     /// Content of the event, a line of JSON.
     data: String,
@@ -99,7 +99,8 @@ pub async fn on_socket(mut socket: WebSocket, events: impl Stream<Item = StreamE
 }
 
 /// Returns the lines of a job's run log after line `after`, then new lines as they are written, until the job ends. The
-/// identifier of an event is the number of its line. A client that was disconnected resumes after the latest one.
+/// identifier of an event is the number of its line. A client that was disconnected resumes after the latest event that
+/// it received.
 pub fn job_events(service: Arc<Service>, id: String, after: u64) -> impl Stream<Item = StreamEvent> {
     let path = service.shared.jobs_to_read().log_path(&id);
     let changes = service.shared.changes.subscribe();
@@ -135,15 +136,15 @@ async fn wait(changes: &mut watch::Receiver<u64>) {
     let _ = timeout(LOG_POLL_INTERVAL, changes.changed()).await;
 }
 
-/// Reader of a growing log.
+/// Reader of a run log to which lines are still appended.
 struct LogTail {
     path: PathBuf,
     offset: u64,
-    /// Number of lines that were read.
+    /// Number of lines of the log that were read.
     number: u64,
     /// Number of lines of the log that the client already has and that are skipped.
     after: u64,
-    /// Start of an incomplete line.
+    /// Bytes of the last line that was read, which is not complete yet.
     rest: Vec<u8>,
     found: std::vec::IntoIter<(u64, String)>,
 }
@@ -175,7 +176,8 @@ impl LogTail {
     }
 }
 
-/// Returns the state of all robots now and after each change, and heartbeats with the age of each status.
+/// Returns a stream with the status of all robots now and after each change, and with heartbeats that contain the age
+/// of each status.
 pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
     let changes = service.shared.changes.subscribe();
     let start = (service, changes, String::new(), HeartbeatTimer::new());

@@ -1,5 +1,6 @@
-//! A board in memory, with a line that a test can cut, for tests of a robot's thread. It carries out requests at once
-//! and lays no layers, so nothing in it takes time. Each request that heats is recorded.
+//! A board in memory, with a line that a test can cut, for tests of a robot's thread. The board carries out requests at
+//! once and lays no layers, so nothing in it takes time. It records each request that makes it heat without a valid
+//! order.
 
 use std::collections::VecDeque;
 use std::io;
@@ -23,21 +24,21 @@ use super::connector::Connector;
 
 /// Number of layers that the board can store.
 const CAPACITY: u32 = 4096;
-/// Real time for which a receive without bytes waits, whatever its timeout on the port's clock.
+/// Real time that [`Port::receive`] waits if there are no bytes. The timeout passes on the port's own clock only.
 const WAIT: Duration = Duration::from_micros(500);
 
 /// State of the line to the board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LineState {
-    /// Bytes pass.
+    /// Bytes pass in both directions.
     Up,
-    /// The port is missing, and an open one reports an error.
+    /// The port cannot be opened, and an open port reports an error.
     Missing,
-    /// The port is there, but the board neither receives nor sends anything.
+    /// The port can be opened, but the board neither receives nor sends anything.
     Silent,
 }
 
-/// The board.
+/// A simulated board in memory, as tests set and read its state.
 pub struct FakeBoard {
     robot: Robot,
     pub line: LineState,
@@ -45,7 +46,8 @@ pub struct FakeBoard {
     pub pause: PauseCause,
     pub plan_id: u64,
     layers: u32,
-    /// Number of layers that the board counts as laid. The board reports none of these layers.
+    /// Number of layers that are laid according to the board's status. The board does not send these layers to the
+    /// host.
     pub laid: u32,
     /// True if the board belongs to another robot.
     pub is_of_other_robot: bool,
@@ -88,7 +90,7 @@ impl FakeBoard {
         }
     }
 
-    /// Reports whether the heater may be on.
+    /// Returns true if the heater may be on in the board's state.
     pub fn is_hot(&self) -> bool {
         matches!(
             self.state,
@@ -96,7 +98,7 @@ impl FakeBoard {
         )
     }
 
-    /// Cuts the power for a moment. The board keeps its job.
+    /// Restarts the board, as a short loss of power does. The board keeps its job.
     pub fn lose_power(&mut self) {
         self.boots += 1;
         (self.session, self.uptime_ms, self.state) = (0, 10_000, State::Idle);
@@ -242,13 +244,13 @@ impl FakeBoard {
     }
 }
 
-/// The board and the life of the service that uses it.
+/// A line from one service to a [`FakeBoard`], with switches that end the service or the robot's thread.
 #[derive(Clone)]
 pub struct FakeLine {
     board: Arc<Mutex<FakeBoard>>,
     /// True once the service that uses this board has been killed.
     is_killed: Arc<AtomicBool>,
-    /// True once the robot's thread is to panic at its next use of the line.
+    /// True if the robot's thread must panic at its next use of the line.
     thread_ends: Arc<AtomicBool>,
     /// True once the robot's thread has panicked.
     thread_ended: Arc<AtomicBool>,
@@ -282,12 +284,13 @@ impl FakeLine {
         self.board.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Ends the thread of the service that uses this line, at its next use of the line and without a goodbye.
+    /// Ends the service that uses this line as if it were killed: the robot's thread panics at its next use of the
+    /// line, without a goodbye to the board.
     pub fn kill_service(&self) {
         self.is_killed.store(true, Ordering::SeqCst);
     }
 
-    /// Lets the robot's thread panic at its next use of the line. The rest of the service lives on.
+    /// Lets the robot's thread panic at its next use of the line. The rest of the service continues to run.
     pub fn end_thread(&self) {
         self.thread_ends.store(true, Ordering::SeqCst);
     }
@@ -297,7 +300,7 @@ impl FakeLine {
         self.waits.load(Ordering::SeqCst)
     }
 
-    /// Reports whether the robot's thread has not panicked.
+    /// Returns true until the robot's thread has panicked.
     pub fn has_thread(&self) -> bool {
         !self.thread_ended.load(Ordering::SeqCst)
     }
@@ -307,7 +310,7 @@ impl FakeLine {
     }
 }
 
-/// An open end of the line.
+/// An open port at the service's end of the line.
 struct FakePort {
     line: FakeLine,
     /// True if this end of the line belongs to the thread of the emergency stop.
@@ -316,7 +319,7 @@ struct FakePort {
 }
 
 impl FakePort {
-    /// Returns the board if bytes pass to it.
+    /// Returns the board, or `None` if the line is silent. Panics if the robot's thread or the service has to end.
     fn reach(&self) -> Result<Option<MutexGuard<'_, FakeBoard>>, PortError> {
         if self.line.thread_ends.load(Ordering::SeqCst) && !self.is_for_emergency && !std::thread::panicking() {
             self.line.thread_ended.store(true, Ordering::SeqCst);

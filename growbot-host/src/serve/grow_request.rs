@@ -1,4 +1,4 @@
-//! Request for a job or a plan, and the path that is planned for it.
+//! Request for a job or a plan, and the planning of its path.
 
 use std::path::{Path, PathBuf};
 
@@ -26,7 +26,7 @@ use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::scene_store;
 
-/// Maximum number of waypoints. Planning takes some seconds with as many.
+/// Maximum number of waypoints in a request. Planning a path with this number takes some seconds.
 const MAX_VIA: usize = 100;
 /// Maximum length of the name of a job, characters.
 const MAX_NAME: usize = 512;
@@ -70,7 +70,7 @@ pub struct GrowRequest {
     pub name: Option<String>,
 }
 
-/// The parts of a plan that are needed before it is read.
+/// The fields of a plan in JSON that are needed before the whole plan is parsed and checked.
 #[derive(Default, Deserialize)]
 struct PlanOutline {
     layers: Option<u64>,
@@ -83,17 +83,17 @@ struct SceneOutline {
 }
 
 impl PlanOutline {
-    /// Returns the outline of a plan. It is empty if the plan cannot be read.
+    /// Reads the outline of a plan in JSON. All fields are `None` if the plan cannot be read.
     fn of(plan: &RawValue) -> Self {
         serde_json::from_str(plan.get()).unwrap_or_default()
     }
 }
 
-/// A plan, and the scene that it keeps clear of.
+/// A plan, and the scene that it was planned in or checked against.
 pub struct PlanInScene {
     /// The plan.
     pub plan: Plan,
-    /// The scene. `None` without a scene.
+    /// The scene. `None` if neither the request nor the plan names a scene.
     pub scene: Option<LoadedScene>,
 }
 
@@ -105,7 +105,8 @@ impl GrowRequest {
         format!("{:016x}", hasher.finish())
     }
 
-    /// Returns the plan. `robot` is the robot that is to grow it.
+    /// Returns the plan that the request contains, or plans a path to the goal of the request. `robot` is the robot
+    /// that will grow the plan.
     pub fn resolve(
         &self,
         robot: &Robot,
@@ -126,7 +127,7 @@ impl GrowRequest {
         Ok(resolved)
     }
 
-    /// Returns an error if a part of the request is too long.
+    /// Returns an error if the request has too many waypoints or the name of the job is too long.
     fn check_lengths(&self) -> Result<(), Problem> {
         let via = self.via.len();
         if via > MAX_VIA {
@@ -139,7 +140,8 @@ impl GrowRequest {
         Ok(())
     }
 
-    /// Returns the path of the scene's file. Only growbot's commands on this machine can name any file.
+    /// Returns the path of the scene's file. `None` if neither the request nor its plan names a scene. Only growbot's
+    /// commands on this machine can name a file that the service has not stored.
     fn scene_file(&self, places: &ServicePaths, access: Access) -> Result<Option<PathBuf>, Problem> {
         let named_by_plan = || PlanOutline::of(self.plan.as_deref()?).scene?.file;
         let Some(name) = self.scene.clone().or_else(named_by_plan) else { return Ok(None) };
@@ -149,7 +151,7 @@ impl GrowRequest {
         scene_store::find(places, &name).map(Some)
     }
 
-    /// Loads a scene, with the margin of the request if there is one.
+    /// Loads a scene from this file. The margin of the request, if there is one, replaces that of the scene.
     fn load(&self, file: &Path) -> Result<LoadedScene, Problem> {
         let mut loaded = load(file).map_err(Problem::bad)?;
         if let Some(margin) = self.margin_mm {
@@ -239,7 +241,8 @@ fn ensure_storable(layers: u64) -> Result<(), Problem> {
     )))
 }
 
-/// Returns the number of layers of straight lines through these goals, of the greatest height. No path has fewer.
+/// Returns a lower bound of the number of layers of a path through these goals: the number for straight lines with
+/// layers of the greatest height.
 fn min_layers(robot: &Robot, start: &Pose, goals: &[Goal]) -> u64 {
     let positions: Vec<_> = [start.position()].into_iter().chain(goals.iter().map(Goal::position)).collect();
     let length: f64 = positions.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();

@@ -1,4 +1,4 @@
-//! The list of jobs and the notices of a board that is stopped, restarted, parked or disconnected.
+//! Tests of the list of jobs and of the notices, with a board that is stopped, restarted, parked or disconnected.
 
 use std::fs;
 
@@ -23,7 +23,7 @@ fn end_of(service: &Service) -> (JobState, String) {
     (job.state, job.reason.unwrap_or_default())
 }
 
-/// Carries out a step, and waits until the robot's thread has seen its effect.
+/// Carries out a step of a test case, and waits until the robot's thread has handled its effect.
 fn order(case: &mut Case, step: Step) {
     assert_eq!(case.carry_out(step), Ok(()), "{step:?}");
     case.settle();
@@ -92,7 +92,7 @@ fn the_list_has_as_many_laid_layers_as_the_board() {
     wait_until(|| latest(&service).laid == 7);
 }
 
-/// Makes all changes of the list of jobs fail, as a full disk does.
+/// Makes all writes to the list of jobs fail, as a full disk does.
 fn fill_disk(service: &Service, is_full: bool) {
     service.shared.jobs().database.pragma_update(None, "query_only", is_full).unwrap();
 }

@@ -1,4 +1,4 @@
-//! The list of jobs agrees with the run logs and with what the board stores.
+//! Corrects the list of jobs by the run logs and by the job that the board stores.
 
 use std::sync::{MutexGuard, PoisonError};
 
@@ -11,10 +11,11 @@ use super::job_store::{COLUMNS, Job, JobState, JobStore, of_row};
 use super::job_updates::JobUpdate;
 use super::robot_worker::RobotWorker;
 
-/// Reason of the end of a job that the board no longer stores. If the board stores the job again, it can be resumed.
+/// Reason of a job that failed because the board no longer stores it. If a board that stores the job is connected
+/// later, the job can be resumed.
 const NOT_ON_BOARD: &str = "discarded: the board does not have its body";
 
-/// Returns the reason of a job that ended with this result, of a board in this state.
+/// Returns the value of [`Job::reason`] for a job that ended with this result, while its board was in this state.
 pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
     let emergency_stop = Some(State::EmergencyStop.name()).filter(|name| board_state == Some(*name));
     let stop = emergency_stop.filter(|_| result.outcome == OutcomeKind::Stopped);
@@ -22,8 +23,8 @@ pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> St
 }
 
 impl JobStore {
-    /// Returns the jobs of a robot that are active or interrupted, and those of this plan whose body the board did not
-    /// have. The newest comes first.
+    /// Returns the jobs of a robot that are active or interrupted, and the jobs with this plan that failed because the
+    /// board did not store them. The newest job comes first.
     fn unsettled(&self, robot: &str, plan_id: u64) -> Result<Vec<Job>, JobStoreError> {
         let query = format!(
             "SELECT {COLUMNS} FROM job WHERE robot = :robot AND (state IN ('active', 'interrupted') OR id = :kept OR \
@@ -47,7 +48,8 @@ impl JobStore {
         Ok({ jobs }.find(|job| job.state == JobState::Active && self.log_path(&job.id).exists()))
     }
 
-    /// Changes the state of a job that has ended before.
+    /// Changes the state and the reason of a job that has ended. Keeps the time of its end, or sets it to now if it is
+    /// not known.
     fn settle(&mut self, job: &Job, state: JobState, reason: &str) {
         self.write(JobUpdate::State {
             id: job.id.clone(),
@@ -59,8 +61,8 @@ impl JobStore {
 }
 
 impl RobotWorker {
-    /// Corrects the robot's jobs, except the `current` one, by their run logs and by the board's status. Only the body
-    /// that the board stores can be resumed.
+    /// Corrects the states of the robot's jobs, except the `current` one, by their run logs and by the board's status.
+    /// Afterwards only the job that the board stores can be resumed.
     pub(super) fn reconcile_jobs(&self, status: &Status, current: Option<&str>) {
         // A board that tests itself has not read its journal yet.
         if status.state != State::SelfTest {
@@ -69,12 +71,14 @@ impl RobotWorker {
         }
     }
 
-    /// Ends the robot's jobs, except the `current` one, because the board no longer has their bodies.
+    /// Marks the robot's unfinished jobs, except the `current` one, as failed for this reason, because the board no
+    /// longer stores them.
     pub(super) fn give_up_others(&self, current: Option<&str>, reason: &str) {
         self.settle_jobs(None, current, 0, reason);
     }
 
-    /// Settles all jobs but the `current` one. `body` is the status of a board that may have the body of one of them.
+    /// Corrects the states of the robot's unfinished jobs, except the `current` one. `body` is the status of the board
+    /// if the board may store one of these jobs. Jobs that the board does not store become failed for this `reason`.
     fn settle_jobs(&self, mut body: Option<&Status>, current: Option<&str>, plan_id: u64, reason: &str) {
         let mut store = self.shared.jobs();
         let jobs = match store.unsettled(&self.name, plan_id) {
@@ -117,13 +121,13 @@ impl RobotWorker {
         self.lock_kept_logs().push((job.to_owned(), log));
     }
 
-    /// Forgets the lines of a log that could not be written.
+    /// Drops the run log that [`Self::keep_log`] kept for this job, with the lines that could not be written.
     pub(super) fn drop_kept_log(&self, job: &str) {
         self.lock_kept_logs().retain(|(of, _)| of != job);
     }
 
-    /// Writes the changes of the list of jobs, and the lines of run logs, that could not be written before. Does not
-    /// wait for other threads.
+    /// Tries again to write the changes of the list of jobs, and the lines of run logs, that could not be written
+    /// before. Does not wait for other threads.
     pub(super) fn write_kept(&self) {
         if let Ok(mut store) = self.shared.job_writer.try_lock()
             && store.has_kept()

@@ -1,4 +1,4 @@
-//! Jobs over HTTP: their start, their list, their logs and their pages.
+//! Routes of the API for jobs: start, list, run logs and pages.
 
 use std::fs::File;
 use std::future::ready;
@@ -41,9 +41,10 @@ use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, LiveEvent, updates_of};
 use crate::watch::sockets::{limited, send_texts};
 
-/// Time after which the page of a job requests updates again, if the robot is disconnected.
+/// Time after which the stream of updates of an active job ends if its robot is disconnected. The page then requests
+/// the updates again.
 const AWAY: Duration = Duration::from_secs(2);
-/// Maximum number of jobs that are listed.
+/// Maximum number of jobs in a response.
 const MAX_JOBS: u32 = 1000;
 /// Length of the parts in which a run log is sent, bytes.
 const LOG_PART: u64 = 64 << 10;
@@ -75,14 +76,15 @@ pub async fn new_job(
     made
 }
 
-/// A command that has arrived: its permit, and whether its requester is still connected.
+/// An order to start a job: the permit that was issued when the order arrived, and the claim that is given up when the
+/// client disconnects.
 pub(super) struct Order {
     pub permit: Permit,
     pub claim: Claim,
 }
 
-/// The requester of a command. The server drops this value when the connection closes. A command that the robot's
-/// thread has not taken by then is not carried out.
+/// Guard for the client that ordered a job. The server drops the guard when the connection closes. A job that the
+/// robot's thread has not started by then is not started.
 struct Requester(Claim);
 
 impl Drop for Requester {
@@ -212,7 +214,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     }
 }
 
-/// Limit of a list of jobs.
+/// Query of a request for the list of jobs.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JobListQuery {
@@ -247,7 +249,8 @@ pub async fn job_log(
     Ok(holding(permit, ([(CONTENT_TYPE, "application/jsonl")], body).into_response()))
 }
 
-/// Returns the next part of a file, and the file unless reading has failed. `None` at its end.
+/// Reads the next part of a file. Returns the part, and the file unless reading has failed. `None` at the end of the
+/// file.
 async fn next_part(mut file: File) -> Option<(io::Result<Vec<u8>>, Option<File>)> {
     let read = spawn_blocking(move || {
         let mut part = Vec::new();
@@ -261,7 +264,7 @@ async fn next_part(mut file: File) -> Option<(io::Result<Vec<u8>>, Option<File>)
     }
 }
 
-/// Returns the page that follows an active job. For any other job the page shows its run log.
+/// Returns the live page of an active job. For a job that is not active, returns the page of its run log.
 pub async fn live(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
@@ -295,8 +298,9 @@ pub async fn live_update_socket(
     }))
 }
 
-/// Returns the events of a job's page. If the robot of an active job is disconnected, the page has to connect again
-/// after a while. The stream of any other job contains only the event that it has ended.
+/// Returns the stream of events for the live page of a job. If the robot of an active job is disconnected, the stream
+/// ends after one heartbeat and a pause, and the page connects again. For a job that is not active, the stream contains
+/// only the event that the job has ended.
 fn live_events(service: &Service, job: &Job) -> BoxStream<'static, LiveEvent> {
     match live_of(service, job) {
         Ok(live) => updates_of(live).boxed(),
@@ -320,7 +324,8 @@ pub async fn job_view(
     page_of(&service, &limits, found_job(&service, &id)?, None).await
 }
 
-/// Returns the page of a job's run log. For an active job, `control` is true if the page can send commands.
+/// Returns the page of a job. If `control` is `None`, the page shows the run log. Otherwise it is a live page, which
+/// can send commands if `control` is true.
 async fn page_of(
     service: &Service,
     limits: &RoleLimits,

@@ -1,4 +1,4 @@
-//! A job on its robot's board, from its start or from where it was left.
+//! Runs a job on its robot's board: a new job, or the rest of an unfinished job.
 
 use std::sync::Arc;
 use std::sync::mpsc::Sender;
@@ -36,7 +36,7 @@ type Reply = Sender<Result<(), String>>;
 const VOIDED: &str = "not started, because the robot was stopped after this order: order it again";
 
 impl RobotWorker {
-    /// Starts a new job.
+    /// Starts a new job, and follows it until it ends or the connection is lost.
     pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
         let NewJob { job, plan, robot, scene, feedback, permit } = new;
         if !permit.is_valid() {
@@ -76,7 +76,7 @@ impl RobotWorker {
         growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
-    /// Resumes an unfinished job at a client's request.
+    /// Resumes an unfinished job at a client's request, and follows it until it ends or the connection is lost.
     pub(super) fn resume(
         &self,
         connection: &mut BoardConnection,
@@ -90,9 +90,10 @@ impl RobotWorker {
         self.continue_job(connection, job, permit, Some(reply), |_| Ok(()))
     }
 
-    /// Follows the job that was active when the service ended or the connection was lost, if the board grows, pauses, is
-    /// parked or done. Only what waits for its host is started again. A requested pause, a filament runout and a parked
-    /// board wait for a person. After a loss of power or a stop the job becomes interrupted.
+    /// Follows again the job that was active when the service ended or the connection was lost, if the board heats,
+    /// homes, grows, pauses, is parked or is done. Only a board that waits for its host is started again. A requested
+    /// pause, a filament runout and a parked board wait for a person. After a loss of power or a stop the job becomes
+    /// interrupted.
     pub(super) fn reattach_job(&self, connection: &mut BoardConnection, job: &Job) -> LinkState {
         let permit = self.signal().continuation();
         self.continue_job(connection, job, permit, None, |state| match state {
@@ -115,7 +116,7 @@ impl RobotWorker {
             Err(error) => return LinkState::Lost(error.to_string()),
         };
         let path = self.shared.jobs().log_path(&job.id);
-        // What its log lacks, the board reports again.
+        // The board reports again the layers that are missing in the log of the job.
         self.write_kept();
         self.drop_kept_log(&job.id);
         let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), String> {
@@ -175,14 +176,14 @@ impl RobotWorker {
         growing.end(grown, (&robot, &plan), scene.as_ref())
     }
 
-    /// Ends a job whose board was stopped as soon as the connection was back, because a user had commanded a stop
-    /// meanwhile.
+    /// Marks a job as interrupted, because a user ordered a stop while the board was disconnected, and the board
+    /// received the stop before anything else after the reconnection.
     pub(super) fn end_stopped_job(&self, job: &Job, status: &Status) -> LinkState {
         let stop = if status.state == State::EmergencyStop { State::EmergencyStop.name() } else { "stopped" };
         self.leave_job(job, status, &format!("{stop}, as requested while the board was disconnected"))
     }
 
-    /// Ends the service's part in a job that a board with this status does not continue.
+    /// Marks a job as interrupted for the reason `why`, because its board, which has this status, does not continue it.
     fn leave_job(&self, job: &Job, status: &Status, why: &str) -> LinkState {
         self.forget_growth();
         self.notify_job(job, NotificationEvent::Interrupted, Some(why));
@@ -192,7 +193,8 @@ impl RobotWorker {
         LinkState::Ready
     }
 
-    /// Makes a growth known before it is prepared, so that commands reach it from its first moment.
+    /// Publishes the command queue of a growth before the growth is prepared, so that commands reach it from its first
+    /// moment.
     fn announce_growth(&self, job: &Job, permit: Permit) -> Arc<CommandQueue> {
         let is_continuation = permit.is_continuation();
         let commands = Arc::new(CommandQueue::new(permit));
@@ -207,7 +209,7 @@ impl RobotWorker {
         commands
     }
 
-    /// Withdraws the announcement of a growth that does not begin.
+    /// Removes the published command queue and the active job, because the growth does not begin.
     fn forget_growth(&self) {
         self.update_state(|known| (known.commands, known.job) = (None, None));
     }
@@ -217,7 +219,7 @@ impl RobotWorker {
         refuse(reply, why)
     }
 
-    /// Records the state of a job.
+    /// Records the state of a job in the list of jobs, and whether the robot has an active job.
     fn set_job_state(&self, job: &Job, state: JobState, why: Option<&str>) {
         if state == JobState::Done {
             // The notice is queued before the state is recorded. If the service is killed in between, the notice is
@@ -236,7 +238,7 @@ fn refuse(reply: &Reply, why: &str) -> LinkState {
     LinkState::Ready
 }
 
-/// An active growth, with its log and its updates for other threads.
+/// An active growth, with its run log and the state that it shares with other threads.
 struct RunningJob<'a> {
     keeper: &'a RobotWorker,
     job: &'a Job,
@@ -246,7 +248,8 @@ struct RunningJob<'a> {
     forecast: Option<Forecast>,
     layers: u32,
     laid: u32,
-    /// Channel on which the client is informed that the job has started.
+    /// Channel on which the client is informed that the job has started. `None` once the client is informed, or without
+    /// a client.
     reply: Option<Reply>,
 }
 
@@ -311,7 +314,7 @@ impl<'a> RunningJob<'a> {
         }
     }
 
-    /// Informs the client that the job has started.
+    /// Informs the client, if one waits, that the job has started.
     fn confirm_start(&mut self) {
         if let Some(reply) = self.reply.take() {
             // A board has one body, so it has discarded that of any other job.
@@ -324,7 +327,7 @@ impl<'a> RunningJob<'a> {
         self.keeper.shared.jobs().set_laid(&self.job.id, self.laid, self.layers);
     }
 
-    /// Records the outcome of the growth.
+    /// Records the outcome of the growth in the run log and in the list of jobs.
     fn end(
         mut self,
         grown: Result<GrowthReport, GrowthError>,
@@ -379,8 +382,9 @@ impl<'a> RunningJob<'a> {
         }
     }
 
-    /// Leaves a job that continues or waits without its host. The thread follows it again when the connection is back.
-    /// Before that it delivers a stop that the board has not confirmed.
+    /// Stops following a job that continues or waits on the board without its host. `why` is the reason of the lost
+    /// connection. After the reconnection, the robot's thread delivers an unconfirmed stop, or else follows the job
+    /// again.
     fn detach(&mut self, why: &str) -> LinkState {
         self.live_growth.supersede();
         // A stop that was withdrawn meanwhile may have ordered a pause, too.

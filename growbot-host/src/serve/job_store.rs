@@ -1,4 +1,5 @@
-//! All jobs of the service, in SQLite. The list can be rebuilt from the run logs, which are the actual record.
+//! List of all jobs of the service, in an SQLite database. The list can be rebuilt from the run logs, which are the
+//! authoritative record.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -16,10 +17,11 @@ use super::job_updates::KeptUpdates;
 
 /// Time for which a change waits for other users of the database.
 pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
-/// Version of the tables, `PRAGMA user_version`. It rises with each change of [`TABLES`].
+/// Version of the tables, which the database stores as `PRAGMA user_version`. It rises with each change of [`TABLES`].
 const VERSION: i64 = 5;
 
-/// The jobs, the queued notices, and the conditions of each robot that were reported last.
+/// SQL statements that create the tables: the jobs, the queued notices, and the conditions of each robot that were
+/// reported last.
 const TABLES: &str = "
     CREATE TABLE job (
         id TEXT PRIMARY KEY,
@@ -76,7 +78,7 @@ pub enum JobStoreError {
     OtherVersion {
         /// Path of the database.
         path: PathBuf,
-        /// Version of its tables.
+        /// Version of the tables in the database.
         found: i64,
     },
     /// SQLite has failed.
@@ -95,7 +97,7 @@ impl JobStoreError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum JobState {
-    /// The board has the job or is receiving it. It heats, homes, grows or pauses.
+    /// The board has the job or is receiving it, and heats, homes, grows or pauses.
     Active,
     /// The job was left unfinished and can be resumed.
     Interrupted,
@@ -135,7 +137,7 @@ impl JobState {
 /// A job of the service.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Job {
-    /// Identifier in addresses: the time of the job's creation, then the name of the robot.
+    /// Identifier, also in URLs: the time of the job's creation, then the name of the robot.
     pub id: String,
     /// Name of the robot in the service.
     pub robot: String,
@@ -159,16 +161,16 @@ pub struct Job {
     pub created_utc: String,
     /// Time when the job ended, RFC 3339. Null while it is active.
     pub ended_utc: Option<String>,
-    /// Outcome of the job, or the reason why it was left. Null if there is none yet.
+    /// Outcome of the job, or the reason why it was interrupted or failed. Null while it is active.
     pub reason: Option<String>,
 }
 
-/// List of all jobs.
+/// List of all jobs: a connection to the database, and the changes that could not be written yet.
 pub struct JobStore {
     pub(super) database: Connection,
     logs: PathBuf,
     pub(super) kept: KeptUpdates,
-    /// Channels that wake the senders of notices.
+    /// Senders of messages that wake the threads that send notices.
     pub(super) wakers: Vec<Sender<()>>,
 }
 
@@ -207,7 +209,8 @@ impl JobStore {
         Self { database, logs: places.logs(), kept: KeptUpdates::default(), wakers: Vec::new() }
     }
 
-    /// Ends jobs that were entered, but that no robot had started when the service ended. Such jobs have no run log.
+    /// Marks as failed the jobs in the list that no robot had started when the service ended. Such jobs have no run
+    /// log.
     fn fail_unstarted(&mut self) -> Result<(), JobStoreError> {
         let mut statement = self.database.prepare("SELECT id FROM job WHERE state = 'active'")?;
         let active: Vec<String> = statement.query_map([], |row| row.get(0))?.collect::<Result<_, _>>()?;
@@ -218,7 +221,7 @@ impl JobStore {
         Ok(())
     }
 
-    /// Creates the tables and enters a job for each run log, all of them or none.
+    /// Creates the tables, and inserts a job for each run log, in one transaction.
     fn create_tables(&self) -> Result<(), JobStoreError> {
         let transaction = self.database.unchecked_transaction()?;
         self.database.execute_batch(TABLES)?;
@@ -227,7 +230,7 @@ impl JobStore {
         Ok(transaction.commit()?)
     }
 
-    /// Opens a second, read-only connection to the list. [`JobStore::open`] must have opened it before.
+    /// Opens a second, read-only connection to the list. [`JobStore::open`] must have created the list before.
     pub fn open_to_read(places: &ServicePaths) -> Result<Self, JobStoreError> {
         let database = Connection::open_with_flags(places.database(), OpenFlags::SQLITE_OPEN_READ_ONLY)?;
         database.busy_timeout(BUSY_TIMEOUT)?;
@@ -239,7 +242,7 @@ impl JobStore {
         checked.is_ok_and(|result| result == "ok")
     }
 
-    /// Enters a job for each run log.
+    /// Inserts a job into the list for each run log that can be read.
     fn rebuild(&self) -> Result<(), JobStoreError> {
         let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::from_io(&self.logs, &error))?;
         // Jobs are listed in the order in which they are entered.
@@ -295,7 +298,8 @@ impl JobStore {
         self.logs.join(format!("{id}.jsonl"))
     }
 
-    /// Enters a job. `request` has its idempotency key and the hash of its request.
+    /// Inserts a job into the list. `request` is the idempotency key of the client's request for the job, and the hash
+    /// of that request.
     pub fn insert(&self, job: &Job, request: Option<(&str, &str)>) -> Result<(), JobStoreError> {
         let insert = format!(
             "INSERT INTO job ({COLUMNS}, idempotency_key, request_hash) VALUES (:id, :robot, :name, :state, :plan_id, \
@@ -313,20 +317,21 @@ impl JobStore {
         Ok(())
     }
 
-    /// Returns the job that was created with this idempotency key, and the hash of its request.
+    /// Returns the job that was created with this idempotency key, and the hash of the client's request for it. `None`
+    /// without such a job.
     pub fn find_by_key(&self, key: &str) -> Result<Option<(Job, String)>, JobStoreError> {
         let query = format!("SELECT {COLUMNS}, request_hash FROM job WHERE idempotency_key = ?1");
         Ok(self.database.query_row(&query, [key], |row| Ok((of_row(row)?, row.get(13)?))).optional()?)
     }
 
-    /// Returns the job with this identifier.
+    /// Returns the job with this identifier. `None` if it is not in the list.
     pub fn get(&self, id: &str) -> Result<Option<Job>, JobStoreError> {
         let query = format!("SELECT {COLUMNS} FROM job WHERE id = ?1");
         Ok(self.database.query_row(&query, [id], of_row).optional()?)
     }
 
-    /// Returns the latest jobs, newest first. They have the order in which they were entered, because the clock may be set
-    /// back.
+    /// Returns the latest jobs, newest first. They are sorted by insertion and not by time, because the clock may be
+    /// set back.
     pub fn latest(&self, max: u32) -> Result<Vec<Job>, JobStoreError> {
         let query = format!("SELECT {COLUMNS} FROM job ORDER BY rowid DESC LIMIT ?1");
         let mut statement = self.database.prepare(&query)?;
@@ -353,7 +358,7 @@ pub(super) fn of_row(row: &Row) -> rusqlite::Result<Job> {
     })
 }
 
-/// Converts a time such as `20261123T014500123` to RFC 3339.
+/// Converts the time in a job's identifier, such as `20261123T014500123`, to RFC 3339.
 fn written_time(compact: &str) -> String {
     let part = |from: usize, to: usize| compact.get(from..to).unwrap_or("00");
     format!(

@@ -1,5 +1,5 @@
-//! Changes of the list of jobs. A change that cannot be written, for example because the disk is full, is kept in memory
-//! and written once that is possible.
+//! Changes of the list of jobs. A change that cannot be written, for example because the disk is full, is kept in
+//! memory until it can be written.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -23,14 +23,14 @@ pub(super) enum JobUpdate {
     State { id: String, state: JobState, reason: Option<String>, ended_utc: Option<String> },
     /// The idempotency key of a job can be used again.
     ReleasedKey { id: String },
-    /// Notice in the queues of these channels.
+    /// New notice, which is added to the queues of these channels.
     Notice { text: String, channels: Vec<NotificationChannel>, created_ms: i64 },
-    /// Condition of a robot, with the notice that is due if it is new.
+    /// Condition of a robot, with the notice that is queued if the condition is new.
     Alert(AlertUpdate),
 }
 
 impl JobUpdate {
-    /// Reports whether this change makes an earlier one superfluous.
+    /// Returns true if this change makes the `earlier` change superfluous.
     fn replaces(&self, earlier: &Self) -> bool {
         match (self, earlier) {
             (Self::Progress { id, .. }, Self::Progress { id: earlier, .. })
@@ -76,7 +76,7 @@ impl JobUpdate {
     }
 }
 
-/// Queues a notice for each of these channels.
+/// Adds a notice to the queue of each of these channels, and drops the oldest notices of a full queue.
 fn enqueue(
     database: &Connection,
     text: &str,
@@ -97,11 +97,11 @@ fn enqueue(
     Ok(())
 }
 
-/// Changes that are not written yet, the oldest first.
+/// Changes of the database that are not written yet, the oldest first.
 pub(super) type KeptUpdates = VecDeque<JobUpdate>;
 
 impl JobStore {
-    /// Records the number of laid layers.
+    /// Records the number of laid layers of a job, and the number of all its layers.
     pub(super) fn set_laid(&mut self, id: &str, laid: u32, layers: u32) {
         self.write(JobUpdate::Progress { id: id.to_owned(), laid, layers });
     }
@@ -118,7 +118,8 @@ impl JobStore {
         self.write(JobUpdate::ReleasedKey { id: id.to_owned() });
     }
 
-    /// Writes all kept changes, then this change. Keeps the change if the database cannot be written.
+    /// Writes all changes that are kept in memory, then this change. Keeps this change in memory if the database cannot
+    /// be written.
     pub(super) fn write(&mut self, update: JobUpdate) {
         let fails_already = self.has_kept();
         self.kept.retain(|earlier| !update.replaces(earlier));
@@ -136,7 +137,7 @@ impl JobStore {
         }
     }
 
-    /// Writes all kept changes, in order.
+    /// Writes all changes that are kept in memory, the oldest first.
     pub(super) fn write_kept(&mut self) -> rusqlite::Result<()> {
         while let Some(update) = self.kept.front() {
             update.apply(&self.database)?;
@@ -157,12 +158,12 @@ impl JobStore {
         written
     }
 
-    /// Reports whether changes are kept.
+    /// Returns true if changes are kept in memory because they could not be written yet.
     pub(super) fn has_kept(&self) -> bool {
         !self.kept.is_empty()
     }
 
-    /// Returns the state of a job in the kept changes.
+    /// Returns the state that a change in memory gives this job. `None` without such a change.
     pub(super) fn kept_state(&self, id: &str) -> Option<JobState> {
         self.kept.iter().find_map(|update| match update {
             JobUpdate::State { id: of, state, .. } if of == id => Some(*state),
@@ -170,7 +171,8 @@ impl JobStore {
         })
     }
 
-    /// Returns the identifiers of jobs that have become active in the kept changes.
+    /// Returns the identifier of the job that the latest change in memory to the active state concerns. `None` without
+    /// such a change.
     pub(super) fn kept_active(&self) -> Option<&str> {
         self.kept.iter().rev().find_map(|update| match update {
             JobUpdate::State { id, state: JobState::Active, .. } => Some(id.as_str()),

@@ -1,4 +1,4 @@
-//! A JSON body that is parsed on a thread of its own, because a long one would hold up other requests.
+//! A JSON body that is parsed on a separate thread, because parsing a long body would delay other requests.
 
 use aide::OperationInput;
 use aide::generate::GenContext;
@@ -13,7 +13,7 @@ use tokio::task::spawn_blocking;
 
 use super::problem::Problem;
 
-/// A body like that of [`Json`]. It has been read already.
+/// Extractor like [`Json`] that parses the body on a separate thread. The body must have been read before.
 pub struct JsonBody<T>(pub T);
 
 impl<T: DeserializeOwned + Send + 'static, S: Sync> FromRequest<S> for JsonBody<T> {

@@ -1,5 +1,6 @@
-//! Limits of what the clients of one role use at a time, so that no client blocks one of another role or delays a
-//! command to a robot. The roles are read-only pages, pages that can send commands, and growbot's commands.
+//! Limits of the resources that the clients of one role use at a time, so that no client blocks a client of another
+//! role or delays a command to a robot. The roles are read-only pages, pages that can send commands, and growbot's
+//! commands.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -20,7 +21,7 @@ use super::api::Access;
 use super::connections::ConnectionLimiter;
 use super::problem::Problem;
 
-/// Maximum number of open streams of events of a role.
+/// Maximum number of open streams of events for each role.
 const STREAMS: usize = 64;
 /// Maximum length of the body of an upload of a scene, bytes.
 pub const MAX_BODY: usize = 16 << 20;
@@ -28,22 +29,23 @@ pub const MAX_BODY: usize = 16 << 20;
 const MAX_JSON: usize = 1 << 20;
 /// Maximum length of the body of a command to a robot, bytes.
 const MAX_COMMAND: usize = 4 << 10;
-/// Maximum length of the body of a request by a read-only client, bytes. The number of bodies up to this length is not
-/// limited, nor is that of responses.
+/// Maximum length of the body of a request by a read-only client, bytes. The number of requests with bodies up to this
+/// length, and of responses with such bodies, is not limited.
 const SHORT: usize = 64 << 10;
 /// Maximum number of HTTP bodies longer than [`SHORT`] that are read or handled at a time, for each role.
 const LONG_BODIES: usize = 2;
-/// Maximum numbers of plans and pages that are computed at a time, for read-only clients and for each other role.
+/// Maximum numbers of plans and pages that are computed at a time: for read-only clients, and for each other role.
 const COMPUTATIONS: [usize; 2] = [2, 4];
-/// Maximum numbers of long responses that are sent at a time, for read-only clients and for each other role.
+/// Maximum numbers of responses with bodies longer than [`SHORT`] that are sent at a time: for read-only clients, and
+/// for each other role.
 const DOWNLOADS: [usize; 2] = [8, 16];
-/// Maximum duration of a computation.
+/// Maximum duration of the computation of a plan or a page.
 const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
-/// Niceness of the threads that compute. Threads that drive robots or stop them have 0, so they run first.
+/// Niceness of the threads that compute. Threads that drive robots or stop them have the niceness 0, so they run first.
 const NICENESS: i32 = 10;
 
-/// Kind of a request, by which its limits differ.
+/// Kind of a request, which determines the limits that apply to the request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum RequestKind {
     /// A stop or an emergency stop. It needs no HTTP body, and no limit on the number of requests applies to it.
@@ -68,7 +70,7 @@ impl RequestKind {
         }
     }
 
-    /// Reports whether the request may be a stop. Such a request is handled without waiting for any other.
+    /// Returns true if the request may be a stop. Such a request is handled without waiting for any other.
     pub fn is_urgent(self) -> bool {
         matches!(self, Self::Stop | Self::Command)
     }
@@ -85,7 +87,7 @@ impl RequestKind {
     }
 }
 
-/// Limits of one role.
+/// Limits of the resources that the clients of one role use.
 pub struct RoleLimits {
     access: Access,
     streams: Arc<Semaphore>,
@@ -99,7 +101,7 @@ pub struct RoleLimits {
 pub struct StreamPermit(#[expect(dead_code, reason = "it is held")] Arc<OwnedSemaphorePermit>);
 
 impl RoleLimits {
-    /// Creates the limits of clients with these rights.
+    /// Creates the limits of the role with these rights.
     pub fn new(access: Access) -> Arc<Self> {
         let of_role = usize::from(access != Access::View);
         let places = |count: usize| Arc::new(Semaphore::new(count));
@@ -122,8 +124,8 @@ impl RoleLimits {
     }
 
     /// Waits until the number of running computations allows one more, then runs the computation on a thread of its
-    /// own. The computation ends when its time is over or when the returned future is dropped because the requester has
-    /// gone, as far as it calls [`Computation::check`].
+    /// own. The computation must call [`Computation::check`] regularly, and end if that returns an error: when its time
+    /// is over, or when the returned future is dropped because the client has disconnected.
     pub async fn compute<T: Send + 'static>(
         &self,
         what: impl FnOnce(&Computation) -> Result<T, Problem> + Send + 'static,
@@ -144,14 +146,15 @@ impl RoleLimits {
     }
 }
 
-/// A computation for a requester.
+/// Deadline of a computation, and the flag that the client that requested it has gone.
 pub struct Computation {
     deadline: Instant,
     is_abandoned: Arc<AtomicBool>,
 }
 
 impl Computation {
-    /// Starts the time limit of a computation. The computation is abandoned once the flag `is_abandoned` is set.
+    /// Sets the deadline of a computation that starts now. The computation is abandoned once the flag `is_abandoned` is
+    /// set.
     pub fn new(is_abandoned: &Arc<AtomicBool>) -> Self {
         Self { deadline: Instant::now() + COMPUTATION_TIME, is_abandoned: Arc::clone(is_abandoned) }
     }
@@ -161,7 +164,7 @@ impl Computation {
         self.deadline
     }
 
-    /// Returns an error if the computation has to end.
+    /// Returns an error if the computation has to end, because its client has gone or its deadline is over.
     pub fn check(&self) -> Result<(), Problem> {
         if self.is_abandoned.load(Ordering::Relaxed) {
             return Err(Problem::conflict("its requester has gone"));
@@ -176,7 +179,8 @@ impl Computation {
     }
 }
 
-/// The requester of a computation. The server drops this value when the connection closes.
+/// Guard for the client that requested a computation. The server drops the guard when the connection closes, which
+/// abandons the computation.
 #[derive(Default)]
 struct ComputationRequester(Arc<AtomicBool>);
 
@@ -227,7 +231,7 @@ fn is_too_long(error: &axum::Error) -> bool {
     std::error::Error::source(error).is_some_and(<dyn std::error::Error>::is::<LengthLimitError>)
 }
 
-/// Gives each stream of events and each long response a permit, or rejects it.
+/// Handles a request. A stream of events or a long response needs a permit, and is rejected if all permits are in use.
 pub async fn limit_concurrency(
     Extension(limits): Extension<Arc<RoleLimits>>,
     mut request: Request,
@@ -251,7 +255,7 @@ pub async fn limit_concurrency(
     }
 }
 
-/// Returns the response with a permit that is held until it has been sent.
+/// Returns the response, which then holds the permit until its body has been sent.
 pub fn holding<P: Send + Sync + 'static>(permit: P, response: Response) -> Response {
     let permit = Arc::new(permit);
     response.map(|body| {

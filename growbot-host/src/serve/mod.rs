@@ -1,20 +1,22 @@
 //! The service: one process that owns robots and handles the requests of programs and pages.
 //!
 //! - [`Service`] holds the robots, the jobs and a counter of changes.
-//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
-//!   `connector` the ways to reach it. `robot_stops` are its stops, `robot_alerts` its notices.
-//!   `stopper` sends the emergency stops, and `stop_file` keeps an unconfirmed stop. `job_run` is a job on its board.
-//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are its changes, and
-//!   `job_history` corrects it by the logs and the boards. `audit` records all commands.
+//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board.
+//!   `connector` connects to a board, `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends
+//!   the notices about it. `stopper` sends emergency stops, and `stop_file` stores an unconfirmed stop on disk.
+//!   `job_run` carries out a job on the board.
+//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are the changes of
+//!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
+//!   commands.
 //! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `openapi`
 //!   completes its OpenAPI document.
 //! - `page` has the files of the page, and `command_socket` receives its commands.
-//! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks the
-//!   tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections and
-//!   `limits` the other resources that clients of each role can use. `workers` is the thread on which requests other than
-//!   commands are handled. `state_lock` keeps a second service from the same files.
+//! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks
+//!   the tokens, and [`page_listener`] takes a socket from the service manager. `connections` bounds the connections
+//!   and `limits` the other resources that clients of each role can use. `workers` is the thread on which requests
+//!   other than commands are handled. `state_lock` prevents a second service from using the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `notifier` sends them.
-//! - [`client`] is the client of that socket.
+//! - [`client`] is the client of the user's socket.
 
 pub mod api;
 mod audit;
@@ -86,12 +88,12 @@ use self::robot_worker::RobotWorker;
 pub use self::robot_worker::{RobotState, RobotStatus};
 use crate::watch::heartbeat::OrderAge;
 
-/// The robots of this user, with their jobs.
+/// The service of this user: its robots with their threads, their jobs, and the state that all connections share.
 pub struct Service {
     places: ServicePaths,
     robots: BTreeMap<String, Arc<RobotWorker>>,
     shared: Arc<ServiceContext>,
-    /// Addresses of the service's page. They are set when the service is served.
+    /// URLs of the service's page. `Server::serve` sets them.
     addresses: OnceLock<PageUrls>,
 }
 
@@ -106,27 +108,29 @@ pub enum StartError {
     Notify(#[from] NotifyError),
 }
 
-/// Permits of the moment at which the head of a request arrived, by robot. Stops that come later void them, also while
-/// the body of the request is received.
+/// Permits for an order to each robot, issued when the head of an HTTP request arrived. A later stop of a robot voids
+/// its permit, also while the body of the request is still being received.
 #[derive(Debug, Clone)]
 pub struct ArrivalPermits {
     permits: BTreeMap<String, Permit>,
-    /// Age of the order at that moment.
+    /// Result of the check of the order's age when the request arrived.
     age: OrderAge,
 }
 
 impl ArrivalPermits {
-    /// Sets the age of the order.
+    /// Replaces the result of the check of the order's age.
     fn with_age(self, age: OrderAge) -> Self {
         Self { age, ..self }
     }
 
-    /// Returns the permit for an order to this robot that stops or pauses, which is never too old.
+    /// Returns the permit for this robot without a check of the order's age: for orders that stop, pause or cool down
+    /// the robot.
     fn of(&self, robot: &str) -> Result<&Permit, Problem> {
         self.permits.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
     }
 
-    /// Returns the permit for any other order to this robot, unless the order has arrived too late.
+    /// Returns the permit for this robot, or an error if the order is too old: for all orders that do not stop, pause
+    /// or cool down the robot.
     fn recent(&self, robot: &str) -> Result<&Permit, Problem> {
         self.age.check().map_err(Problem::conflict)?;
         self.of(robot)
@@ -136,7 +140,7 @@ impl ArrivalPermits {
 /// Maximum number of previews (pages of plans) that are kept.
 const MAX_PREVIEWS: usize = 8;
 
-/// Pages of the latest plans.
+/// HTML pages of the latest plans, with their numbers.
 #[derive(Default)]
 struct Previews {
     latest: u64,
@@ -152,7 +156,7 @@ struct ServiceContext {
     audit: Audit,
     notifier: Notifier,
     previews: Mutex<Previews>,
-    /// Counter of changes of the service's state. Each open connection waits until the counter changes.
+    /// Counter of changes of the service's state. Each open stream of events waits until the counter changes.
     changes: watch::Sender<u64>,
 }
 
@@ -183,14 +187,14 @@ impl ServiceContext {
         self.job_reader.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Wakes all connections that wait for changes.
+    /// Increments the counter of changes, which wakes all streams of events that wait for a change.
     fn signal_change(&self) {
         self.changes.send_modify(|changes| *changes = changes.wrapping_add(1));
     }
 }
 
 impl Service {
-    /// Opens the list of jobs and starts a thread for each robot.
+    /// Opens the list of jobs, and starts a thread for each robot and for each channel of notices.
     ///
     /// # Errors
     /// [`StartError`] if the directory or the database cannot be used, or if the settings of notifications are invalid.
@@ -225,7 +229,7 @@ impl Service {
         &self.places
     }
 
-    /// Returns all robots, sorted by name.
+    /// Returns the status of all robots, sorted by the names of the robots.
     #[must_use]
     pub fn robots(&self) -> Vec<RobotStatus> {
         self.robots.values().map(|robot| robot.status()).collect()

@@ -2,7 +2,7 @@
 //! database, so that the service sends them after a restart if it could not do so before.
 //!
 //! The database also stores the conditions of each robot that were reported last, in the transaction that queues the
-//! notice. So a fault is reported once, although the service may be killed at any moment. A notice is sent twice only if
+//! notice. So a fault is reported once, although the service may be killed at any time. A notice is sent twice only if
 //! the service is killed between sending and recording.
 
 use growbot_client::run_log::utc_now;
@@ -15,9 +15,9 @@ use serde::{Deserialize, Serialize};
 use super::JobStoreError;
 use super::job_store::JobStore;
 
-/// Maximum number of queued notices of a channel. If there are more, the oldest notices are dropped.
+/// Maximum number of queued notices for each channel. If there are more, the oldest notices are dropped.
 pub(super) const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
-/// Version of [`Notice`].
+/// Version of the format of [`Notification`].
 const VERSION: u32 = 1;
 
 /// Event that a notice reports.
@@ -79,7 +79,7 @@ impl NotificationEvent {
     }
 }
 
-/// Way by which notices are sent.
+/// Channel on which notices are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum NotificationChannel {
     Webhook,
@@ -178,7 +178,7 @@ impl NotificationContext<'_> {
     }
 }
 
-/// Part of a robot's status that notices report.
+/// Conditions of a robot, read from its status, that cause notices.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct AlertState {
     fault: Option<Fault>,
@@ -202,7 +202,8 @@ impl AlertState {
         }
     }
 
-    /// Returns the conditions, each with the notice that is due if it is new.
+    /// Returns an alert for each kind of condition: fault, pause, parking and emergency stop. Its notice is sent only
+    /// if the condition is new.
     pub fn alerts(&self, about: &NotificationContext) -> Vec<Alert> {
         let fault = self.fault.map(|fault| {
             let notice = about.notice(NotificationEvent::Fault, Some(fault), Some(fault.explanation()));
@@ -226,13 +227,13 @@ impl AlertState {
     }
 }
 
-/// A condition of a robot, with the notice that is due if it is new.
+/// A condition of a robot, such as its fault or its connection, with the notice that is sent if the condition is new.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Alert {
     name: &'static str,
-    /// Text of the condition. Empty if the robot does not have the condition.
+    /// Text that identifies the condition, such as the fault's code. Empty if the robot does not have the condition.
     value: String,
-    /// True if the first condition of a robot causes no notice.
+    /// True if the notice is sent only if another value of this condition was recorded before.
     needs_earlier: bool,
     notice: Option<Notification>,
 }
@@ -243,20 +244,22 @@ impl Alert {
         Self { name, value, needs_earlier: false, notice }
     }
 
-    /// Returns the alert of a connection, which is open, or lost for a reason.
+    /// Returns the alert about a robot's connection. `lost` is the reason of a lost connection, or `None` if the
+    /// connection is open.
     pub fn of_connection(lost: Option<&str>, about: &NotificationContext) -> Self {
         let value = if lost.is_some() { "lost" } else { "open" };
         let notice = lost.map(|why| about.notice(NotificationEvent::Disconnected, None, Some(why)));
         Self { name: "connection", value: value.to_owned(), needs_earlier: true, notice }
     }
 
-    /// Returns the alert of a start of the board. A restart without a job causes no notice.
+    /// Returns the alert about a start of the board. It has a notice only if the robot has a job.
     pub fn of_boot(boot_id: u32, cause: ResetCause, about: &NotificationContext) -> Self {
         let notice = about.job.map(|_| about.notice(NotificationEvent::BoardRestart, None, Some(cause.name())));
         Self { name: "boot", value: boot_id.to_string(), needs_earlier: true, notice }
     }
 
-    /// Returns the change of the database that records the condition, and its notice for these channels.
+    /// Returns the change of the database that records the condition and queues its notice on these channels. A notice
+    /// whose event is not in `events` is dropped.
     pub fn into_update(
         self,
         robot: &str,
@@ -278,7 +281,7 @@ impl Alert {
     }
 }
 
-/// A condition of a robot and its notice, for the database.
+/// A change of the database that records a condition of a robot and queues the notice about it.
 #[derive(Debug, Clone)]
 pub(super) struct AlertUpdate {
     robot: String,
@@ -291,7 +294,7 @@ pub(super) struct AlertUpdate {
 }
 
 impl AlertUpdate {
-    /// Records the condition. Returns true if its notice is due, because the condition is new.
+    /// Records the condition in the database. Returns true if its notice has to be sent, because the condition is new.
     pub fn record(&self, database: &Connection) -> rusqlite::Result<bool> {
         let query = "SELECT value FROM alert WHERE robot = ?1 AND name = ?2";
         let before: Option<String> =
@@ -305,7 +308,7 @@ impl AlertUpdate {
     }
 }
 
-/// A queued notice.
+/// A notice in the queue of a channel.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct QueuedNotification {
     pub id: i64,
@@ -316,7 +319,7 @@ pub(super) struct QueuedNotification {
 }
 
 impl JobStore {
-    /// Returns the next notice of a channel.
+    /// Returns the queued notice of a channel that is due first. `None` if the channel's queue is empty.
     pub(super) fn next_notification(
         &self,
         channel: NotificationChannel,
@@ -335,13 +338,13 @@ impl JobStore {
         Ok(row.optional()?)
     }
 
-    /// Removes a notice that was sent or given up.
+    /// Removes a notice that was sent or given up from its queue.
     pub(super) fn remove_notification(&self, id: i64) -> Result<(), JobStoreError> {
         self.database.execute("DELETE FROM notice WHERE id = ?1", [id])?;
         Ok(())
     }
 
-    /// Schedules another attempt to send a notice.
+    /// Schedules another attempt to send a notice at the time `due_ms`, ms since 1970.
     pub(super) fn reschedule_notification(&self, id: i64, due_ms: i64) -> Result<(), JobStoreError> {
         self.database.execute("UPDATE notice SET attempts = attempts + 1, due_ms = ?2 WHERE id = ?1", (id, due_ms))?;
         Ok(())

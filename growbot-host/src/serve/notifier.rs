@@ -1,5 +1,5 @@
-//! Sending of notices by a signed webhook and by a command. Each has its own thread and queue, so they do not wait for
-//! each other, and robots wait for neither of them.
+//! Sends notices to a webhook, with a signature, and to a command. Each of these two channels has its own thread and
+//! queue, so they do not wait for each other, and the threads of the robots do not wait for them.
 
 use std::io::Write;
 use std::os::unix::process::CommandExt;
@@ -28,24 +28,24 @@ use super::{JobStoreError, ServiceContext, ServicePaths};
 
 /// Timeout of a webhook's response.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
-/// Timeout of a command. The service kills it afterwards.
+/// Maximum running time of the command that receives a notice. The service kills the command afterwards.
 const COMMAND: Duration = Duration::from_secs(60);
-/// Delay before the first retry of a notice. It doubles with each further retry.
+/// Delay before the first retry of a notice. The delay doubles with each further retry.
 const FIRST_RETRY_DELAY: Duration = Duration::from_secs(1);
-/// Maximum delay before a retry.
+/// Maximum delay before a retry of a notice.
 const MAX_RETRY_DELAY: Duration = Duration::from_secs(3600);
-/// Age at which a notice is given up.
+/// Age after which a notice is not retried any more.
 const MAX_AGE: Duration = Duration::from_secs(24 * 3600);
-/// Prefix of the secret, from the Standard Webhooks specification.
+/// Prefix of the webhook's secret in its file, which the Standard Webhooks specification requires.
 const SECRET: &str = "whsec_";
 
 /// Errors in the settings of notifications.
 #[derive(Debug, thiserror::Error)]
 pub enum NotifyError {
-    /// The address is invalid. The message does not repeat it, because it may contain a secret.
+    /// The webhook's URL is invalid. The message does not repeat the URL, because it may contain a secret.
     #[error("the webhook of [serve.notify] is not a URL: give one with https:// or http:// and a host")]
     Address,
-    /// The command is empty.
+    /// The command that receives notices is empty.
     #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or remove the line")]
     Command,
     /// The webhook's secret cannot be used.
@@ -68,16 +68,16 @@ pub struct Notifier {
     events: Vec<NotificationEvent>,
 }
 
-/// A receiver on the network.
+/// A webhook that receives notices over HTTP.
 struct Webhook {
     address: String,
-    /// Address in messages, without the parts that may be secret.
+    /// Scheme and host of the address, for messages. The other parts may be secret.
     host: String,
     key: hmac::Key,
     agent: Agent,
 }
 
-/// Threads that send notices, before they are started.
+/// The channels and receivers of the threads that send notices, before the threads are started.
 pub struct NotifierThreads(Vec<(NotificationChannel, Receiver<()>, NotificationSink)>);
 
 enum NotificationSink {
@@ -86,7 +86,7 @@ enum NotificationSink {
 }
 
 impl Notifier {
-    /// Creates the channels of the settings.
+    /// Creates the channels that the settings configure, and the threads that send notices on them.
     pub fn new(entry: &NotifyEntry, places: &ServicePaths) -> Result<(Self, NotifierThreads), NotifyError> {
         let mut sinks = Vec::new();
         if let Some(address) = &entry.webhook {
@@ -114,7 +114,7 @@ impl Notifier {
         Ok((notify, NotifierThreads(sinks)))
     }
 
-    /// Returns channels that wake the threads.
+    /// Returns a sender for each thread that sends notices. A message on the sender wakes the thread.
     pub fn wakers(&self) -> Vec<Sender<()>> {
         self.channels.iter().map(|(_, waker)| waker.lock().unwrap_or_else(PoisonError::into_inner).clone()).collect()
     }
@@ -134,7 +134,7 @@ impl ServiceContext {
         }
     }
 
-    /// Records conditions of a robot, and queues a notice for each that is new.
+    /// Records conditions of a robot, and queues a notice for each condition that is new.
     pub fn notify_alerts(&self, about: &NotificationContext, alerts: impl IntoIterator<Item = Alert>) {
         let channels = self.notifier.channels();
         if channels.is_empty() {
@@ -274,7 +274,7 @@ fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
     }
 }
 
-/// Runs the command with the notice on its standard input and in its environment variables.
+/// Runs the configured command with the notice on its standard input and in environment variables.
 fn call(command: &[String], notice: &str) -> Result<(), String> {
     let read: Notification = serde_json::from_str(notice).map_err(|error| error.to_string())?;
     let mut child = Command::new(&command[0])

@@ -1,9 +1,10 @@
-//! Completion of the OpenAPI document, where the types do not describe all of the interface.
+//! Completes the generated OpenAPI document with details of the API that the Rust types do not contain.
 
 use aide::openapi::OpenApi;
 use serde_json::{Map, Value, json};
 
-/// Returns the document with the parameters of its paths, and with problem details as the only error response.
+/// Returns the document, completed with the parameters of all paths. Problem details are the only error response of
+/// each operation.
 pub fn complete(document: &OpenApi) -> Value {
     let mut document = serde_json::to_value(document).unwrap_or_default();
     let paths = document.get_mut("paths").and_then(Value::as_object_mut);
@@ -37,7 +38,7 @@ fn add(operation: &mut Value, parameters: &[Value]) {
     }
 }
 
-/// Sets the media type of an error response.
+/// Sets the media type of an error response to that of problem details.
 fn name_problem(response: &mut Value) {
     if let Some(content) = response.get_mut("content").and_then(Value::as_object_mut)
         && let Some(schema) = content.remove("application/json")

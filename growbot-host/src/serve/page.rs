@@ -1,4 +1,4 @@
-//! Files of the page of all robots.
+//! Files of the web page that shows all robots of the service.
 
 use axum::Router;
 use axum::http::header::CONTENT_TYPE;
@@ -8,7 +8,7 @@ use growbot_pictures::view::page::CONNECTION_SCRIPT;
 
 const PAGE: &str = include_str!("page/robots.html");
 const STYLE: &str = include_str!("page/robots.css");
-/// Scripts by name.
+/// Scripts of the page: file name and content.
 const SCRIPTS: [(&str, &str); 7] = [
     ("robots.js", include_str!("page/robots.js")),
     ("card.js", include_str!("page/card.js")),
@@ -18,7 +18,7 @@ const SCRIPTS: [(&str, &str); 7] = [
     ("events-worker.js", include_str!("page/events-worker.js")),
     ("connection.js", CONNECTION_SCRIPT),
 ];
-/// Content security policy of the page. The page can load content from the service only.
+/// Content security policy of the page. It lets the page load content only from the service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";
 

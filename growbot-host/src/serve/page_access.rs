@@ -1,5 +1,6 @@
-//! Access to the pages by a token. It travels in an address once: a browser that opens `/TOKEN/` gets a cookie and the
-//! address without the token. Programs send it as `Authorization: Bearer TOKEN`, or as the first part of the path.
+//! Access to the pages by a token. A browser that opens the address `/TOKEN/` receives a cookie with the token, and is
+//! redirected to an address without it. Programs send the token as `Authorization: Bearer TOKEN`, or as the first part
+//! of the path.
 
 use std::sync::Arc;
 
@@ -15,13 +16,13 @@ use ring::digest::{SHA256, digest};
 use super::problem::Problem;
 use crate::watch::allowed_origins::AllowedOrigins;
 
-/// Bytes of a token's hash in the name of its cookie.
+/// Number of bytes of a token's hash that are part of the name of the token's cookie.
 const NAME_BYTES: usize = 6;
 
-/// Rights that a token gives, and their path.
+/// A token, with the cookie that contains it and the path of the pages that it opens.
 pub struct TokenAccess {
     token: String,
-    /// First part of the path of pages without the token in their address.
+    /// First part of the path of these pages in addresses without the token: `control` or `view`.
     path: &'static str,
     /// Name of the cookie. Browsers send cookies to all ports of a machine, so each token has a name of its own.
     cookie: String,
@@ -29,14 +30,14 @@ pub struct TokenAccess {
 }
 
 impl TokenAccess {
-    /// Returns the access by this token, for the pages below `/path/`.
+    /// Creates the access by this token to the pages below `/path/`.
     pub fn new(token: &str, path: &'static str, origins: &AllowedOrigins) -> Arc<Self> {
         let hash = digest(&SHA256, token.as_bytes());
         let cookie = format!("growbot-{}", URL_SAFE_NO_PAD.encode(&hash.as_ref()[..NAME_BYTES]));
         Arc::new(Self { token: token.to_owned(), path, cookie, origins: origins.clone() })
     }
 
-    /// Returns whether a request has the token in a header.
+    /// Returns true if the headers of a request contain the token, as a cookie or as a bearer token.
     fn is_in(&self, headers: &HeaderMap) -> bool {
         let texts = |name: HeaderName| headers.get_all(name).into_iter().filter_map(|value| value.to_str().ok());
         let by_cookie = |text: &str| {
@@ -47,8 +48,8 @@ impl TokenAccess {
         texts(COOKIE).any(by_cookie) || texts(AUTHORIZATION).any(by_bearer)
     }
 
-    /// Returns the cookie for the browser that sent this request. If the page was requested over HTTPS, the cookie is
-    /// marked `Secure`, so that the browser never sends it over plain HTTP.
+    /// Returns the `Set-Cookie` header for the browser that sent a request with these headers. If the page was
+    /// requested over HTTPS, the cookie is marked `Secure`, so that the browser never sends it over plain HTTP.
     fn set_cookie(&self, headers: &HeaderMap) -> String {
         let host = headers.get(HOST).and_then(|host| host.to_str().ok()).unwrap_or_default();
         let secure = if self.origins.is_https(host) { "; Secure" } else { "" };
@@ -56,7 +57,7 @@ impl TokenAccess {
     }
 }
 
-/// Handles a request for a page without a token in its address, if the token is in a header.
+/// Handles a request whose address does not contain the token. Rejects the request if no header contains the token.
 pub async fn require_token(State(access): State<Arc<TokenAccess>>, request: Request, next: Next) -> Response {
     if access.is_in(request.headers()) {
         return next.run(request).await;
@@ -66,7 +67,8 @@ pub async fn require_token(State(access): State<Arc<TokenAccess>>, request: Requ
     Problem::from_status(StatusCode::UNAUTHORIZED, detail).into_response()
 }
 
-/// Handles a request with the token in its address. A browser that opens a page there is led to the address without it.
+/// Handles a request whose address contains the token. A browser that opens a page is redirected to the address without
+/// the token, and receives the token as a cookie.
 pub async fn leave_address(State(access): State<Arc<TokenAccess>>, request: Request, next: Next) -> Response {
     let accepted = request.headers().get(ACCEPT).and_then(|value| value.to_str().ok()).unwrap_or_default();
     if request.method() != Method::GET || !accepted.contains("text/html") {

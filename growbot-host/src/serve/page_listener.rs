@@ -7,11 +7,11 @@ use listenfd::ListenFd;
 
 use super::server_error::ServerError;
 
-/// Takes the socket that systemd, or another service manager with its protocol (`LISTEN_FDS`), hands over. `None` if it
-/// hands over nothing. It is called before the process has threads.
+/// Takes the socket that systemd, or another service manager with the protocol of systemd (`LISTEN_FDS`), hands over.
+/// Returns `None` if nothing is handed over. The function must be called before the process has threads.
 ///
 /// # Errors
-/// [`ServerError::HandedOver`] if it is not one listening TCP socket of the loopback interface.
+/// [`ServerError::HandedOver`] if anything but one listening TCP socket of the loopback interface is handed over.
 pub fn take_handed_over() -> Result<Option<TcpListener>, ServerError> {
     let mut given = ListenFd::from_env();
     let refused = |reason: String| ServerError::HandedOver { reason };
@@ -29,7 +29,8 @@ pub fn take_handed_over() -> Result<Option<TcpListener>, ServerError> {
     Ok(Some(listener))
 }
 
-/// Returns the handed-over socket, or binds this port, 0 for any.
+/// Returns the listener of the pages: the handed-over socket, otherwise a new socket at this port of the loopback
+/// interface. Port 0 stands for any free port.
 ///
 /// # Errors
 /// [`ServerError::Address`].

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use crate::ownership::{self, OwnershipError, Protection};
 
-/// Paths of the service's directories. Only the user can access them.
+/// Directories of the service: one for its stored state, one for its socket. Only the user can access them.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ServicePaths {
     state: PathBuf,
@@ -28,13 +28,13 @@ impl ServicePaths {
         Some(Self { state, runtime })
     }
 
-    /// Returns paths that are all in one directory.
+    /// Returns paths that are all in this directory.
     #[must_use]
     pub fn in_dir(directory: PathBuf) -> Self {
         Self { runtime: directory.clone(), state: directory }
     }
 
-    /// Creates the directories.
+    /// Creates the missing directories, with access for the user only.
     ///
     /// # Errors
     /// A directory cannot be created.
@@ -45,7 +45,7 @@ impl ServicePaths {
         Ok(())
     }
 
-    /// Checks that no other user can access the directories and the files of the service, or take their place.
+    /// Checks that no other user can access, move or replace the directories and the files of the service.
     ///
     /// # Errors
     /// [`OwnershipError`] with the first file or directory that others can access.
@@ -58,10 +58,10 @@ impl ServicePaths {
         { files }.try_for_each(|file| ownership::check_one(&file.path(), Protection::Access))
     }
 
-    /// Checks that no other user can put a socket in place of the service's.
+    /// Checks that no other user can replace the service's socket.
     ///
     /// # Errors
-    /// [`OwnershipError`] with the directory of the socket, or one above it.
+    /// [`OwnershipError`] with the first directory on the path of the socket that another user can change.
     pub fn check_runtime(&self) -> Result<(), OwnershipError> {
         check_private(&self.runtime)
     }
@@ -84,43 +84,44 @@ impl ServicePaths {
         self.state.join("scenes")
     }
 
-    /// Returns the directory of the stops that no board has confirmed yet.
+    /// Returns the directory with the files of stops that no board has confirmed yet, and of pauses that a board may
+    /// not have received.
     #[must_use]
     pub fn stops(&self) -> PathBuf {
         self.state.join("stops")
     }
 
-    /// Returns the path of the list of jobs.
+    /// Returns the path of the SQLite database with the list of jobs.
     #[must_use]
     pub fn database(&self) -> PathBuf {
         self.state.join("jobs.sqlite")
     }
 
-    /// Returns the path of the record of commands.
+    /// Returns the path of the audit log, which records all commands.
     #[must_use]
     pub fn audit(&self) -> PathBuf {
         self.state.join("audit.jsonl")
     }
 
-    /// Returns the path of the pages' access tokens.
+    /// Returns the path of the file with the pages' access tokens.
     #[must_use]
     pub fn tokens(&self) -> PathBuf {
         self.state.join("tokens")
     }
 
-    /// Returns the path of the lock that the service holds.
+    /// Returns the path of the lock file that a running service holds.
     #[must_use]
     pub fn lock(&self) -> PathBuf {
         self.state.join("lock")
     }
 
-    /// Returns the path of the webhook's secret, with which receivers check the sender of a notice.
+    /// Returns the path of the file with the webhook's secret, with which receivers check the sender of a notice.
     #[must_use]
     pub fn webhook_secret(&self) -> PathBuf {
         self.state.join("webhook-secret")
     }
 
-    /// Returns the path of the socket that growbot's commands use.
+    /// Returns the path of the Unix socket on which growbot's commands reach the service.
     #[must_use]
     pub fn socket(&self) -> PathBuf {
         self.runtime.join("serve.sock")

@@ -1,4 +1,4 @@
-//! Plans, their pages and the scenes that they avoid, over HTTP.
+//! Routes of the API for plans, their pages, and the scenes that they avoid.
 
 use std::sync::Arc;
 
@@ -33,7 +33,7 @@ pub struct PlanQuery {
 pub struct PlanResponse {
     /// The plan, in the format of `growbot plan --json`.
     plan: Value,
-    /// Path of its page, relative to the address of this interface. The service keeps only the latest pages.
+    /// Path of the plan's page, relative to the address of this API. The service keeps only the latest pages.
     view_path: String,
 }
 
@@ -72,7 +72,8 @@ pub struct SceneUploadQuery {
 pub struct SceneUploadResponse {
     /// Name of the scene, for the field `scene` of a plan or job request.
     scene: String,
-    /// Box that holds everything but half spaces, as it was read. `null` if there is nothing else.
+    /// Bounding box of the scene's obstacles as they were read, without half spaces. `null` if the scene has only half
+    /// spaces.
     #[serde(rename = "box")]
     bounds: Option<SceneBox>,
 }

@@ -25,7 +25,7 @@ const LEASE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Interval at which the service checks whether the lease has ended.
 const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
 
-/// Request for a lease.
+/// Request for a lease of a robot's port.
 #[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LeaseRequest {
@@ -33,7 +33,7 @@ pub struct LeaseRequest {
     pub holder: String,
 }
 
-/// A lease of a port.
+/// A lease of a robot's port.
 pub struct PortLease {
     /// Name of the command that has the port.
     to: String,
@@ -49,7 +49,7 @@ impl Drop for LeaseEndGuard {
     }
 }
 
-/// Leases the port of a robot without a job until the client closes the request.
+/// Leases the port of a robot without a job to a growbot command, until the command closes the request.
 pub async fn lease_port(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
@@ -83,8 +83,8 @@ pub async fn lease_port(
 }
 
 impl RobotWorker {
-    /// Waits until a lease of the closed port ends. Rejects all requests in the meantime. The emergency stop has a thread
-    /// of its own.
+    /// Waits until the lease of the closed port ends, and rejects all requests to the robot's thread in the meantime.
+    /// Emergency stops are still sent, by a thread of their own.
     pub(super) fn wait_for_lease_end(&self, loan: &PortLease, requests: &Receiver<PendingRequest>) {
         let lent = format!("its port is in use by {}, which must end first", loan.to);
         self.update_state(|known| known.connection_error = Some(lent.clone()));

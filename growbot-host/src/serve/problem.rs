@@ -35,29 +35,29 @@ impl Problem {
         Self { title, status: status.as_u16(), detail: detail.to_string() }
     }
 
-    /// The requested object does not exist.
+    /// Returns the error 404: the requested object does not exist.
     pub fn not_found(what: &str, name: &str) -> Self {
         Self::new(StatusCode::NOT_FOUND, "not found", format!("no {what} {name:?}"))
     }
 
-    /// The interface has no such route.
+    /// Returns the error 404: the API of this release does not have this route.
     pub fn unknown_route(method: &Method, path: &str) -> Self {
         let detail =
             format!("this release has no route {method} {path}: {RELOAD}; GET {PREFIX}/openapi.json lists the routes");
         Self::new(StatusCode::NOT_FOUND, "not found", detail)
     }
 
-    /// The request is invalid.
+    /// Returns the error 422: the request is invalid.
     pub fn bad(detail: impl ToString) -> Self {
         Self::new(StatusCode::UNPROCESSABLE_ENTITY, "invalid request", detail)
     }
 
-    /// The request cannot be carried out in the current state.
+    /// Returns the error 409: the request cannot be carried out in the current state.
     pub fn conflict(detail: impl ToString) -> Self {
         Self::new(StatusCode::CONFLICT, "conflict", detail)
     }
 
-    /// The client has read-only access.
+    /// Returns the error 403: the client has read-only access.
     pub fn read_only() -> Self {
         Self::new(
             StatusCode::FORBIDDEN,
@@ -66,29 +66,29 @@ impl Problem {
         )
     }
 
-    /// The client is not allowed to send this request.
+    /// Returns the error 403: the client is not allowed to send this request.
     pub fn forbidden(detail: impl ToString) -> Self {
         Self::new(StatusCode::FORBIDDEN, "forbidden", detail)
     }
 
-    /// The request is too long.
+    /// Returns the error 413: the body of the request is longer than `max` bytes.
     pub fn too_long(max: usize) -> Self {
         let detail = format!("the request is longer than {max} bytes: send a shorter one");
         Self::new(StatusCode::PAYLOAD_TOO_LARGE, "too long", detail)
     }
 
-    /// The request takes too long to arrive.
+    /// Returns the error 408: the request did not arrive within the time `max`.
     pub fn too_slow(max: Duration) -> Self {
         let detail = format!("the request was not complete within {} s: send it faster", max.as_secs());
         Self::new(StatusCode::REQUEST_TIMEOUT, "too slow", detail)
     }
 
-    /// A limit of the service is reached.
+    /// Returns the error 503: a limit of the service is reached.
     pub fn busy(why: &str) -> Self {
         Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again after one of them has ended"))
     }
 
-    /// An HTTP error with its status and text, for requests that were rejected before a handler ran.
+    /// Returns the error with this HTTP status and text, for a request that was rejected before a handler ran.
     pub fn from_status(status: StatusCode, text: &str) -> Self {
         let reason = status.canonical_reason().unwrap_or("refused");
         match status {
@@ -101,7 +101,7 @@ impl Problem {
         }
     }
 
-    /// The service has failed.
+    /// Returns the error 500: the service has failed.
     pub fn internal(detail: impl ToString) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error", detail)
     }

@@ -1,4 +1,4 @@
-//! Notices about a robot: its conditions, its connection, and restarts of its board and of the service.
+//! Sends notices about a robot: its conditions, its connection, and restarts of its board and of the service.
 
 use growbot_client::port::time_since_boot;
 use growbot_core::link::message::{BoardInfo, Status};
@@ -7,7 +7,7 @@ use super::job_store::Job;
 use super::notification::{Alert, AlertState, NotificationContext, NotificationEvent};
 use super::robot_worker::RobotWorker;
 
-/// Conditions that this process has recorded last.
+/// Conditions of a robot that this process has recorded last.
 #[derive(Default)]
 pub(super) struct LastAlerts {
     state: Option<AlertState>,
@@ -15,8 +15,8 @@ pub(super) struct LastAlerts {
 }
 
 impl RobotWorker {
-    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the one that
-    /// was reported last.
+    /// Records a status that the board has reported. Sends notices if the robot's condition differs from the condition
+    /// that was recorded last.
     pub(super) fn record_status(&self, status: Status) {
         let condition = AlertState::from_status(&status);
         self.update_state(|known| (known.status, known.reported) = (Some(status), Some(time_since_boot())));
@@ -27,8 +27,9 @@ impl RobotWorker {
         }
     }
 
-    /// Records whether the robot is connected, or why its connection is lost. Sends a notice if it was connected before,
-    /// also before a restart of the service.
+    /// Records the state of the robot's connection. `lost` is the reason of a lost connection, or `None` if the robot
+    /// is connected. Sends a notice if a robot that was connected before, even before a restart of the service, has
+    /// lost its connection.
     pub(super) fn record_connection(&self, lost: Option<&str>) {
         let mut last = self.lock_last_alerts();
         if last.is_connected != Some(lost.is_none()) {
@@ -54,7 +55,7 @@ impl RobotWorker {
         }
     }
 
-    /// Sends a notice about a job.
+    /// Sends a notice about an event of a job. `why` is the reason of the event.
     pub(super) fn notify_job(&self, job: &Job, event: NotificationEvent, why: Option<&str>) {
         self.with_notification_context(|about| {
             let about = match about.layers {
@@ -65,7 +66,7 @@ impl RobotWorker {
         });
     }
 
-    /// Calls `send` with the robot and its job, for a notice.
+    /// Calls `send` with the robot and its active job, for a notice about them.
     fn with_notification_context(&self, send: impl FnOnce(&NotificationContext)) {
         let view = self.status();
         send(&NotificationContext {

@@ -11,12 +11,12 @@ use growbot_core::link::message::State;
 use super::robot_worker::{RobotRequest, RobotWorker};
 
 impl RobotWorker {
-    /// Returns the robot's stops.
+    /// Returns the stop signal of the robot, which issues permits and voids them.
     pub(super) fn signal(&self) -> &Arc<StopSignal> {
         &self.signal
     }
 
-    /// Raises a stop: all earlier orders are void, and the thread sends the stop to the board before anything else.
+    /// Raises a stop. It voids all earlier orders, and the robot's thread sends it to the board before anything else.
     pub(super) fn raise_stop(&self, level: StopLevel) -> StopInProgress<'_> {
         self.stops_in_progress.fetch_add(1, Ordering::SeqCst);
         let generation = self.signal.raise(level);
@@ -25,7 +25,8 @@ impl RobotWorker {
         StopInProgress { worker: self, generation }
     }
 
-    /// Records that the board has confirmed an emergency stop to the stop thread.
+    /// Sets the board's latest known state to the emergency stop, because the board has confirmed one to the thread
+    /// that sends emergency stops.
     pub(super) fn record_emergency_stop(&self) {
         self.update_state(|known| {
             if let Some(status) = &mut known.status {
@@ -34,14 +35,14 @@ impl RobotWorker {
         });
     }
 
-    /// Stores the unconfirmed stop on disk, or removes the confirmed one.
+    /// Stores an unconfirmed stop on disk, or removes the stored stop if it is confirmed.
     pub(super) fn sync_stop_file(&self) {
         self.stop_file.sync(&self.signal);
         self.shared.signal_change();
     }
 
     /// Drops a stop that the board has not confirmed, at a person's request. A growth that the stop has not reached is
-    /// paused once the robot is back, so that only an order of a person starts it again.
+    /// paused once the robot is connected again, so that only an order of a person continues it.
     pub(super) fn withdraw_stop(&self) -> Result<(), String> {
         let name = &self.name;
         let Some((_, generation)) = self.signal.pending() else {
@@ -66,7 +67,8 @@ impl RobotWorker {
         self.sync_stop_file();
     }
 
-    /// Sends the stop that the board has not confirmed, without a session. Returns false if there is none.
+    /// Sends each unconfirmed stop to the board, and records its confirmation. This does not need a session. Returns
+    /// false if no stop was sent, because all stops were confirmed before.
     pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, String> {
         let mut is_stopped = false;
         while let Some((level, generation)) = self.signal.pending() {
@@ -81,7 +83,7 @@ impl RobotWorker {
         Ok(is_stopped)
     }
 
-    /// Voids all earlier orders if the board has entered a stop or a fault that this service has not ordered.
+    /// Voids all earlier orders if the board has changed to a stopped state or a fault without a stop of this service.
     pub(super) fn void_if_stopped_elsewhere(&self, state: State) {
         let is_off = |state| matches!(state, State::Stopped | State::EmergencyStop | State::Fault);
         let was_on = self.lock_state().status.as_ref().is_some_and(|status| !is_off(status.state));
@@ -94,7 +96,7 @@ impl RobotWorker {
 /// A stop whose caller waits for the board's confirmation. Until it is dropped, the stop cannot be withdrawn.
 pub struct StopInProgress<'a> {
     worker: &'a RobotWorker,
-    /// Number of the stop.
+    /// Number of the stop in the robot's stop signal.
     pub generation: Generation,
 }
 

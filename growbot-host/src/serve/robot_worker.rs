@@ -1,4 +1,4 @@
-//! One robot of the service. A thread owns its board and reconnects to it when its port comes back.
+//! One robot of the service. Its thread owns the connection to the board, and reconnects after the connection was lost.
 
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::sync::mpsc::{self, Receiver, Sender};
@@ -33,9 +33,11 @@ use super::{ServiceContext, ServicePaths};
 use crate::watch::LiveGrowth;
 use crate::watch::heartbeat::{STALE_AFTER, status_age_s};
 
-/// Time between two status requests to a board without a job. A request to the robot waits at most this long.
+/// Time between two status requests to a board without a job. A request to the robot's thread waits at most this time
+/// before it is handled.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Time after which an idle thread on a virtual clock tries again to write what could not be written.
+/// Interval at which the idle thread of a robot with a virtual clock repeats failed writes to the list of jobs and to
+/// run logs.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 
 /// State of the robot's connection: disconnected, ready or busy.
@@ -81,7 +83,7 @@ pub struct RobotStatus {
     pub target_c: Option<f64>,
     /// Number of laid layers of the job that the board stores.
     pub laid: u32,
-    /// Number of layers of that job.
+    /// Number of layers of the job that the board stores.
     pub layers: u32,
     /// Identifier of the active job. Null if the robot has no job.
     pub job: Option<String>,
@@ -99,7 +101,7 @@ pub struct RobotStatus {
 }
 
 impl RobotStatus {
-    /// Returns the status without its age, to compare it with another.
+    /// Returns a copy of the status without its age, so that two statuses can be compared.
     pub(super) fn without_age(&self) -> Self {
         Self { status_age_s: None, ..self.clone() }
     }
@@ -110,25 +112,26 @@ pub struct NewJob {
     pub job: Job,
     pub plan: Plan,
     pub robot: Robot,
-    /// Scene that corrections of the path keep clear of.
+    /// Scene with whose obstacles corrections of the path must not collide. `None` if there is none or if it is
+    /// ignored.
     pub scene: Option<LoadedScene>,
     pub feedback: bool,
-    /// Permit of the moment at which the order arrived.
+    /// Permit that was issued when the order to grow arrived.
     pub permit: Permit,
 }
 
-/// A request to a robot's thread.
+/// A request that is sent to a robot's thread.
 pub enum RobotRequest {
     Grow(Box<NewJob>),
     Resume(Box<Job>, Permit),
     Cancel,
     ClearFault(Permit),
     Task(MaintenanceTask, Permit),
-    /// Wake the thread, because a stop was raised.
+    /// Wake the thread, because a stop was raised that it has to deliver.
     Wake,
-    /// The board has confirmed this stop to the stop thread.
+    /// Record that the board has confirmed this stop to the thread that sends emergency stops.
     StopConfirmed(Generation),
-    /// Close the port until the lease ends.
+    /// Lease the port: close it until the lease ends.
     Lend(PortLease),
 }
 
@@ -139,18 +142,19 @@ pub struct PendingRequest {
     claim: Claim,
 }
 
-/// Shared state of a request: true once the robot's thread has taken it or its caller has given it up, whichever comes
-/// first.
+/// Flag that the robot's thread and the caller share for a request. It is set by the one that acts first: the thread,
+/// which takes the request, or the caller, which gives the request up.
 #[derive(Clone, Default)]
 pub struct Claim(Arc<AtomicBool>);
 
 impl Claim {
-    /// Takes the request or gives it up. Returns false if that had happened before.
+    /// Sets the flag. Returns false if it was already set, so that the request had been taken or given up before.
     pub fn take(&self) -> bool {
         !self.0.swap(true, Ordering::AcqRel)
     }
 
-    /// Returns an error if the request is given up.
+    /// Returns an error if the flag is set. Before the request is sent to the thread, this means that the caller has
+    /// given it up.
     pub fn check(&self) -> Result<(), String> {
         if self.0.load(Ordering::Acquire) {
             return Err("its requester has gone before it began, so it does not begin: request it again".to_owned());
@@ -166,7 +170,7 @@ impl PendingRequest {
     }
 }
 
-/// A robot of the service, with its thread.
+/// One robot of the service: its settings, its latest known state, and the channels to its threads.
 pub struct RobotWorker {
     pub(super) name: String,
     pub(super) entry: RobotEntry,
@@ -174,7 +178,7 @@ pub struct RobotWorker {
     known: Mutex<WorkerState>,
     requests: Sender<PendingRequest>,
     pub(super) connector: Arc<dyn Connector>,
-    /// Stops of the robot, and the permits of the orders to it.
+    /// Stop signal of the robot. It issues the permits for orders to the robot, and each stop voids them.
     pub(super) signal: Arc<StopSignal>,
     pub(super) stop_file: StopFile,
     pub(super) pause_file: PauseFile,
@@ -182,9 +186,9 @@ pub struct RobotWorker {
     /// Number of stops whose callers wait for the board's confirmation.
     pub(super) stops_in_progress: AtomicU32,
     last_alerts: Mutex<LastAlerts>,
-    /// Run logs of jobs that have ended, with lines that could not be written yet.
+    /// Run logs of ended jobs that have lines that could not be written yet, each with the identifier of its job.
     pub(super) kept_logs: Mutex<Vec<(String, RunLog)>>,
-    /// Lock from the check for an active job to the start of a new job.
+    /// Lock that is held from the check that the robot has no active job until a new job has started.
     job_start: Mutex<()>,
 }
 
@@ -192,35 +196,36 @@ pub struct RobotWorker {
 #[derive(Default)]
 pub struct WorkerState {
     pub connection_error: Option<String>,
-    /// Robot description. `None` until the first connection to the board.
+    /// Description of the robot. `None` until the first connection to the board.
     pub robot: Option<Robot>,
     pub status: Option<Status>,
-    /// Time at which the board last reported, since the machine's start.
+    /// Time of the board's latest report, since the start of the service's computer. `None` before the first report.
     pub reported: Option<Duration>,
     pub job: Option<String>,
-    /// Queue of commands to the active growth.
+    /// Queue of commands to the active growth. `None` if no growth is active.
     pub commands: Option<Arc<CommandQueue>>,
-    /// Updates of the active growth for pages.
+    /// State of the active growth for live pages. `None` if no growth is active.
     pub live_growth: Option<Arc<LiveGrowth>>,
     pub finish_utc: Option<String>,
     pub command_error: Option<String>,
-    /// True if the growth whose connection was lost, or that an earlier service followed, had an order to pause that the
-    /// board may not have received.
+    /// True if the board may not have received an order to pause its growth, because the connection was lost or the
+    /// service was restarted. The growth is then paused after the next connection.
     pub pauses_on_reconnect: bool,
 }
 
-/// State of a connection after a request, a job or a check of the board.
+/// State of the connection to the board after a request, a job or a status request.
 pub enum LinkState {
     /// The board is ready for the next request.
     Ready,
     /// The connection is lost or the board does not respond. The text is the reason.
     Lost(String),
-    /// The port is to be leased. The channel is that of the client that waits for the port.
+    /// The thread must close the port for this lease. The channel reports to the waiting client that the port is
+    /// closed.
     Leased(PortLease, Sender<Result<(), String>>),
 }
 
 impl RobotWorker {
-    /// Starts a thread that owns a robot.
+    /// Starts the threads of a robot that is connected at the port of its entry in `growbot.toml`.
     pub(super) fn start(
         name: &str,
         entry: &RobotEntry,
@@ -231,7 +236,7 @@ impl RobotWorker {
         Self::start_with(name, entry, Arc::new(port), places, shared)
     }
 
-    /// Starts a thread that reaches its robot through this connector.
+    /// Starts the threads of a robot that is reached through this connector.
     pub(super) fn start_with(
         name: &str,
         entry: &RobotEntry,
@@ -278,7 +283,7 @@ impl RobotWorker {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Changes the known state and wakes all connections that wait for changes.
+    /// Changes the robot's latest known state, and wakes all streams of events that wait for a change.
     pub(super) fn update_state(&self, change: impl FnOnce(&mut WorkerState)) {
         change(&mut self.lock_state());
         self.shared.signal_change();
@@ -288,7 +293,7 @@ impl RobotWorker {
         self.last_alerts.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns the time since the board's latest report, s. `None` before the first one.
+    /// Returns the time since the board's latest report, s. `None` before the first report.
     fn status_age_s(&self, known: &WorkerState, pace: Option<f64>) -> Option<f64> {
         let reported = known.reported?;
         // The time of a robot on a virtual clock passes only in requests to it.
@@ -300,7 +305,7 @@ impl RobotWorker {
         self.entry.port.parse().map_err(|error: port::OpenError| error.to_string())
     }
 
-    /// Returns whether the robot is simulated.
+    /// Returns true if the robot is simulated.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.port().is_ok_and(|port| port.is_simulated())
@@ -354,7 +359,8 @@ impl RobotWorker {
         }
     }
 
-    /// Returns the description that the board reported, otherwise the configured or default one.
+    /// Returns the robot description with which the board was last connected. Before the first connection, returns the
+    /// configured or default description.
     pub fn description(&self) -> Result<Robot, String> {
         if let Some(robot) = &self.lock_state().robot {
             return Ok(robot.clone());
@@ -369,7 +375,7 @@ impl RobotWorker {
         MaterialPresets::load(robot.as_ref()).unwrap_or_default()
     }
 
-    /// Returns the active growth if it belongs to this job.
+    /// Returns the state of the active growth for live pages. `None` if the active growth does not belong to this job.
     pub fn live(&self, job: &str) -> Option<Arc<LiveGrowth>> {
         let known = self.lock_state();
         known.live_growth.clone().filter(|_| known.job.as_deref() == Some(job))
@@ -378,7 +384,7 @@ impl RobotWorker {
     /// Queues a command for the active growth. Returns false if no growth is active.
     pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
         {
-            // Under the lock, because a growth that is left takes its orders along.
+            // Under the lock, because the queue is dropped when the growth ends or its connection is lost.
             let known = self.lock_state();
             let Some(commands) = &known.commands else { return false };
             commands.push_with(command, permit.clone());
@@ -390,7 +396,7 @@ impl RobotWorker {
         true
     }
 
-    /// Sends the thread a message that needs no response.
+    /// Sends a request to the robot's thread without waiting for the response.
     pub(super) fn notify_thread(&self, request: RobotRequest) {
         // A thread that has ended needs none.
         let _ = self.requests.send(PendingRequest { request, reply: mpsc::channel().0, claim: Claim::default() });
@@ -401,8 +407,8 @@ impl RobotWorker {
         self.job_start.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns an error if the robot has an active job. A job that has just ended may still be known to the thread, so
-    /// the state is read from the list of jobs.
+    /// Returns an error if the robot has an active job. The latest known state may still contain a job that has just
+    /// ended, so the job's state is read from the list of jobs.
     pub(super) fn ensure_idle(&self) -> Result<(), String> {
         let job = self.lock_state().job.clone();
         let is_active = |id: &String| {
@@ -422,7 +428,7 @@ impl RobotWorker {
         self.request_claimed(request, &Claim::default(), limit)
     }
 
-    /// Like [`Self::request`], but the caller can give the request up by its claim before the thread has taken it.
+    /// Like [`Self::request`], but the caller can give the request up through `claim` until the thread has taken it.
     ///
     /// # Errors
     /// Like [`Self::request`].
@@ -449,7 +455,7 @@ impl RobotWorker {
         })
     }
 
-    /// Owns the robot until the process ends.
+    /// Runs the robot's thread until the process ends: connects to the board, handles requests, and reconnects.
     fn run(self: Arc<Self>, requests: &Receiver<PendingRequest>) {
         let mut switches_on = true;
         self.notify_service_restart();
@@ -485,7 +491,8 @@ impl RobotWorker {
         }
     }
 
-    /// Responds to a request while the port is closed: confirms a stop, and refuses everything else with `why`.
+    /// Handles a request while the port is closed. Records a stop that the board has confirmed, and rejects any other
+    /// request with the reason `why`.
     pub(super) fn respond_without_board(&self, pending: PendingRequest, why: impl Fn() -> String) {
         match pending.request {
             RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
@@ -493,7 +500,8 @@ impl RobotWorker {
         }
     }
 
-    /// Owns a connected board until the connection is lost or the port is leased.
+    /// Handles the requests to a connected board, and the board's active job, until the connection is lost or the port
+    /// is leased.
     fn serve_board(&self, mut connection: BoardConnection, requests: &Receiver<PendingRequest>) -> LinkState {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
@@ -543,7 +551,8 @@ impl RobotWorker {
         }
     }
 
-    /// Waits for an event of a board without a job and requests its status.
+    /// Waits for an event of a board without a job for one [`STATUS_POLL_INTERVAL`], then requests and records the
+    /// board's status.
     fn poll_status(&self, client: &mut Client) -> LinkState {
         let wait = STATUS_POLL_INTERVAL.mul_f64(self.pace().unwrap_or(1.0).max(1.0));
         let looked = client.event(wait).and_then(|_| client.status());
@@ -592,7 +601,7 @@ impl RobotWorker {
         if self.port().is_ok_and(|port| port.is_virtual())
             && let Ok(status) = client.status()
         {
-            // It is not polled, so this is how the effect is seen.
+            // A board with a virtual clock is not polled, so its status after the request is read here.
             self.record_status(status);
         }
         let _ = pending.reply.send(done.map_err(|error| error.to_string()));
@@ -600,7 +609,7 @@ impl RobotWorker {
     }
 }
 
-/// Returns an explanation of the pause.
+/// Returns a short explanation of a pause with this cause, for users.
 pub(super) fn pause_reason(cause: PauseCause) -> &'static str {
     match cause {
         PauseCause::LayersExhausted => "waiting for layers",

@@ -1,6 +1,7 @@
 //! Scenes that clients have sent to the service, so that plans can avoid them.
 //!
-//! The service never deletes them, because jobs refer to them. A resumed body is kept clear of the scene of its job.
+//! The service never deletes stored scenes, because jobs refer to them: a resumed growth must still avoid the scene of
+//! its job.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -15,10 +16,11 @@ use growbot_scene::scene_file::{self, SceneBox};
 use super::paths::ServicePaths;
 use super::problem::Problem;
 
-/// Maximum length of all stored scenes together, bytes.
+/// Maximum size of all stored scenes together, bytes.
 const MAX_KEPT: u64 = 1 << 30;
 
-/// Stores a scene. Returns the name by which [`find`] finds it, and the box that holds its obstacles.
+/// Stores a scene file with this content. `name` is the client's name of the file. Returns the name under which
+/// [`find`] finds the stored scene, and the bounding box of its obstacles.
 pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String, Option<SceneBox>), Problem> {
     let ending = Path::new(name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
     let ending = ending.to_ascii_lowercase();
@@ -67,7 +69,7 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
     }
 }
 
-/// Returns the path of a stored scene.
+/// Returns the path of the stored scene with this name, or an error if no scene has this name.
 pub fn find(places: &ServicePaths, name: &str) -> Result<PathBuf, Problem> {
     let is_name = name.chars().all(|letter| letter.is_ascii_alphanumeric() || letter == '.') && !name.starts_with('.');
     let path = places.scenes().join(name);

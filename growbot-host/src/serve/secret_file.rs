@@ -1,4 +1,4 @@
-//! Files with secrets of the service.
+//! Writes files with secrets of the service.
 
 use std::fs;
 use std::io::{self, Write};

@@ -1,4 +1,5 @@
-//! The server of the interface: on the loopback interface, behind tokens, and on a socket of the user.
+//! The server of the pages and the API: on the loopback interface, where requests need a token, and on a Unix socket of
+//! the user.
 
 use std::fs;
 use std::io;
@@ -49,8 +50,8 @@ pub struct Server {
 }
 
 impl Server {
-    /// Locks the data folder, and binds the socket and the address of the pages: the handed-over socket, otherwise this
-    /// port, 0 for any.
+    /// Locks the data folder, and binds the Unix socket and the TCP socket of the pages. A handed-over socket is used
+    /// for the pages. Without one, this port is bound. 0 stands for any free port.
     ///
     /// # Errors
     /// [`ServerError`].
@@ -75,7 +76,7 @@ impl Server {
         Ok(Self { tcp, unix, tokens, _lock: lock })
     }
 
-    /// Returns the page's addresses: the one for sending commands, then the read-only one.
+    /// Returns the URLs of the page: first the URL that allows commands, then the read-only URL.
     ///
     /// # Errors
     /// The local address cannot be read.
@@ -84,7 +85,7 @@ impl Server {
         Ok([&self.tokens.control, &self.tokens.view].map(|token| format!("http://{bound}/{token}/")))
     }
 
-    /// Serves until a listener fails, with the origins and the time limit of these settings.
+    /// Serves until a listener fails, with the allowed origins and the request timeout of these settings.
     ///
     /// # Errors
     /// A listener has failed.
@@ -119,7 +120,7 @@ impl Server {
     }
 }
 
-/// Returns the router of the page and the interface for clients with these rights.
+/// Returns the router of the page and the API for clients with these rights.
 fn site(
     router: Router<Arc<Service>>,
     document: Arc<Value>,
@@ -156,7 +157,7 @@ fn site(
         .layer(map_response(as_problem))
 }
 
-/// Converts the text of an error response to problem details.
+/// Converts an error response with plain text to problem details. Returns other responses unchanged.
 async fn as_problem(response: Response) -> Response {
     let status = response.status();
     let is_text = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/plain");

@@ -11,18 +11,18 @@ pub enum ServerError {
     /// The address cannot be bound.
     #[error("cannot serve pages at 127.0.0.1:{port} ({error}): choose another port with --page-port")]
     Address {
-        /// Requested port, 0 for any.
+        /// Requested port. 0 stands for any free port.
         port: u16,
         /// Error of the operating system.
         error: io::Error,
     },
-    /// The service manager hands over something else than a socket for the pages.
+    /// The sockets that the service manager hands over are not exactly one socket that the pages can use.
     #[error(
         "the service manager must hand over one listening TCP socket of this machine alone (127.0.0.1 or ::1), but \
          {reason}: correct ListenStream in the socket unit"
     )]
     HandedOver {
-        /// Difference from such a socket.
+        /// Reason why the sockets cannot be used.
         reason: String,
     },
     /// Other users can access a file or directory of the service.

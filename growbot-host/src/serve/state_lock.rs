@@ -1,4 +1,4 @@
-//! Lock of the service's data folder, so that no two services use one.
+//! Lock of the service's data folder. It prevents two services from using the same folder.
 
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -12,14 +12,15 @@ use rustix::process::geteuid;
 
 use super::ServicePaths;
 
-/// Maximum length of the holder's description that is shown, characters.
+/// Maximum length of the description of the lock's holder in an error message, characters.
 const MAX_HOLDER: usize = 200;
 
-/// The lock. It ends with the process, or when this is dropped. Programs that the service starts do not inherit it.
+/// The held lock of the data folder. It is released when this value is dropped or the process ends. Programs that the
+/// service starts do not inherit it.
 #[derive(Debug)]
 pub struct StateLock(#[expect(dead_code, reason = "it is held")] File);
 
-/// Errors of the lock.
+/// Errors of locking the data folder.
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another service uses the folder.
@@ -42,7 +43,7 @@ pub enum LockError {
 }
 
 impl StateLock {
-    /// Locks the data folder for this process, and writes into the lock's file who holds it.
+    /// Locks the data folder for this process, and writes a description of this process into the lock's file.
     ///
     /// # Errors
     /// [`LockError`].

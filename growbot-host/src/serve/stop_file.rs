@@ -1,5 +1,5 @@
-//! The stop of a robot that its board has not confirmed, and the pause that its board may not have received, on disk.
-//! They outlive the service.
+//! Files with the stop of a robot that its board has not confirmed, and with the pause that its board may not have
+//! received. These files outlive the service.
 
 use std::fs;
 use std::io::{self, ErrorKind};
@@ -13,24 +13,25 @@ use serde::{Deserialize, Serialize};
 
 use super::ServicePaths;
 
-/// Content of the file.
+/// Content of a [`StopFile`].
 #[derive(Debug, Serialize, Deserialize)]
 struct StoredStop {
     level: StopLevel,
-    /// Time of the order, for readers of the file.
+    /// Time at which the file was written, RFC 3339, for people who read the file.
     time_utc: String,
 }
 
-/// File of a robot's stop that its board has not confirmed. It exists only while there is such a stop.
+/// File with the stop of a robot that its board has not confirmed. The file exists only while a stop is unconfirmed.
 pub struct StopFile {
     path: PathBuf,
-    /// Level that the file has. One thread at a time compares it with the signal and writes.
+    /// Level of the stop in the file. `None` if the file does not exist. A thread holds the lock while it compares the
+    /// level with the stop signal and writes the file.
     stored: Mutex<Option<StopLevel>>,
 }
 
 impl StopFile {
     /// Reads the stop that an earlier service has left. A file that cannot be read counts as an emergency stop, because
-    /// one was ordered if there is a file.
+    /// the file exists only if a stop was ordered.
     pub fn open(places: &ServicePaths, robot: &str) -> (Self, Option<StopLevel>) {
         let path = places.stops().join(format!("{robot}.json"));
         let stored = match fs::read(&path) {
@@ -49,7 +50,8 @@ impl StopFile {
         (Self { path, stored: Mutex::new(stored) }, stored)
     }
 
-    /// Makes the file agree with the signal: stores a stop that is not confirmed, and removes one that is.
+    /// Makes the file agree with the stop signal: stores a stop that is not confirmed, and removes a stop that is
+    /// confirmed.
     pub fn sync(&self, signal: &StopSignal) {
         let mut stored = self.stored.lock().unwrap_or_else(PoisonError::into_inner);
         let level = signal.level();
@@ -72,21 +74,21 @@ impl StopFile {
     }
 }
 
-/// File that is there while a board may not have received an order to pause.
+/// File that exists while a board may not have received an order to pause.
 pub struct PauseFile {
     path: PathBuf,
     is_stored: Mutex<bool>,
 }
 
 impl PauseFile {
-    /// Opens the file of a robot. Returns also whether an earlier service has left it.
+    /// Returns the pause file of a robot, and true if an earlier service has left the file.
     pub fn open(places: &ServicePaths, robot: &str) -> (Self, bool) {
         let path = places.stops().join(format!("{robot}.pause"));
         let is_stored = path.exists();
         (Self { path, is_stored: Mutex::new(is_stored) }, is_stored)
     }
 
-    /// Creates or removes the file.
+    /// Creates the file if an order to pause is pending, otherwise removes it.
     pub fn set(&self, is_pending: bool) {
         let mut is_stored = self.is_stored.lock().unwrap_or_else(PoisonError::into_inner);
         if is_pending == *is_stored {

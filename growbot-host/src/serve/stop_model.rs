@@ -1,7 +1,7 @@
-//! Sequences of orders and faults against a model: a robot heats only after an order that nothing later has voided, and
-//! no stop gets lost.
+//! Tests of a robot's thread with sequences of orders and faults. The results are compared with a model: a robot heats
+//! only after an order that nothing later has voided, and no stop gets lost.
 //!
-//! All pairs run as a test, and some triples. `cargo stop-triples` runs all triples.
+//! All pairs of steps run as a test, and some triples. `cargo stop-triples` runs all triples.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -31,13 +31,13 @@ use super::notifier::Notifier;
 use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
 use super::{Service, ServiceContext, ServicePaths};
 
-/// Number of cases at a time.
+/// Number of test cases that run at the same time.
 const PARALLEL: usize = 96;
-/// Time after each step for what the robot's thread does by itself.
+/// Minimum time after each step in which the robot's thread can act by itself.
 const SETTLE: Duration = Duration::from_millis(8);
-/// Number of waits for bytes in which the robot's thread carries out what is queued.
+/// Number of waits for bytes after which the robot's thread has carried out all queued requests.
 const SETTLE_WAITS: u32 = 8;
-/// Maximum time until the robot's thread has connected again.
+/// Maximum time of a wait of a test, for example until the robot's thread has connected again.
 const CONNECT_LIMIT: Duration = Duration::from_secs(20);
 pub(super) const ROBOT: &str = "growbot-a2";
 
@@ -89,7 +89,7 @@ impl Step {
     ];
 }
 
-/// State in which a case begins.
+/// State of the robot in which a test case begins.
 #[derive(Debug, Clone, Copy)]
 enum Start {
     Idle,
@@ -115,9 +115,10 @@ impl Start {
     }
 }
 
-/// The model: what the orders of a person allow and require.
+/// Model of the orders and events of a sequence: whether they allow the robot to heat, and whether they require it to
+/// be off.
 ///
-/// An order to continue that is repeated on a silent line outlives the parking of the board, because a person has given
+/// An order to continue that is repeated on a silent line stays valid when the board parks, because a person has given
 /// it and only a later stop or pause voids it.
 #[derive(Default)]
 struct Model {
@@ -156,7 +157,7 @@ impl Model {
     }
 }
 
-/// A service with one robot.
+/// A test case: one robot of a service, its simulated line and the model of its orders.
 pub(super) struct Case<'a> {
     service: &'a Service,
     name: String,
@@ -190,7 +191,8 @@ impl<'a> Case<'a> {
         violations
     }
 
-    /// Gives the robot's thread time for what it does by itself. A thread that is connected carries out what is queued.
+    /// Waits until the robot's thread has had time to act by itself and, if it is connected, to carry out all queued
+    /// requests.
     pub(super) fn settle(&self) {
         let waits = self.line.waits();
         sleep(SETTLE);
@@ -298,7 +300,8 @@ pub(super) fn service(directory: &tempfile::TempDir) -> Service {
     service_with(directory, &NotifyEntry::default())
 }
 
-/// Returns a service without robots. Its notices stay in their queue.
+/// Returns a service without robots, with these settings of notices. Its notices stay in their queues, because no
+/// thread sends them.
 pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) -> Service {
     let places = ServicePaths::in_dir(directory.path().to_path_buf());
     let jobs = JobStore::open(&places).unwrap();
@@ -314,8 +317,8 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
     Service { places, robots: BTreeMap::new(), shared, addresses: OnceLock::new() }
 }
 
-/// Runs every `stride`th sequence of `length` steps, over all states. Returns those that break the model, and the number
-/// of sequences.
+/// Runs every `stride`th sequence of `length` steps, from each start state. Returns descriptions of the sequences that
+/// break the model, and the number of sequences that were run.
 fn failures(length: u32, stride: usize) -> (Vec<String>, usize) {
     let steps = Step::ALL.len();
     let sequences = steps.pow(length);
@@ -354,7 +357,8 @@ fn every_pair_of_orders_and_faults_heats_only_as_ordered() {
     assert!(failures.is_empty(), "{} of {count}:\n{}", failures.len(), failures.join("\n"));
 }
 
-/// `GROWBOT_TRIPLE_STEP=1` runs all of them.
+/// Runs every 197th triple of steps. The environment variable `GROWBOT_TRIPLE_STEP` sets another number; 1 runs all
+/// triples.
 #[test]
 fn triples_of_orders_and_faults_heat_only_as_ordered() {
     // The default is coprime to the number of steps, so that each step comes at each place.
@@ -364,7 +368,7 @@ fn triples_of_orders_and_faults_heat_only_as_ordered() {
     assert!(failures.is_empty(), "{} of {count}:\n{}", failures.len(), failures.join("\n"));
 }
 
-/// Waits until `is_so` returns true.
+/// Waits until `is_so` returns true. Panics after [`CONNECT_LIMIT`].
 pub(super) fn wait_until(is_so: impl Fn() -> bool) {
     let began = Instant::now();
     while !is_so() {

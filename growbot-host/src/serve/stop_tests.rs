@@ -1,4 +1,5 @@
-//! Stops and pauses of robots that are not reached at once, as sequences of the model that are longer than its pairs.
+//! Tests of stops and pauses of robots that do not receive them at once, with longer sequences of steps than the pairs
+//! that `stop_model` runs.
 
 use growbot_core::link::message::{PauseCause, State as BoardState};
 
@@ -6,7 +7,8 @@ use super::commands::{RobotCommand, run_command};
 use super::fake_board::LineState;
 use super::stop_model::{Case, Step, service};
 
-/// Runs a sequence. Returns the state and pause of the board at its end.
+/// Runs a sequence of steps, and checks it by the model. Returns the board's state and the cause of its pause at the
+/// end.
 fn run(steps: &[Step]) -> (BoardState, PauseCause) {
     let directory = tempfile::tempdir().unwrap();
     let service = service(&directory);
@@ -29,8 +31,8 @@ fn a_stop_of_a_robot_that_is_not_reached_outlives_the_service() {
     }
 }
 
-/// Without a stop, the board grows on. The service does not start it again by itself, but pauses it. On a silent line
-/// the stop may be on its way when it is withdrawn, and reach the board.
+/// A board that the stop has not reached keeps growing until the service, after the withdrawal of the stop, pauses it.
+/// On a silent line, the stop may already be on its way when it is withdrawn, and still stop the board.
 #[test]
 fn a_growth_whose_stop_was_withdrawn_is_paused() {
     for line in [Step::LineLost, Step::LineSilent] {
@@ -43,7 +45,8 @@ fn a_growth_whose_stop_was_withdrawn_is_paused() {
     }
 }
 
-/// A growth leaves a line that is lost while its emergency stop waits, so that a new connection delivers the stop.
+/// A growth gives up a line that is lost while an emergency stop is not confirmed, so that the next connection delivers
+/// the stop.
 #[test]
 fn an_emergency_stop_of_a_silent_robot_is_delivered_after_its_line_is_lost() {
     assert_eq!(run(&[Step::Grow, Step::LineSilent, Step::EmergencyStop, Step::LineLost]).0, BoardState::EmergencyStop);
@@ -63,7 +66,8 @@ fn a_pause_of_a_silent_robot_outlives_the_service() {
     }
 }
 
-/// A pause voids an order to continue whose `Start` is being repeated, and is delivered.
+/// On a silent line, the service repeats the `Start` of an order to continue. A later pause voids that order and is
+/// delivered.
 #[test]
 fn a_pause_ends_the_repetitions_of_an_earlier_continue() {
     let paused = (BoardState::Paused, PauseCause::Requested);
@@ -79,7 +83,8 @@ fn a_pause_ends_the_repetitions_of_an_earlier_continue() {
     assert_eq!(run(&[&[Step::Grow, Step::BoardParks], &silent[..]].concat()).0, BoardState::Parked);
 }
 
-/// An order of a person to continue outlives the parking of the board. A later pause voids it.
+/// A person's order to continue stays valid if the board parks before the order reaches it. A later pause voids the
+/// order.
 #[test]
 fn a_continue_that_was_given_before_the_board_parked_reaches_it() {
     for before in [&[Step::Grow][..], &[Step::Grow, Step::Pause], &[Step::Grow, Step::BoardParks]] {
@@ -90,7 +95,7 @@ fn a_continue_that_was_given_before_the_board_parked_reaches_it() {
     }
 }
 
-/// A board of another robot gets no session, but it is stopped.
+/// The service opens no session with the board of another robot, but delivers an unconfirmed stop to it.
 #[test]
 fn a_stop_reaches_a_board_of_another_robot() {
     for (stop, state) in
@@ -106,7 +111,8 @@ fn a_stop_reaches_a_board_of_another_robot() {
             let mut board = case.line.board();
             (board.is_of_other_robot, board.state) = (true, BoardState::Growing);
         }
-        // Only a connection of the robot's own thread delivers it: the line of the stop thread is missing.
+        // Only the robot's own thread can deliver the stop, because the thread that sends emergency stops cannot
+        // connect.
         let permit = case.worker.signal().permit();
         assert!(run_command(&case.worker, stop, &permit).is_err());
         case.line.board().line = LineState::Up;

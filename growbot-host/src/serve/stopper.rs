@@ -1,4 +1,5 @@
-//! The emergency stop of a robot, with a thread and a line of its own. It waits for no queue, job, file or database.
+//! Sends the emergency stop of a robot on a thread of its own, over a duplicate of the robot's connection or over a
+//! separate connection. So an emergency stop does not wait for a queue, a job, a file or a database.
 
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, PoisonError, TryLockError};
@@ -11,11 +12,11 @@ use growbot_client::stop_signal::StopSignal;
 
 use super::connector::Connector;
 
-/// Maximum time of opening a separate connection.
+/// Maximum time to open a separate connection for an emergency stop.
 const CONNECT_LIMIT: Duration = Duration::from_millis(500);
-/// Interval of the checks whether the robot's thread has confirmed the stop.
+/// Interval of the checks whether the robot's thread has received the confirmation of the stop.
 const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Time beyond the limit within which the thread responds.
+/// Time beyond the time limit of an emergency stop for which a caller waits for the result.
 const RESPONSE_MARGIN: Duration = Duration::from_secs(1);
 
 type Line = Box<dyn Port + Send>;
@@ -23,14 +24,14 @@ type Line = Box<dyn Port + Send>;
 /// Channel of the result of an emergency stop.
 type Reply = Sender<Result<(), String>>;
 
-/// Sender of emergency stops.
+/// Handle of the thread that sends a robot's emergency stops.
 pub struct Stopper {
     tasks: Sender<Reply>,
     line: Arc<Mutex<Option<Line>>>,
     limit: Duration,
 }
 
-/// An emergency stop that is being sent.
+/// An emergency stop that is being sent, with the channel of its result.
 pub struct StopTicket {
     result: Receiver<Result<(), String>>,
     limit: Duration,
@@ -40,7 +41,7 @@ impl StopTicket {
     /// Waits until the board has confirmed the stop.
     ///
     /// # Errors
-    /// The reason why it has not.
+    /// The reason why the board has not confirmed the stop.
     pub fn wait(self) -> Result<(), String> {
         match self.result.recv_timeout(self.limit + RESPONSE_MARGIN) {
             Ok(result) => result,
@@ -51,7 +52,7 @@ impl StopTicket {
 }
 
 impl Stopper {
-    /// Starts the thread. `name` is the name of the port in messages.
+    /// Starts the thread that sends emergency stops. `name` is the name of the port in messages.
     pub fn start(name: &str, signal: &Arc<StopSignal>, connector: Arc<dyn Connector>) -> Self {
         let (tasks, received) = mpsc::channel();
         let line = Arc::<Mutex<Option<Line>>>::default();
@@ -65,12 +66,13 @@ impl Stopper {
         Self { tasks, line, limit }
     }
 
-    /// Sets the line on which the stop is sent: a duplicate of the open connection. `None` once that is closed.
+    /// Sets the connection on which emergency stops are sent: a duplicate of the robot's open connection, or `None`
+    /// once that connection is closed.
     pub fn publish(&self, line: Option<Line>) {
         *self.line.lock().unwrap_or_else(PoisonError::into_inner) = line;
     }
 
-    /// Sends the emergency stop. Returns at once.
+    /// Orders the thread to send the emergency stop, and returns at once.
     pub fn send(&self) -> StopTicket {
         let (reply, result) = mpsc::channel();
         // If the thread has ended, the ticket reports it.
@@ -79,7 +81,7 @@ impl Stopper {
     }
 }
 
-/// State of the thread.
+/// State of the thread that sends emergency stops.
 struct StopSender {
     name: String,
     signal: Arc<StopSignal>,
@@ -95,7 +97,8 @@ impl StopSender {
         }
     }
 
-    /// Sends the stop on the duplicate, and later on connections of its own too, until the board confirms it.
+    /// Sends the emergency stop, in turn on a duplicate of the robot's connection and on a separate connection, until
+    /// the board confirms it or the time limit is over.
     fn stop(&self) -> Result<(), String> {
         let until = Instant::now() + self.connector.emergency_limit();
         let mut why = "the robot is not connected".to_owned();
@@ -130,7 +133,8 @@ impl StopSender {
         }
     }
 
-    /// Returns another duplicate of the published line. The lock is only tried, because its holder may hang.
+    /// Returns a new duplicate of the robot's connection. `None` if the robot is not connected, or if another thread,
+    /// which may hang, holds the lock.
     fn duplicate(&self) -> Option<Line> {
         match self.line.try_lock() {
             Ok(mut line) => line.as_mut()?.emergency_port(),
@@ -147,7 +151,7 @@ impl StopSender {
         }
     }
 
-    /// Reports whether the robot's thread has confirmed every stop.
+    /// Returns true if every stop of the robot is confirmed, for example because the robot's thread has delivered it.
     fn is_confirmed(&self) -> bool {
         self.signal.level().is_none()
     }

@@ -1,8 +1,8 @@
 //! Access tokens of the pages.
 //!
-//! A token is as old as the listening socket. While a service is not running, any user of the machine can take its port
-//! and read the tokens that open pages send. So a service keeps the tokens of an earlier one only if it has the same
-//! socket, which the service manager has held in between. Otherwise it makes new ones.
+//! A token is valid as long as the listening socket exists. While a service is not running, any user of the machine can
+//! take its port and read the tokens that open pages send. So a service keeps the tokens of an earlier service only if
+//! it has the same socket, which the service manager has held open in between. Otherwise it creates new tokens.
 
 use std::fs;
 use std::io;
@@ -14,20 +14,21 @@ use rustix::net::sockopt::socket_cookie;
 use super::secret_file::write_secret;
 use crate::watch::random_token;
 
-/// Number that the kernel gives to each start of the machine.
+/// File with the random identifier that the kernel gives to each start of the machine.
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
 
-/// Tokens for sending commands and for reading.
+/// The two access tokens of the pages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Tokens {
-    /// Token for sending commands.
+    /// Token that allows reading and commands.
     pub control: String,
-    /// Token for reading.
+    /// Token that allows reading only.
     pub view: String,
 }
 
 impl Tokens {
-    /// Returns the stored tokens if they belong to this listening socket. Otherwise stores new ones.
+    /// Returns the stored tokens if they belong to this listening socket. Otherwise creates, stores and returns new
+    /// tokens.
     ///
     /// # Errors
     /// The file cannot be written, or the system has no random numbers.
@@ -51,7 +52,7 @@ impl Tokens {
     }
 }
 
-/// Returns a text that no other socket of this machine has, before or after.
+/// Returns a text that identifies this socket among all earlier and later sockets of this machine.
 fn socket_identity(socket: impl AsFd) -> io::Result<String> {
     let boot = fs::read_to_string(BOOT_ID)?;
     Ok(format!("socket {} of boot {}", socket_cookie(socket)?, boot.trim()))

@@ -1,5 +1,5 @@
-//! The thread on which requests are handled. The thread that accepts connections reads heads and bodies and handles
-//! stops and commands, so they wait for no other request.
+//! The thread on which requests other than stops and commands are handled. The thread that accepts connections reads
+//! all requests and handles stops and commands itself, so these do not wait for other requests.
 
 use std::io;
 use std::thread;
@@ -20,7 +20,7 @@ use super::problem::Problem;
 /// Maximum number of threads for files, the list of jobs, and computations.
 const BLOCKING_THREADS: usize = 64;
 
-/// Starts the thread. It runs until the process ends.
+/// Starts the thread for requests, and returns the handle of its runtime. The thread runs until the process ends.
 ///
 /// # Errors
 /// The operating system has no more threads or files.
@@ -32,8 +32,8 @@ pub fn start() -> io::Result<Handle> {
     Ok(handle)
 }
 
-/// Handles a request on the thread for requests, or on this one if it may be a stop. The request is abandoned when its
-/// connection closes.
+/// Handles a request on the thread for requests, or on the calling thread if the request may be a stop. The request is
+/// abandoned when its connection closes.
 pub async fn handle_request(State(workers): State<Handle>, request: Request, next: Next) -> Response {
     if RequestKind::of(&request).is_urgent() {
         return next.run(request).await;
@@ -51,7 +51,8 @@ pub async fn handle_request(State(workers): State<Handle>, request: Request, nex
     }
 }
 
-/// Returns a body with the same parts. Each is made on the thread for requests when the previous one is being sent.
+/// Returns a body with the same frames as `body`. Each frame is produced on the thread for requests while the previous
+/// frame is being sent.
 fn forward(mut body: Body, workers: &Handle) -> Body {
     let (sender, receiver) = mpsc::channel(1);
     workers.spawn(async move {

@@ -11,7 +11,7 @@ use serde::Deserialize;
 #[schemars(with = "String")]
 pub struct Origin(String);
 
-/// Error of a text that is not an origin.
+/// Error for a text that is not an origin.
 #[derive(Debug, thiserror::Error)]
 #[error("{0:?} is not the origin of a page: write scheme and host, without a path, for example https://robots.example")]
 pub struct OriginError(String);
@@ -34,36 +34,36 @@ impl TryFrom<String> for Origin {
 }
 
 impl Origin {
-    /// Returns whether a request with this `Host` header is for the origin.
+    /// Returns true if this `Host` header is the host of the origin.
     fn has_host(&self, host: &str) -> bool {
         self.0.split_once("://").is_some_and(|(_, own)| own.eq_ignore_ascii_case(host))
     }
 }
 
-/// Origins of the reverse proxies, in addition to the loopback interface.
+/// Origins of the configured reverse proxies. Pages of the loopback interface are allowed in addition.
 #[derive(Debug, Clone, Default)]
 pub struct AllowedOrigins(Arc<[Origin]>);
 
 impl AllowedOrigins {
-    /// Creates the list.
+    /// Creates the list of allowed origins.
     #[must_use]
     pub fn new(origins: &[Origin]) -> Self {
         Self(origins.into())
     }
 
-    /// Returns whether a proxy passes this `Host` header.
+    /// Returns true if this `Host` header is the host of one of the proxies.
     #[must_use]
     pub fn has_host(&self, host: &str) -> bool {
         self.0.iter().any(|origin| origin.has_host(host))
     }
 
-    /// Returns whether the list has this `Origin` header.
+    /// Returns true if this `Origin` header is in the list.
     #[must_use]
     pub fn contains(&self, origin: &str) -> bool {
         self.0.iter().any(|own| own.0 == origin)
     }
 
-    /// Returns whether browsers reach the page with this `Host` header by HTTPS.
+    /// Returns true if this `Host` header is the host of a proxy that browsers reach over HTTPS.
     #[must_use]
     pub fn is_https(&self, host: &str) -> bool {
         self.0.iter().any(|origin| origin.has_host(host) && origin.0.starts_with("https:"))

@@ -1,4 +1,4 @@
-//! State of a growth, and the part of it that a page has not yet received.
+//! Tracks the state of a growth, and computes the part that a page has not yet received.
 
 use growbot_client::growth::{Job, JobEvent};
 use growbot_client::run_clock::RunClock;
@@ -8,44 +8,46 @@ use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{Fault, PauseCause, State, Status};
 use serde::Serialize;
 
-/// Maximum number of temperature readings that are kept. Beyond it, every second one is dropped.
+/// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
 const MAX_READINGS: usize = 4096;
 
-/// A growth as pages show it.
+/// State of a growth as live pages show it.
 pub struct GrowthTracker {
     period_s: f64,
     /// Pace of the robot's clock, in multiples of real time. `None` if it is not known.
     pace: Option<f64>,
-    /// Known layers of the job, as commanded.
+    /// Layers of the job as commanded, as far as the host knows them.
     commanded: Vec<LayerBytes>,
     /// Number of layers of the job.
     total: usize,
-    /// Layers that the latest amendment has replaced.
+    /// Layers that the latest amendment of the plan has replaced. They are restored if the board rejects the amendment.
+    /// `None` without an amendment.
     replaced: Option<LayerReplacement>,
-    /// Layers as built. A layer without a report is as commanded.
+    /// Laid layers as built. A layer without an as-built report of the board is as commanded.
     built: Vec<LayerBytes>,
     state: &'static str,
     fault: Option<Fault>,
     pause_cause: PauseCause,
     readings: Vec<TemperaturePoint>,
-    /// Number of times that readings were thinned out.
+    /// Number of times that every second reading was dropped.
     thinned: u32,
     clock: RunClock,
     answers: bool,
-    /// Reason why the board rejected the latest command.
+    /// Reason why the board rejected the latest command. `None` otherwise.
     refused: Option<String>,
     /// Problem with this program's own files. `None` without a problem.
     warned: Option<String>,
-    /// Number of layers as the plastic of a simulated tip lies. They are the first ones.
+    /// Number of layers at the beginning of `built` that are stored as a simulated tip has actually laid them.
     simulated: usize,
-    /// Encoder that carries the rounding errors of these layers over to the next ones.
+    /// Encoder of the layers that a simulated tip has laid. It carries the rounding errors of a layer over to the next
+    /// layer.
     rounding: LayerEncoder,
     ended: Option<GrowthResult>,
 }
 
 /// Layers that an amendment has replaced.
 struct LayerReplacement {
-    /// Index of the first layer.
+    /// Index of the first replaced layer.
     from: u32,
     /// Replaced layers.
     layers: Vec<LayerBytes>,
@@ -53,7 +55,8 @@ struct LayerReplacement {
     total: usize,
 }
 
-/// A point of the curve of the nozzle's temperature. In JSON it is three numbers.
+/// A point of the nozzle's temperature curve: time, s; temperature, C; target temperature, C, or `None` while the
+/// heater is off. In JSON it is an array of these three values.
 #[derive(Debug, Clone, Copy, Serialize)]
 struct TemperaturePoint(f64, f64, Option<f64>);
 
@@ -64,27 +67,27 @@ pub struct Update<'a> {
     state: &'static str,
     /// True if the board responds.
     board_responding: bool,
-    /// Meaning of the state. `None` if its name is clear.
+    /// Explanation of the state or the fault for users. `None` if the name of the state is clear enough.
     explanation: Option<&'static str>,
-    /// Reason why the board rejected a command.
+    /// Reason why the board rejected the latest command. `None` otherwise.
     command_error: Option<&'a str>,
-    /// Problem with this program's own files.
+    /// Problem with this program's own files. `None` without a problem.
     warning: Option<&'a str>,
-    /// Name of the shown body, once a simulated tip has laid it.
+    /// Title of the shown body if it is shown as a simulated tip has laid it, otherwise `None`.
     built_name: Option<&'static str>,
     /// Number of layers of the job.
     total_layers: usize,
-    /// Time that the remaining layers take on the robot's clock, s.
+    /// Time on the robot's clock that the remaining layers take, s.
     remaining_s: f64,
     /// Real time until the last layer, s. Null unless the robot grows at a known pace.
     finish_in_s: Option<f64>,
     layers: LayersUpdate,
     readings: NewReadings<'a>,
-    /// Result of the growth. `None` before its end.
+    /// Result of the growth. `None` before the growth has ended.
     result: Option<&'a GrowthResult>,
 }
 
-/// Layers that replace those from an index on.
+/// Layers that replace the layers of the page from the index `from` on.
 #[derive(Debug, Serialize)]
 struct LayersUpdate {
     from: usize,
@@ -92,27 +95,28 @@ struct LayersUpdate {
     built: String,
 }
 
-/// Readings that replace those from an index on.
+/// Temperature readings that replace the readings of the page from the index `from` on.
 #[derive(Debug, Serialize)]
 struct NewReadings<'a> {
     from: usize,
     taken: &'a [TemperaturePoint],
 }
 
-/// Part of a growth that a page has received.
+/// The numbers of layers and readings of a growth that a page has received.
 #[derive(Debug, Default)]
 pub struct UpdateCursor {
     layers: usize,
-    /// Number of layers that the page has received as the plastic of a simulated tip lies.
+    /// Number of layers that the page has received as a simulated tip has actually laid them.
     simulated: usize,
     readings: usize,
     thinned: u32,
-    /// True if the page has received the result.
+    /// True if the page has received the result of the growth.
     pub ended: bool,
 }
 
 impl GrowthTracker {
-    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers.
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers, which are
+    /// already built.
     pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,
@@ -136,7 +140,7 @@ impl GrowthTracker {
         }
     }
 
-    /// Updates the state with an event.
+    /// Updates the state with an event of the growth.
     pub fn ingest(&mut self, event: &JobEvent) {
         match event {
             JobEvent::Board(hello) => self.record_status(&hello.status),
@@ -187,7 +191,8 @@ impl GrowthTracker {
         self.ended = Some(result);
     }
 
-    /// Returns the changes since `seen`, and updates `seen`. Layers and readings replace those from the given index on.
+    /// Returns the changes that the page with this cursor has not received yet, and updates the cursor. The layers and
+    /// readings replace those of the page from the given index on.
     pub fn update_for(&self, seen: &mut UpdateCursor) -> Update<'_> {
         if seen.thinned != self.thinned {
             (seen.readings, seen.thinned) = (0, self.thinned);
@@ -218,7 +223,7 @@ impl GrowthTracker {
         update
     }
 
-    /// Returns the meaning of the state for users. `None` if its name is clear.
+    /// Returns an explanation of the state or the fault for users. `None` if the name of the state is clear enough.
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
@@ -238,7 +243,8 @@ impl GrowthTracker {
         }
     }
 
-    /// Handles a change of state. A pause or a fault is not shown yet, because only the next status contains its cause.
+    /// Handles a change of the board's state. A pause or a fault is not shown yet, because its cause is only in the
+    /// board's next status.
     fn record_state(&mut self, state: State) {
         if !matches!(state, State::Paused | State::Fault) {
             (self.state, self.fault) = (state.name(), None);
@@ -272,7 +278,7 @@ impl GrowthTracker {
         self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
     }
 
-    /// Replaces commanded layers by those that the plastic of a simulated tip forms.
+    /// Replaces the layers from the index `from` on by these layers, which a simulated tip has actually laid.
     fn record_simulated_layers(&mut self, from: usize, layers: &[Layer]) {
         for (index, layer) in (from..).zip(layers) {
             let layer = self.rounding.encode(layer);
@@ -431,7 +437,7 @@ mod tests {
         );
     }
 
-    /// The event of a new state comes before the status with its cause.
+    /// The board's event of a new state arrives before the status that contains the cause of the state.
     #[test]
     fn a_state_is_displayed_only_with_its_explanation() {
         let shown = |watched: &GrowthTracker| {

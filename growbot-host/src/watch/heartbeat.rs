@@ -1,8 +1,8 @@
-//! Heartbeats on the streams of pages, and the age of orders.
+//! Heartbeats on the streams of events for pages, and the check of the age of orders.
 //!
-//! A page learns the service's time from each heartbeat. With an order it sends the time at which a person gave it, on
-//! that clock, so the clocks of the two machines need not agree. A heartbeat that comes late makes an order look older,
-//! never younger.
+//! Each heartbeat contains the time of the service's clock. With an order, the page sends the time of the service's
+//! clock at which a person gave the order, so the clocks of the two machines need not agree. A heartbeat that comes
+//! late makes an order look older, never younger.
 
 use std::time::Duration;
 
@@ -10,18 +10,19 @@ use axum::http::HeaderMap;
 use growbot_client::port::time_since_boot;
 use serde::Serialize;
 
-/// Interval of heartbeats.
+/// Interval between two heartbeats of a stream.
 pub const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(2);
-/// Age beyond which data are shown as stale.
+/// Age of the board's latest status beyond which the status is shown as stale.
 pub const STALE_AFTER: Duration = Duration::from_secs(5);
-/// Maximum age of an order that does not stop or pause.
+/// Maximum age of an order that does not stop or pause the robot.
 const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
 /// Maximum time by which an order may seem to come from the future, because two clocks do not run at the same speed.
 const MAX_AHEAD: Duration = Duration::from_secs(1);
-/// Name of the header with the time of an order.
+/// Name of the HTTP header with the time at which an order was given, ms since the start of the service's machine.
 const HEADER: &str = "growbot-order-time";
 
-/// A heartbeat. `T` are the ages of the data: one number for a growth, a number for each robot for all robots.
+/// A heartbeat. `T` is the type of the status age: one number on the page of a growth, and a map of robot names to
+/// numbers on the page of all robots.
 #[derive(Debug, Serialize)]
 pub struct Heartbeat<T> {
     /// Time of this machine, ms since its start.
@@ -38,7 +39,7 @@ impl<T: Serialize> Heartbeat<T> {
     }
 }
 
-/// Time of the next heartbeat.
+/// Timer of the heartbeats of a stream: the time at which the next heartbeat is due. `None` if it is due at once.
 #[derive(Debug)]
 pub struct HeartbeatTimer(Option<tokio::time::Instant>);
 
@@ -53,14 +54,14 @@ impl HeartbeatTimer {
         self.0.map_or(Duration::ZERO, |due| due.saturating_duration_since(tokio::time::Instant::now()))
     }
 
-    /// Starts the next interval.
+    /// Sets the next heartbeat to be due after one [`HEARTBEAT_INTERVAL`].
     pub fn restart(&mut self) {
         self.0 = Some(tokio::time::Instant::now() + HEARTBEAT_INTERVAL);
     }
 }
 
 /// Returns the age of a status that was received at this time since the machine's start, s. For a simulated robot that
-/// is slower than real time, it is measured on the robot's clock.
+/// is slower than real time, the age is measured on the robot's clock.
 pub fn status_age_s(received: Duration, pace: Option<f64>) -> f64 {
     let age = time_since_boot().saturating_sub(received).as_millis() as f64 / 1000.0;
     age * pace.unwrap_or(1.0).min(1.0)
@@ -71,7 +72,7 @@ pub fn status_age_s(received: Duration, pace: Option<f64>) -> f64 {
 pub struct OrderAge(Result<(), String>);
 
 impl Default for OrderAge {
-    /// Returns the age of an order whose client does not send the time: growbot's commands and other programs.
+    /// Accepts an order whose client does not send the time at which the order was given, such as growbot's commands.
     fn default() -> Self {
         Self(Ok(()))
     }
@@ -92,10 +93,11 @@ impl OrderAge {
         Self(check_age(given_ms, time_since_boot()))
     }
 
-    /// Returns an error if the order is too old to be carried out. An order that stops or pauses needs no check.
+    /// Returns an error if the order is too old to be carried out. Orders that stop or pause the robot do not need this
+    /// check.
     ///
     /// # Errors
-    /// The order's age, the limit, and what to do.
+    /// A message with the order's age, the limit and a remedy.
     pub fn check(&self) -> Result<(), String> {
         self.0.clone()
     }

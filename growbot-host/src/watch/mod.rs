@@ -1,15 +1,15 @@
-//! A live page of an active growth on this machine, with the view of its plan.
+//! A live page of an active growth, which also shows the plan. It is served on this machine.
 //!
 //! - [`WatchPage`] is the page's server and receives the growth's events.
-//! - `growth_tracker` is the state of the growth and the part that a page has not yet received.
+//! - `growth_tracker` tracks the state of the growth, and computes the part that a page has not yet received.
 //! - `server` is the HTTP server, on the loopback interface only. `sockets` are the page's WebSockets.
-//! - `heartbeat` shows a page that its data are current, and the age of an order.
-//! - `origin_check` decides which requests are served, also through the proxies of `allowed_origins`.
+//! - `heartbeat` has the heartbeats, which show that the data of a page are current, and the check of an order's age.
+//! - `origin_check` rejects requests from other pages. `allowed_origins` are the reverse proxies whose pages it allows.
 //! - growbot-pictures/viewer/src/live.js is the client.
 //!
-//! Updates are server-sent events, at most five a second. A page that connects late or reconnects receives everything
-//! that it lacks, so no queue can grow. On `sim` a growth takes seconds, so its time can be limited to a multiple of
-//! real time ([`growbot_sim::port`], `paced.rs`).
+//! Updates are server-sent events, at most five a second. A page that connects late or reconnects receives the whole
+//! state that it does not have, so no queue of events can grow. On `sim` a growth takes seconds, so its time can be
+//! limited to a multiple of real time ([`growbot_sim::port`], `paced.rs`).
 
 pub(crate) mod allowed_origins;
 mod growth_tracker;
@@ -34,7 +34,7 @@ use tokio::sync::{oneshot, watch};
 use self::growth_tracker::GrowthTracker;
 use growbot_pictures::view::{Subject, ViewError, page};
 
-/// Time that open pages have to receive the result.
+/// Maximum time for which the program waits at the end until the open pages have received the result.
 const LAST_WORDS: Duration = Duration::from_secs(3);
 
 /// Errors that prevent a live page.
@@ -43,7 +43,7 @@ pub enum WatchError {
     /// The address cannot be bound.
     #[error("cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove it")]
     Address {
-        /// Requested port, 0 for any.
+        /// Requested port. 0 stands for any free port.
         port: u16,
         /// Error of the operating system.
         error: io::Error,
@@ -59,29 +59,29 @@ pub enum WatchError {
     View(#[from] ViewError),
 }
 
-/// State that the server's handlers share: the page and the growth.
+/// State that the handlers of the server share: the page, its token and the growth.
 pub(crate) struct WatchState {
     page: String,
-    /// Token at the beginning of every path.
+    /// Secret token, with which every path of the server begins.
     token: String,
     live: Arc<LiveGrowth>,
 }
 
-/// An active growth, shared by pages and by the thread that follows it.
+/// State of an active growth, which the live pages and the thread that follows the growth share.
 pub struct LiveGrowth {
-    /// Queue of commands. `None` if pages are read-only.
+    /// Queue of commands to the growth. `None` if the pages are read-only.
     orders: Option<Arc<CommandQueue>>,
     watched: Mutex<GrowthTracker>,
-    /// Time of the board's latest report, since the start of this computer. `None` before the first one.
+    /// Time of the board's latest report, since the start of this computer. `None` before the first report.
     reported: Mutex<Option<Duration>>,
-    /// Counter of changes. Each open page waits for it to change.
+    /// Counter of changes of the growth. The stream of each open page waits until the counter changes.
     changes: watch::Sender<u64>,
     is_left: AtomicBool,
 }
 
 impl LiveGrowth {
-    /// Creates a growth that is about to start, or to be resumed after the `known` layers. With `orders`, pages can
-    /// send commands.
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers. Pages can send
+    /// commands only if `orders`, the queue of commands, is given.
     #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
         let watched = Mutex::new(GrowthTracker::new(job, known));
@@ -93,12 +93,13 @@ impl LiveGrowth {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
+    /// computed. `None` if the pace is not known.
     pub fn set_pace(&self, pace: Option<f64>) {
         self.watched().set_pace(pace);
     }
 
-    /// Sends an event to the pages.
+    /// Updates the state of the growth with an event, and sends the change to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
             *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(time_since_boot());
@@ -107,7 +108,7 @@ impl LiveGrowth {
         self.signal_change();
     }
 
-    /// Returns the time since the board's latest report, s. `None` before the first one.
+    /// Returns the time since the board's latest report, s. `None` before the first report.
     fn status_age_s(&self) -> Option<f64> {
         let reported = *self.reported.lock().unwrap_or_else(PoisonError::into_inner);
         Some(heartbeat::status_age_s(reported?, self.watched().pace()))
@@ -125,7 +126,8 @@ impl LiveGrowth {
         self.signal_change();
     }
 
-    /// Ends the streams of this growth, because another one follows it. Pages then reconnect.
+    /// Ends the streams of events of this growth, because another [`LiveGrowth`] will replace it. The pages then
+    /// reconnect.
     pub fn supersede(&self) {
         self.is_left.store(true, Ordering::Release);
         self.signal_change();
@@ -136,7 +138,7 @@ impl LiveGrowth {
     }
 }
 
-/// Server of a page that follows a growth. It stops when it is dropped.
+/// Server of a live page of a growth. It stops when it is dropped.
 pub struct WatchPage {
     shared: Arc<WatchState>,
     address: String,
@@ -144,8 +146,8 @@ pub struct WatchPage {
 }
 
 impl WatchPage {
-    /// Serves the page of a plan and its job on this port, 0 for any. `known` are the layers that have already been
-    /// built. With `orders`, the page can send commands.
+    /// Serves the live page of a plan and its job on this port. Port 0 stands for any free port. `known` are the layers
+    /// that have already been built. The page can send commands only if `orders`, the queue of commands, is given.
     ///
     /// # Errors
     /// [`WatchError`].
@@ -181,18 +183,19 @@ impl WatchPage {
         Ok(Self { shared, address, server: Some((stop, thread)) })
     }
 
-    /// Returns the address of the page.
+    /// Returns the URL of the page.
     #[must_use]
     pub fn address(&self) -> &str {
         &self.address
     }
 
-    /// Sets the pace of the robot's clock, in multiples of real time, from which pages compute the end of the growth.
+    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
+    /// computed. `None` if the pace is not known.
     pub fn set_pace(&self, pace: Option<f64>) {
         self.shared.live.set_pace(pace);
     }
 
-    /// Sends an event to the pages.
+    /// Updates the state of the growth with an event, and sends the change to the pages.
     pub fn ingest(&self, event: &JobEvent) {
         self.shared.live.ingest(event);
     }

@@ -1,8 +1,9 @@
-//! Filter of requests: only a client on this machine that knows the token, from the page itself, gets a response.
+//! Filter of requests: only requests of the page itself or of a program are handled, and only under a name of this
+//! machine or of a configured proxy.
 //!
 //! Any page in a browser can send requests to addresses of this machine. So the address contains a secret. A host name
-//! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The rejection reveals
-//! nothing.
+//! that only resolves to this machine (DNS rebinding) and requests of other pages are rejected. The response to a
+//! rejected request is the same as for an unknown path, so it reveals nothing.
 
 use axum::extract::{Request, State};
 use axum::http::header::{HOST, HeaderMap, HeaderValue, ORIGIN};
@@ -15,7 +16,7 @@ use super::allowed_origins::AllowedOrigins;
 /// Host names of the loopback interface.
 const OURSELVES: [&str; 3] = ["127.0.0.1", "localhost", "[::1]"];
 
-/// Headers of every response.
+/// HTTP headers that are added to the response to every allowed request.
 const HEADERS: [(&str, &str); 5] = [
     ("cache-control", "no-store"),
     ("referrer-policy", "no-referrer"),
@@ -24,12 +25,13 @@ const HEADERS: [(&str, &str); 5] = [
     ("cross-origin-resource-policy", "same-origin"),
 ];
 
-/// Handles a request if it comes from a page of the loopback interface.
+/// Handles a request if it comes from a page of the loopback interface. Otherwise responds as for an unknown path.
 pub async fn require_same_origin(request: Request, next: Next) -> Response {
     require_allowed_origin(State(AllowedOrigins::default()), request, next).await
 }
 
 /// Handles a request if it comes from a page of the loopback interface, or from a page that one of these proxies shows.
+/// Otherwise responds as for an unknown path.
 pub async fn require_allowed_origin(State(proxies): State<AllowedOrigins>, request: Request, next: Next) -> Response {
     if !may_ask(request.headers(), &proxies) {
         return not_found().await;
@@ -46,8 +48,9 @@ pub async fn not_found() -> Response {
     StatusCode::NOT_FOUND.into_response()
 }
 
-/// Returns whether a request comes from an allowed page. Its host must be a name of the loopback interface, with any
-/// port because it may be forwarded, or that of a proxy. No other page may have sent it.
+/// Returns true if a request with these headers may be handled. Its host must be a name of the loopback interface, with
+/// any port because the port may be forwarded, or the host of a proxy. A request that another page has sent is
+/// rejected.
 fn may_ask(headers: &HeaderMap, proxies: &AllowedOrigins) -> bool {
     let text = |name: &HeaderName| headers.get(name).map(|value| value.to_str().unwrap_or_default());
     let Some(host) = text(&HOST) else { return false };

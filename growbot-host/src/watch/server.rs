@@ -1,4 +1,5 @@
-//! HTTP server of the page: the page, its updates as server-sent events or on a WebSocket, and commands.
+//! HTTP server of a live page: it serves the page and its updates, as server-sent events or on a WebSocket, and
+//! receives commands.
 
 use std::convert::Infallible;
 use std::sync::Arc;
@@ -28,10 +29,10 @@ use super::{LiveGrowth, WatchState};
 
 /// Minimum time between two updates of a page.
 const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
-/// Time that connections have to close by themselves.
+/// Maximum time in which open connections can close by themselves when the server stops.
 const TO_CLOSE: Duration = Duration::from_millis(500);
 
-/// Serves until `stopped` is signalled.
+/// Serves the live page until `stopped` is signalled.
 pub async fn serve(listener: TcpListener, shared: Arc<WatchState>, stopped: oneshot::Receiver<()>) {
     let (closing, closed) = oneshot::channel();
     let stop = async move {
@@ -73,7 +74,7 @@ async fn update_socket(State(shared): State<Arc<WatchState>>, upgrade: WebSocket
     limited(upgrade).on_upgrade(|socket| send_texts(socket, updates.map(|event| event.text())))
 }
 
-/// An event of a page's stream.
+/// An event of the stream for a live page.
 pub struct LiveEvent {
     name: &'static str,
     /// Content of the event, a line of JSON.
@@ -103,7 +104,7 @@ pub fn sse_response(events: impl Stream<Item = LiveEvent> + Send + 'static) -> R
     Sse::new(events).keep_alive(KeepAlive::default()).into_response()
 }
 
-/// Returns the stream of a page's updates and heartbeats.
+/// Returns the stream of events for a page that shows this growth: updates and heartbeats.
 pub fn updates_of(live: Arc<LiveGrowth>) -> impl Stream<Item = LiveEvent> + Send {
     let listener = Listener {
         changes: live.changes.subscribe(),
@@ -115,7 +116,7 @@ pub fn updates_of(live: Arc<LiveGrowth>) -> impl Stream<Item = LiveEvent> + Send
     unfold(listener, Listener::next)
 }
 
-/// One open page.
+/// State of the stream of events for one open page.
 struct Listener {
     live: Arc<LiveGrowth>,
     changes: watch::Receiver<u64>,
@@ -126,8 +127,8 @@ struct Listener {
 }
 
 impl Listener {
-    /// Returns the next event: the first update at once, the others after a change, and a heartbeat when it is due.
-    /// `None` after the end.
+    /// Returns the next event: the first update at once, further updates after a change, and a heartbeat when one is
+    /// due. `None` after the result of the growth was sent, or after the growth was superseded.
     async fn next(mut self) -> Option<(LiveEvent, Self)> {
         if self.seen.ended || self.live.is_left.load(Ordering::Acquire) {
             return None;
@@ -169,7 +170,8 @@ async fn command_socket(State(shared): State<Arc<WatchState>>, upgrade: WebSocke
     })
 }
 
-/// Queues a command with this name, which a page has sent. Refuses one that is too old, unless it stops or pauses.
+/// Queues the command with this name, which a page has sent. Rejects a command that is too old, unless it stops or
+/// pauses the robot.
 pub async fn send_command(live: &LiveGrowth, name: &str, age: &OrderAge) -> Response {
     let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page is read-only: start growbot with --control").into_response();

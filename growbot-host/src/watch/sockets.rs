@@ -1,5 +1,5 @@
-//! WebSockets of a page: one for updates, one for commands. Browsers do not count them among their few connections to a
-//! host, so neither waits for other requests.
+//! WebSockets of a live page: one for updates, one for commands. Browsers do not count WebSockets among their few
+//! connections to a host, so updates and commands do not wait for other requests.
 
 use std::future::Future;
 use std::pin::pin;
@@ -17,7 +17,7 @@ use tokio::time::{sleep, timeout};
 
 use super::heartbeat::OrderAge;
 
-/// Maximum length of a client's message, bytes.
+/// Maximum length of a client's message on a WebSocket, bytes.
 const MAX_MESSAGE: usize = 4096;
 /// Maximum length of the reply to a command, bytes.
 const MAX_REPLY: usize = 64 << 10;
@@ -28,12 +28,12 @@ const PING_INTERVAL: Duration = Duration::from_secs(15);
 /// Number of unanswered pings after which the connection is closed.
 const MAX_UNANSWERED_PINGS: u32 = 2;
 
-/// Sets the limits of a page's socket.
+/// Sets the maximum length of the messages that a client sends on this WebSocket.
 pub fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
     upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE).read_buffer_size(MAX_MESSAGE)
 }
 
-/// A command that a page sends on its socket.
+/// A command that a page sends on its WebSocket for commands.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommandMessage {
@@ -44,26 +44,27 @@ pub struct CommandMessage {
     pub robot: String,
     /// Name of the command.
     pub command: String,
-    /// Time at which the command was given, on the clock of the heartbeats. `None` if the client does not know it.
+    /// Time at which the command was given, on the clock of the heartbeats, ms. `None` if the client does not know this
+    /// time.
     #[serde(default)]
     pub time_ms: Option<u64>,
 }
 
 impl CommandMessage {
-    /// Returns the age of the command, which arrives now.
+    /// Checks the age of the command, which arrives now.
     pub fn age(&self) -> OrderAge {
         self.time_ms.map_or_else(OrderAge::default, OrderAge::of_time)
     }
 }
 
-/// Reply to a command.
+/// Reply to a command on a WebSocket.
 #[derive(Debug, Serialize)]
 struct CommandReply {
-    /// Number of the command. 0 if it could not be read.
+    /// Number of the command. 0 if the command could not be parsed.
     id: u64,
-    /// HTTP status of the same command by HTTP.
+    /// HTTP status that the response has if the command is sent by HTTP.
     status: u16,
-    /// Body of the response to the same command by HTTP.
+    /// Body that the response has if the command is sent by HTTP.
     body: Value,
 }
 
@@ -84,7 +85,8 @@ impl CommandReply {
     }
 }
 
-/// Sends texts until the stream ends or the client closes the connection. Messages of the client are ignored.
+/// Sends the texts of a stream until the stream ends or the client closes the connection. Messages of the client are
+/// ignored.
 pub async fn send_texts(mut socket: WebSocket, texts: impl Stream<Item = String> + Send) {
     let mut texts = pin!(texts);
     loop {
@@ -104,8 +106,9 @@ pub async fn send_texts(mut socket: WebSocket, texts: impl Stream<Item = String>
     let _ = send(&mut socket, Message::Close(None)).await;
 }
 
-/// Carries out the commands of a client until it closes the connection. Each is carried out at once, beside those
-/// before it, and also if the client disconnects. The reply is sent when it is known.
+/// Carries out the commands of a client until it closes the connection. Each command is started at once, in parallel
+/// with earlier commands, and is carried out even if the client disconnects. Its reply is sent as soon as the command
+/// has ended.
 pub async fn serve_commands<R>(mut socket: WebSocket, carry_out: impl Fn(CommandMessage) -> R)
 where
     R: Future<Output = Response> + Send + 'static,
@@ -149,7 +152,7 @@ where
     }
 }
 
-/// Sends a message. Returns false if the client does not take it.
+/// Sends a message. Returns false if the client does not accept it in time.
 async fn send(socket: &mut WebSocket, message: Message) -> bool {
     timeout(PING_INTERVAL, socket.send(message)).await.is_ok_and(|sent| sent.is_ok())
 }

@@ -13,7 +13,8 @@ use nalgebra::Vector3;
 
 use super::{POSITIONS, WorkspaceQuery, in_ball, shortest_to};
 
-/// Number of shells by which goals are counted. With more shells, each would have too few goals for a meaningful share.
+/// Number of spherical shells around the start by which goals are counted. With more shells, each would have too few
+/// goals for a meaningful share.
 const BANDS: usize = 5;
 
 /// Result for a goal.
@@ -51,9 +52,9 @@ pub struct GoalResult {
 pub struct GoalCounts {
     /// Goals with a path.
     pub reachable: usize,
-    /// Goals without a path, for any reason.
+    /// Goals that the body cannot reach, for one of the reasons of [`Reachability`].
     pub none: usize,
-    /// Goals for which no path was found.
+    /// Goals for which the search ended without a result.
     pub not_found: usize,
 }
 
@@ -104,7 +105,7 @@ impl SceneWorkspace {
         steps.max_by(f64::total_cmp)
     }
 
-    /// Returns the counts for each shell, with its outer radius, mm.
+    /// Returns the outer radius of each shell, mm, and the counts of the goals in the shell.
     #[must_use]
     pub fn bands(&self) -> Vec<(f64, GoalCounts)> {
         let to = |band: usize| self.length * band as f64 / BANDS as f64;
@@ -112,7 +113,8 @@ impl SceneWorkspace {
         (0..BANDS).map(|band| (to(band + 1), GoalCounts::of(in_band(band)))).collect()
     }
 
-    /// Returns the volume of this share of the ball and its standard error, mm^3.
+    /// Returns the estimated volume of the positions with a result that `count` of all goals have, and its standard
+    /// error, mm^3.
     #[must_use]
     pub fn volume(&self, count: usize) -> (f64, f64) {
         let number = self.goals.len() as f64;
@@ -142,7 +144,8 @@ pub fn scene_workspace(
 }
 
 impl WorkspaceQuery<'_> {
-    /// Plans to a goal, which is given in the frames of the start and of the base.
+    /// Plans to one goal, and returns its result. The position of the goal is given in the start's frame (`of_start`)
+    /// and in the base's frame (`position`), mm.
     fn known(
         &self,
         through: &SceneOptions,

@@ -52,15 +52,19 @@ pub struct WorkspaceQuery<'a> {
 pub struct Workspace {
     /// Volume of the positions within reach, mm^3, and its standard error, mm^3 (0 if the volume is integrated).
     pub volume: (f64, f64),
-    /// Furthest positions within reach from the start, mm: along the axis, to the side along the x axis, to the side
-    /// against it, and behind. `None` if not even the nearest position that was tried is within reach.
+    /// Distances from the start to the furthest positions within reach, mm: ahead, to the side along the start's x
+    /// axis, to the side against it, and behind. `None` if not even the nearest position that was tried is within
+    /// reach.
     pub reach: [Option<f64>; 4],
-    /// Share of final directions within reach, by distance from the start. Empty if the direction is given.
+    /// Share of final directions within reach, for each shell around the start. Empty if the final direction is
+    /// given.
     pub shares: Vec<Band>,
-    /// Section through the start, in the plane of its direction and its x axis: the length of the shortest body to each
-    /// position, mm. Lengths beyond the given body's may be too short. `None` if it was not requested.
+    /// Section through the start, in the plane of its direction and its x axis: the length of the shortest body to
+    /// each position, mm. Values above the length of the given body may be too small. `None` if the section was not
+    /// requested.
     pub section: Option<WorkspaceSection>,
-    /// Share of final directions, in the same plane. `None` if the direction is given.
+    /// Share of final directions within reach, 0 to 1, in the plane of `section`. `None` if the final direction is
+    /// given.
     pub share_section: Option<WorkspaceSection>,
 }
 
@@ -89,17 +93,18 @@ pub struct WorkspaceSection {
     pub values: Vec<f64>,
 }
 
-/// Maximum number of plans to positions within [`NEAR`] radii, for shares and for lengths. Planning takes long there.
+/// Maximum number of plans to positions within [`NEAR`] radii of the start, for the shares of final directions.
+/// Planning takes long there.
 const MAX_NEAR: f64 = 3000.0;
 const MAX_NEAR_IN_DIRECTION: f64 = 400.0;
 /// Distance from the start within which planning takes long, radii.
 const NEAR: f64 = 4.0;
-/// Number of final directions for each position. They are on the half sphere on one side of the section, and the other
-/// side is symmetric.
+/// Number of final directions that are tried for each position. They are on one half of the sphere, on one side of
+/// the section, because the other side is symmetric.
 pub const DIRECTIONS: usize = 24;
 /// Number of shells in [`Workspace::shares`].
 const BANDS: usize = 10;
-/// Maximum number of rows from the start to the end of the section.
+/// Maximum number of grid rows between the start and the end of the section, for the shares of final directions.
 const FINEST_SHARES: f64 = 30.0;
 const FINEST_PLANNED: f64 = 60.0;
 const FINEST_CLOSED: f64 = 120.0;
@@ -132,7 +137,8 @@ impl WorkspaceQuery<'_> {
         plan(self.robot, &self.start, &self.start, self.radius, self.planner).map(|_| ())
     }
 
-    /// Returns the radius, on the section, within which planning takes long, mm.
+    /// Returns the radius around the start within which planning takes long, mm. It is at most the length of the
+    /// body.
     fn near(&self) -> f64 {
         (NEAR * self.radius).min(self.length)
     }
@@ -146,7 +152,7 @@ impl WorkspaceQuery<'_> {
         (self.start_frame() * Point3::from(position)).coords
     }
 
-    /// Returns the length of the planned body to a position in the start's frame. Infinite without a path.
+    /// Returns the length of the planned body to a position in the start's frame, mm. It is infinite without a path.
     fn planned(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
         Pose::new(self.position(position), heading, pitch)
             .ok()
@@ -154,9 +160,9 @@ impl WorkspaceQuery<'_> {
             .map_or(f64::INFINITY, |chosen| path::length(&chosen.path))
     }
 
-    /// Returns a lower bound of the length of a body to this position and direction, mm. It is the length of the
-    /// shortest body with any final direction. It is also that of the shortest body with any start direction, seen from
-    /// the end. The larger one counts.
+    /// Returns a lower bound of the length of a body to this position and direction, mm. It is the larger of two
+    /// lengths: that of the shortest body with any final direction, and that of the shortest body from the goal back
+    /// to the start with any direction at the start.
     fn at_least(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> f64 {
         let forth = shortest_to(position.z, libm::hypot(position.x, position.y), self.radius);
         let Ok(goal) = Pose::new(self.position(position), heading, pitch) else { return f64::INFINITY };
@@ -166,7 +172,7 @@ impl WorkspaceQuery<'_> {
         forth.max(shortest_to(axial, lateral, self.radius))
     }
 
-    /// Returns whether a body of this length reaches this position and direction. The planner runs only if neither a
+    /// Returns true if a body of this length reaches this position and direction. The planner runs only if neither a
     /// lower bound nor the two-plane path, which is quickly found, decides.
     fn within(&self, position: Vector3<f64>, heading: f64, pitch: f64) -> bool {
         if self.at_least(position, heading, pitch) > self.length * (1.0 + 1e-9) {
@@ -232,7 +238,8 @@ impl WorkspaceQuery<'_> {
         }
     }
 
-    /// Integrates the volume of the positions that a body of this length reaches, by rings of a fine grid.
+    /// Returns the volume of the positions that a body of this length reaches, mm^3, as a sum over rings around the
+    /// start's direction. `shortest` returns the length of the shortest body to an axial and a lateral position.
     fn volume_of_rings(&self, shortest: impl Fn(f64, f64) -> f64) -> f64 {
         let rows = 500;
         let step = self.length / f64::from(rows);
@@ -301,7 +308,8 @@ impl WorkspaceQuery<'_> {
 }
 
 impl WorkspaceSection {
-    /// Computes a section of the half plane on the side of the x axis.
+    /// Computes a section of the half plane on the side of the x axis. `value` returns the value at an axial and a
+    /// lateral position.
     fn on_a_half_plane(length: f64, spacing: f64, value: impl Fn(f64, f64) -> f64) -> Self {
         let side = libm::round(length / spacing) as usize;
         let columns = side + 1;
@@ -329,7 +337,8 @@ impl WorkspaceSection {
     }
 }
 
-/// Returns the furthest distance, in thousandths of `length`, at which the shortest body is not longer than `length`.
+/// Returns the furthest distance for which `shortest` is not longer than `length`. Only multiples of a thousandth of
+/// `length` are tried. `None` if all of them are too far.
 fn furthest(length: f64, shortest: impl Fn(f64) -> f64) -> Option<f64> {
     (1..=1000).rev().map(|step| length * f64::from(step) / 1000.0).find(|distance| shortest(*distance) <= length)
 }

@@ -8,17 +8,18 @@ use super::{Workspace, WorkspaceQuery, WorkspaceSection};
 use growbot_pictures::drawing::chart::round_step;
 use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
-/// Width and height of the picture. Below them: the side and the upper left corner of the square that the section
-/// fills.
+/// Width and height of the picture, pixels.
 const SIZE: (f64, f64) = (880.0, 780.0);
+/// Side of the square that the section fills, pixels.
 const SQUARE: f64 = 600.0;
+/// Upper left corner of the square that the section fills, pixels.
 const CORNER: (f64, f64) = (80.0, 100.0);
 /// Left edge of the legend.
 const LEGEND: f64 = 720.0;
 
-/// Colours of shares, from 0 to 1.
+/// Colours of shares of final directions, from 0 to 1.
 const BLUES: [[u8; 3]; 5] = [[247, 251, 255], [198, 219, 239], [107, 174, 214], [33, 113, 181], [8, 48, 107]];
-/// Number of steps in the scale of shares.
+/// Number of steps in the colour scale of shares.
 const SHARE_STEPS: usize = 10;
 
 const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
@@ -29,8 +30,8 @@ const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',s
 .ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
 .tube{fill:#e8590c;stroke:#fff;stroke-width:1}.way{stroke:#e8590c;stroke-width:2;fill:none}";
 
-/// Returns the picture. The right half shows the length of the shortest body to each position, the left half the share
-/// of final directions. With a given final direction, both halves show lengths.
+/// Returns the picture as SVG. The right half shows the length of the shortest body to each position, the left half
+/// the share of final directions. With a given final direction, both halves show lengths.
 #[must_use]
 pub fn svg(question: &WorkspaceQuery, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
@@ -102,7 +103,7 @@ impl Plot {
         }
     }
 
-    /// Returns the area where the values are up to this level, and the line that bounds it.
+    /// Returns the area where the values are up to this level, and the line that bounds it, as paths of SVG.
     fn contour(&self, section: &WorkspaceSection, level: f64) -> (String, String) {
         let (mut area, mut line) = (String::new(), String::new());
         let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
@@ -310,8 +311,8 @@ fn share_step(share: f64) -> f64 {
 /// Points of a polygon: lateral and axial, mm.
 type Polygon = Vec<(f64, f64)>;
 
-/// Returns the part of a cell where the values are up to a level, and the points where its sides cross it. Values above
-/// `max` count as `max`.
+/// Returns the part of a cell where the values are at most `level`, and the points where the sides of the cell cross
+/// the level. Values above `max` count as `max`.
 fn clip(corners: &[(f64, f64, f64); 4], level: f64, max: f64) -> (Polygon, Polygon) {
     let (mut inside, mut crossings) = (Vec::new(), Vec::new());
     for (index, &(value, lateral, axial)) in corners.iter().enumerate() {

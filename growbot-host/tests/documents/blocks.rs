@@ -1,6 +1,7 @@
-//! The user documents and their code blocks.
+//! The documents for users, and their code blocks.
 //!
-//! The language of a block decides how it is tested. Words after the language name its needs besides growbot.
+//! The language of a block determines how the block is tested. Words after the language name what the block needs
+//! besides growbot.
 //!
 //! | block | test |
 //! |---|---|
@@ -17,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
-/// A document.
+/// A Markdown document of the repository.
 pub struct Document {
     /// Path from the repository's root.
     pub path: PathBuf,
@@ -25,14 +26,14 @@ pub struct Document {
     pub text: String,
 }
 
-/// A block of code.
+/// A code block of a document.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Block {
     /// Line of the document at which the block begins.
     pub line: usize,
     /// Language of the block. `None` if the block is indented.
     pub language: Option<String>,
-    /// Needs of the block besides growbot.
+    /// Words after the language: what the block needs besides growbot.
     pub needs: Vec<String>,
     /// Content of the block.
     pub text: String,
@@ -51,7 +52,7 @@ pub fn for_users() -> Vec<Document> {
     paths.into_iter().map(read).collect()
 }
 
-/// Returns the documents in README.md's directory and below `docs/`.
+/// Returns the documents in the root directory of the repository and below `docs/`.
 pub fn beside() -> Vec<Document> {
     let mut paths = Vec::new();
     for entry in fs::read_dir(root()).unwrap() {
@@ -83,7 +84,7 @@ fn list(directory: &Path, paths: &mut Vec<PathBuf>) {
 }
 
 impl Document {
-    /// Returns the Markdown events of the document with their lines.
+    /// Returns the Markdown events of the document, each with the number of its line.
     pub fn events(&self) -> impl Iterator<Item = (Event<'_>, usize)> {
         let line = |place: usize| self.text[..place].lines().count() + 1;
         Parser::new_ext(&self.text, Options::ENABLE_TABLES)
@@ -91,7 +92,7 @@ impl Document {
             .map(move |(event, range)| (event, line(range.start)))
     }
 
-    /// Returns the blocks of code.
+    /// Returns the code blocks of the document.
     pub fn blocks(&self) -> Vec<Block> {
         let mut blocks = Vec::new();
         let mut open: Option<Block> = None;
@@ -114,7 +115,7 @@ impl Document {
         blocks
     }
 
-    /// Returns the targets of links and pictures with their lines.
+    /// Returns the targets of links and pictures, each with the number of its line.
     pub fn links(&self) -> Vec<(usize, String)> {
         let link = |(event, line)| match event {
             Event::Start(Tag::Link { dest_url, .. } | Tag::Image { dest_url, .. }) => {
@@ -144,7 +145,8 @@ impl Block {
         Vec::new()
     }
 
-    /// Returns the steps of a `console`. Lines before the first command belong to no step.
+    /// Returns the steps of a `console` block: each command with its expected output. Lines before the first command
+    /// are ignored.
     pub fn steps(&self) -> Vec<Step> {
         let mut steps: Vec<Step> = Vec::new();
         for (index, line) in self.text.lines().enumerate() {
@@ -164,7 +166,7 @@ impl Block {
 /// A command and its expected output.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Step {
-    /// Line of the document.
+    /// Line of the document that contains the command.
     pub line: usize,
     /// Text of the command.
     pub command: String,

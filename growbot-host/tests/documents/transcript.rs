@@ -1,4 +1,4 @@
-//! Runs the commands of a document in their order, and compares their output.
+//! Runs the commands of a document in their order, and compares their output with the output that the document shows.
 //!
 //! `trycmd` compares such blocks too, but runs programs without a shell: no pipes, no redirections, no `echo $?`.
 
@@ -9,7 +9,7 @@ use std::process::Stdio;
 use super::blocks::{Block, Document};
 use crate::running::{self, PROGRAM};
 
-/// Returns the blocks whose commands run here.
+/// Returns the code blocks of a document whose commands this test runs.
 pub fn runs(document: &Document) -> Vec<Block> {
     let mut blocks = document.blocks();
     blocks.retain(|block| block.needs.is_empty() && (block.is("console") || block.is("sh")));
@@ -63,7 +63,7 @@ pub fn differences_in(document: &Document, directory: &Path) -> Vec<String> {
 /// A shell that runs successive commands in one directory.
 struct Shell<'a> {
     directory: &'a Path,
-    /// Exit code of the last command.
+    /// Exit code of the latest command.
     last: i32,
 }
 
@@ -88,7 +88,8 @@ impl Shell<'_> {
     }
 }
 
-/// Returns the lines with each message joined into one line, because its breaks depend on the lengths of file names.
+/// Returns the lines, with each message joined into one line, because the line breaks of messages depend on the lengths
+/// of file names.
 fn with_messages_in_lines<'a>(lines: impl Iterator<Item = &'a str>) -> Vec<String> {
     let mut joined: Vec<String> = Vec::new();
     for line in lines {

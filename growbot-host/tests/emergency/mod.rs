@@ -1,5 +1,5 @@
-//! A simulated board at the far end of a serial line or TCP connection, with faults that a test sets, and `growbot
-//! grow` at the near end.
+//! A simulated board at the end of a serial line or TCP connection, with faults that a test sets, and programs such as
+//! `growbot grow` that use the line.
 
 use std::fs::{File, OpenOptions};
 use std::io::{ErrorKind, Read, Write};
@@ -23,66 +23,67 @@ use crate::running::{PATIENCE, PROGRAM, Ran, command, in_lines};
 
 /// Ratio of the board's time to real time while it neither grows nor pauses.
 const PACE: u32 = 50;
-/// Ratio of the board's time to real time while it grows or pauses. With it, 10 s of the board's time are long enough
-/// for a host that a busy machine delays.
+/// Ratio of the board's time to real time while it grows or pauses. The ratio is low, so that 10 s of the board's time
+/// are enough for a host that a busy machine delays.
 const PACE_OF_GROWTH: u32 = 2;
 /// Temperature of a warm nozzle, degrees Celsius.
 const WARM_C: f64 = 190.0;
-/// Size of the pieces in which the board's bytes arrive, as from a UART, bytes. Two programs that read the line may
-/// each receive some of them.
+/// Number of bytes of the board that arrive at a time, as from a UART. Two programs that read the line may each receive
+/// some of the bytes.
 const PIECE: usize = 8;
-/// Seed of the noise.
+/// Seed of the random bit errors of the line.
 const SEED: u64 = 11;
 
-/// Faults of a line.
+/// Faults of the line between the host and the board.
 #[derive(Default)]
 pub struct Line {
     /// True if the line carries nothing in either direction.
     pub is_cut: bool,
-    /// Number of emergency stops after which a disconnected line works again. `None` if it stays disconnected.
+    /// Number of emergency stops of the host after which a cut line works again. `None` if it stays cut.
     pub heals_after: Option<u32>,
-    /// True if the line takes no bytes from the host.
+    /// True if the line accepts no more bytes from the host, so that writes block.
     pub is_stalled: bool,
-    /// Probability that a bit of a byte is flipped, in either direction.
+    /// Probability that a byte has a flipped bit after the transfer, in either direction.
     pub flips: f64,
     /// Bytes that the board receives next, as if the host had sent them.
     pub inject: Vec<u8>,
 }
 
-/// Observations of the line and the board.
+/// Observations of the line and the board, for a test.
 #[derive(Debug, Clone)]
 pub struct Seen {
     /// State of the board.
     pub state: State,
-    /// True if its heater or a stepper is on.
+    /// True if the board's heater or a stepper is on.
     pub heats: bool,
     /// Number of emergency stops that the host has sent.
     pub stops: u32,
-    /// Number of emergency stops that passed the line until the board obeyed one. `None` if it has not obeyed any.
+    /// Number of emergency stops that reached the board until the board carried one out. `None` if the board has not
+    /// carried one out.
     pub passed: Option<u32>,
     /// True if heater and steppers were off as soon as the board had received the emergency stop that it carried out,
-    /// before any time passed on the board.
+    /// before any time passed on the board. `None` before that.
     pub off_at_once: Option<bool>,
-    /// Number of the board's responses.
+    /// Number of times that bytes of the board were sent to the host.
     pub answers: u32,
-    /// Bytes that arrived after the line was stalled and before the first stop.
+    /// Number of bytes that arrived from the host after the line was stalled and before the first emergency stop.
     pub bytes_before_stop: usize,
 }
 
-/// A board at the end of a line.
+/// A simulated board at the end of a line. A thread runs the board until the value is dropped.
 pub struct Bench {
-    /// Name of the near end.
+    /// Name of the port at the host's end of the line, for `--port`.
     pub name: String,
     line: Arc<Mutex<Line>>,
     seen: Arc<Mutex<Seen>>,
-    /// Open handle that prevents a hang-up of a serial line.
+    /// Open handle of a serial line's device, which prevents a hang-up of the line. `None` for TCP.
     _open: Option<File>,
     over: Arc<Mutex<bool>>,
     thread: Option<JoinHandle<()>>,
 }
 
 impl Bench {
-    /// Returns a board on a serial line.
+    /// Starts a board on a serial line.
     pub fn new() -> Self {
         Self::on_serial(false)
     }
@@ -102,7 +103,7 @@ impl Bench {
         Self::behind(name, Some(open), is_warm, |_| Some(master))
     }
 
-    /// Returns a board behind TCP that accepts one host.
+    /// Starts a board behind TCP that accepts one connection.
     pub fn on_tcp() -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let name = format!("tcp:{}", listener.local_addr().unwrap());
@@ -157,8 +158,8 @@ impl Bench {
         self.seen.lock().unwrap().clone()
     }
 
-    /// Writes to the near end until it takes no more, as a host does on a stalled line. Returns the number of bytes
-    /// taken.
+    /// Writes to the host's end of the line until it accepts no more bytes, as a host does on a stalled line. Returns
+    /// the number of bytes that it accepted.
     pub fn fill(&self) -> usize {
         let mut near = self.near_end();
         let mut taken = 0;
@@ -173,7 +174,7 @@ impl Bench {
         taken
     }
 
-    /// Returns true if the near end takes bytes.
+    /// Returns true if the host's end of the line accepts bytes.
     pub fn takes_bytes(&self) -> bool {
         let near = self.near_end();
         poll(&mut [PollFd::new(&near, PollFlags::OUT)], Some(&Timespec::default())).unwrap() > 0
@@ -203,7 +204,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
         sim.simulated_tip().preheat_instantly(WARM_C);
     }
     let (mut random, mut buffer) = (Rng::new(&[SEED]), [0; 256]);
-    // It recognises the stops that the host sends, even if the line is cut.
+    // Recognises the emergency stops that the host sends, even if the line is cut.
     let mut sent = EmergencyStopDetector::new();
     let (mut passes, mut last, mut has_gone) = (0, Instant::now(), false);
     while !*over.lock().unwrap() {
@@ -278,7 +279,7 @@ fn carry(mut master: impl Read + Write, is_warm: bool, line: &Mutex<Line>, seen:
     }
 }
 
-/// Flips bits.
+/// Flips a random bit of each byte with this probability.
 fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
     for byte in bytes {
         if random.uniform_between(0.0, 1.0) < chance {
@@ -287,7 +288,7 @@ fn flip(bytes: &mut [u8], chance: f64, random: &mut Rng) {
     }
 }
 
-/// A running `growbot grow`.
+/// A running `growbot` command, usually `growbot grow`. The standard error is read by a thread.
 pub struct Growing {
     child: Child,
     output: Arc<Mutex<String>>,
@@ -295,7 +296,7 @@ pub struct Growing {
 }
 
 impl Drop for Growing {
-    /// Kills a program that still runs when its test ends.
+    /// Kills the program if it still runs when its test ends.
     fn drop(&mut self) {
         if self.is_running() {
             let _ = self.child.kill();
@@ -304,7 +305,7 @@ impl Drop for Growing {
 }
 
 impl Growing {
-    /// Begins a body that takes hours, and waits until the board heats.
+    /// Starts a growth that takes hours, and waits until the board heats.
     pub fn begin(bench: &Bench) -> Self {
         let mut growing =
             Self::run(&["grow", "--to", "0,0,300,0,90", "--on-host-silence", "continue", "--port", &bench.name], "");
@@ -312,7 +313,7 @@ impl Growing {
         growing
     }
 
-    /// Begins a body by a script for the console, which then waits, and waits until the board heats.
+    /// Starts a growth by a script for `growbot console`, and waits until the board heats. The script then waits.
     pub fn by_console(bench: &Bench) -> Self {
         let mut growing =
             Self::run(&["console", "--port", &bench.name], "plan 0,0,60,0,90\nstart\nwait 1000000\nstart\n");
@@ -320,7 +321,7 @@ impl Growing {
         growing
     }
 
-    /// Runs `growbot` in the background.
+    /// Starts `growbot` in the background with these arguments and this text on its standard input.
     pub fn run(args: &[&str], input: &str) -> Self {
         let mut child = command(PROGRAM)
             .args(args)
@@ -363,7 +364,7 @@ impl Growing {
         until(answer, || self.output().contains(answer));
     }
 
-    /// Waits until the program ends.
+    /// Waits until the program ends, and returns its exit code and its messages.
     pub fn end(mut self) -> Ran {
         let began = Instant::now();
         let code = loop {
@@ -379,7 +380,7 @@ impl Growing {
     }
 }
 
-/// Waits until a condition is true.
+/// Waits until `is_so` returns true. `what` describes the condition in the message of a failure.
 pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     let began = Instant::now();
     while !is_so() {
@@ -388,7 +389,7 @@ pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
     }
 }
 
-/// Runs `growbot` without the superuser's privilege to open devices that are closed to other programs.
+/// Runs `growbot` without the privilege of root to open a device that another program holds exclusively.
 pub fn without_privilege(args: &[&str]) -> Ran {
     const SYS_ADMIN: u64 = 1 << 21;
     let status = std::fs::read_to_string("/proc/self/status").unwrap();

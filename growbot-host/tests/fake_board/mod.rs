@@ -1,4 +1,4 @@
-//! Boards at the other end of a line: simulated robots over TCP or a serial line, and boards that misbehave.
+//! Fake boards for tests: simulated robots over TCP or a serial line, and boards that misbehave.
 
 use std::collections::VecDeque;
 use std::io::{ErrorKind, Read, Write};
@@ -15,12 +15,12 @@ use growbot_core::link::message::{BoardInfo, Hello, Message, Refusal, RefusalRes
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 
-/// A board that accepts one connection. Its thread ends with the connection, or with the tests.
+/// A fake board on a TCP port of this machine. Its thread ends with the connection or with the test process.
 pub struct FakeBoard {
     port: u16,
-    /// Number of reported layers after which the board's time almost stops.
+    /// Number of layers reported by a [`lasting`](FakeBoard::lasting) board after which the board's time almost stops.
     pauses_after: Arc<AtomicU32>,
-    /// True if the messages of a [`lasting`](FakeBoard::lasting) board have another schema.
+    /// True if a [`lasting`](FakeBoard::lasting) board behaves as if its firmware had another message schema.
     is_other_release: Arc<AtomicBool>,
 }
 
@@ -41,24 +41,24 @@ impl FakeBoard {
         format!("tcp:127.0.0.1:{}", self.port)
     }
 
-    /// Returns a board that receives everything and sends nothing.
+    /// Starts a board that receives everything and sends nothing.
     pub fn silent() -> Self {
         Self::serving(|mut stream| while matches!(stream.read(&mut [0; 256]), Ok(1..)) {})
     }
 
-    /// Returns a device that sends all the time, but in another protocol.
+    /// Starts a device that sends data in another protocol all the time.
     pub fn garbage() -> Self {
         Self::serving(|mut stream| while stream.write_all(b"$GPGGA,123519,4807.038,N\r\n\0").is_ok() {})
     }
 
-    /// Returns a board that closes the connection after the first bytes.
+    /// Starts a board that closes the connection after it has received the first bytes.
     pub fn that_hangs_up() -> Self {
         Self::serving(|mut stream| {
             let _ = stream.read(&mut [0; 256]);
         })
     }
 
-    /// Returns a board with another version of frames.
+    /// Starts a board that responds with frames of this version.
     pub fn of_frame_version(version: u8) -> Self {
         Self::serving(move |mut stream| {
             while matches!(stream.read(&mut [0; 256]), Ok(1..)) {
@@ -76,7 +76,7 @@ impl FakeBoard {
         })
     }
 
-    /// Returns a board with another schema of messages.
+    /// Starts a board that refuses every request, because its message schema has this hash.
     pub fn of_schema(board: u64) -> Self {
         Self::serving(move |mut stream| {
             let mut receiver = FrameDecoder::default();
@@ -93,7 +93,7 @@ impl FakeBoard {
         })
     }
 
-    /// Returns a simulated robot behind a TCP connection.
+    /// Starts a simulated robot that accepts one TCP connection. Its time passes fast.
     pub fn simulated(robot: &'static str) -> Self {
         Self::serving(move |stream| {
             stream.set_nodelay(true).unwrap();
@@ -102,7 +102,7 @@ impl FakeBoard {
         })
     }
 
-    /// Returns a simulated robot that accepts successive TCP connections. Its time passes between them too.
+    /// Starts a simulated robot that accepts successive TCP connections. Its time passes also between connections.
     pub fn lasting(robot: &'static str) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         listener.set_nonblocking(true).unwrap();
@@ -148,19 +148,19 @@ impl FakeBoard {
         Self { port, pauses_after, is_other_release }
     }
 
-    /// Sets whether the messages of a [`lasting`](FakeBoard::lasting) board have another schema for hosts that connect
-    /// from now on.
+    /// Selects the message schema of a [`lasting`](FakeBoard::lasting) board for later connections: another schema if
+    /// `is_other` is true.
     pub fn set_other_release(&self, is_other: bool) {
         self.is_other_release.store(is_other, Ordering::Relaxed);
     }
 
-    /// Lets the time of a [`lasting`](FakeBoard::lasting) board pass fast until it has reported this many layers. After
-    /// that it passes slowly, so the test need not be quick.
+    /// Lets the time of a [`lasting`](FakeBoard::lasting) board pass fast until the board has reported this number of
+    /// layers. Afterwards the time passes slowly, so that a test has time to act.
     pub fn pause_after(&self, layers: u32) {
         self.pauses_after.store(layers, Ordering::Relaxed);
     }
 
-    /// Returns a simulated robot on a line that loses every other report of a layer.
+    /// Starts a simulated robot on a line that loses every second report of a laid layer.
     pub fn losing_reports(robot: &'static str) -> Self {
         Self::serving(move |stream| {
             stream.set_nodelay(true).unwrap();
@@ -173,21 +173,22 @@ impl FakeBoard {
         })
     }
 
-    /// Runs a simulated robot behind a serial line.
+    /// Starts a simulated robot at the end of a serial line. Returns the robot's thread.
     pub fn on_serial(mut master: TTYPort, robot: &'static str) -> thread::JoinHandle<()> {
         master.set_timeout(Duration::from_millis(1)).unwrap();
         thread::spawn(move || serve(master, robot, |_| true))
     }
 }
 
-/// Transfers frames between a line and a simulated robot, whose time passes one second for each poll of the line. Only
-/// the robot's frames for which `passes` returns true are transferred.
+/// Transfers frames between a line and a simulated robot until the line is closed. The robot's time passes by 1 s for
+/// each poll of the line. Only those frames of the robot for which `passes` returns true are transferred.
 fn serve(line: impl Read + Write, robot: &str, passes: impl FnMut(&LinkFrame) -> bool) {
     let mut sim = Sim::new(robot_file::load(robot.as_ref()).unwrap());
     serve_sim(&mut sim, line, passes, || Duration::from_secs(1));
 }
 
-/// Like [`serve`], but `look` returns the time that passes on the robot for each poll of the line.
+/// Like [`serve`], but `look` returns the time that passes on the robot for each poll of the line, and the robot is
+/// given.
 fn serve_sim(
     sim: &mut Sim,
     mut line: impl Read + Write,
@@ -213,14 +214,15 @@ fn serve_sim(
     }
 }
 
-/// A line to a board whose messages have another schema: it changes the schema in what the host and the board exchange.
+/// A line that simulates a board with another message schema. It inverts the hash of the schema in the messages between
+/// host and board.
 struct OtherRelease<L> {
     line: L,
     from_host: FrameDecoder,
     from_board: FrameDecoder,
-    /// Bytes of the frame that the host is sending.
+    /// Bytes of the frame that the host is sending and that is not complete yet.
     partial: Vec<u8>,
-    /// Bytes of the host for the board.
+    /// Bytes of complete frames of the host, which the board has not read yet.
     ready: VecDeque<u8>,
 }
 
@@ -235,7 +237,8 @@ impl<L> OtherRelease<L> {
         }
     }
 
-    /// Returns the bytes of a frame after a change of its message. `None` for other frames.
+    /// Returns the bytes of a frame after `change` has changed its message. `None` if `change` returns `None` or the
+    /// frame has no valid message.
     fn changed(frame: &LinkFrame, change: impl FnOnce(Message) -> Option<Message>) -> Option<Vec<u8>> {
         let message = change(Message::decode(frame.header.kind, &frame.body).ok()?)?;
         let mut buffer = [0; MAX_BODY_LEN];

@@ -1,5 +1,5 @@
-//! Hostile boards: a simulated robot behind a TCP connection whose messages are changed on their way, or a sender of
-//! noise.
+//! Hostile boards behind a TCP connection: a simulated robot whose messages are changed on their way to the host, or a
+//! sender of noise.
 
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -14,12 +14,12 @@ use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, Refusa
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
 
-/// Time after which a board closes its connection. The host has to end then.
+/// Time after which a board closes its connection. The host must then end.
 pub const LIFE: Duration = Duration::from_secs(3);
 
-/// Numbers at the limits of their types.
+/// Numbers at the limits of common types.
 const EXTREMES: [u32; 8] = [0, 1, 63, 65_535, 1 << 31, u32::MAX - 2, u32::MAX - 1, u32::MAX];
-/// Text that controls a terminal.
+/// Texts that control a terminal.
 const HOSTILE: [&str; 4] = ["\u{1b}[2J\u{1b}[31mA", "\u{9b}2J\u{7}", "\u{202e}\u{2066}bot", "a\r\nb\u{7f}"];
 
 /// Behaviour of a board.
@@ -31,14 +31,14 @@ pub enum Manner {
     Noise,
     /// The board sends random messages in valid frames.
     RandomMessages,
-    /// The board is a robot whose messages are changed, in valid frames.
+    /// The board is a simulated robot whose messages are changed, in valid frames.
     Lies,
-    /// The board is a robot whose frames are lost, repeated, swapped and corrupted.
+    /// The board is a simulated robot whose frames are lost, repeated, swapped and corrupted.
     Garbles,
 }
 
 impl Manner {
-    /// Sequence of behaviours in which [`Self::Lies`] is the most frequent.
+    /// Behaviours that the tests use in turn. [`Self::Lies`] is the most frequent.
     pub const ALL: [Self; 8] = [
         Self::Lies,
         Self::Garbles,
@@ -51,7 +51,7 @@ impl Manner {
     ];
 }
 
-/// Starts a board behind TCP that accepts one connection. Returns its port name.
+/// Starts a hostile board behind TCP that accepts one connection. Returns the value of `--port` for the board.
 pub fn start(manner: Manner, seed: u64) -> String {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
@@ -120,7 +120,7 @@ fn extreme(random: &mut Rng) -> u32 {
     EXTREMES[random.below(EXTREMES.len() as u64) as usize]
 }
 
-/// Changes a status.
+/// Replaces a random field of a status by an extreme or random value.
 fn status(status: &mut Status, random: &mut Rng) {
     match random.below(6) {
         0 => status.layers_laid = extreme(random),
@@ -132,7 +132,7 @@ fn status(status: &mut Status, random: &mut Rng) {
     }
 }
 
-/// Returns the bytes of a frame, or of a frame with another message.
+/// Returns the bytes of the frame unchanged, or at random the bytes of a frame with a changed message.
 fn lie(frame: &LinkFrame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     if random.below(3) > 0 {
         return bytes;
@@ -193,7 +193,8 @@ fn lie(frame: &LinkFrame, bytes: Vec<u8>, random: &mut Rng) -> Vec<u8> {
     }
 }
 
-/// Returns the bytes of a frame after a very bad line.
+/// Returns the bytes that arrive if a frame is sent over a very bad line. `last` is a frame that is held back and sent
+/// later.
 fn garble(mut bytes: Vec<u8>, last: &mut Vec<u8>, random: &mut Rng) -> Vec<u8> {
     match random.below(8) {
         0 => Vec::new(),

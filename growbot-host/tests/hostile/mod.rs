@@ -1,4 +1,4 @@
-//! Hostile inputs: changed files, and boards that send nonsense. All of them follow from a seed.
+//! Hostile inputs for growbot: changed files, and boards that send nonsense. A seed determines all of them.
 
 pub mod boards;
 pub mod mutation;
@@ -19,7 +19,7 @@ pub fn number(variable: &str, unless_set: u64) -> u64 {
     std::env::var(variable).ok().map_or(unless_set, |text| text.parse().expect("the variable is a whole number"))
 }
 
-/// A run of the command.
+/// Result of a run of growbot.
 pub struct Ran {
     /// Exit code. `None` if the command was killed or crashed.
     pub code: Option<i32>,
@@ -31,7 +31,7 @@ pub struct Ran {
     pub err: Vec<u8>,
 }
 
-/// Runs the command in a directory, with a time limit.
+/// Runs growbot in a directory with these arguments, this standard input and this time limit.
 pub fn run(directory: &Path, args: &[String], input: &[u8], limit: Duration) -> Ran {
     let mut child = command(PROGRAM)
         .args(args)

@@ -2,7 +2,8 @@
 
 use growbot_core::random::Rng;
 
-/// Insertions into texts: extreme numbers, sequences that control terminals, nesting, line breaks and quotes.
+/// Byte sequences that are inserted into texts: extreme numbers, sequences that control terminals, nesting, line breaks
+/// and quotes.
 const TOKENS: [&[u8]; 34] = [
     b"\x1b[2J\x1b[31m",
     "\u{9b}2J".as_bytes(),
@@ -40,11 +41,11 @@ const TOKENS: [&[u8]; 34] = [
     b"/dev/zero",
 ];
 
-/// Insertions into strings: escaped as in JSON and TOML, and raw.
+/// Texts that are inserted into strings of JSON and TOML: control characters, escaped and raw.
 const STRINGS: [&str; 5] =
     ["\\u001b[2J\\u0007", "\\u009b2J\\u007f", "\\u202e\\u2066", "\u{202e}\u{200f}\u{9b}", "\\n\\r\\t"];
 
-/// Returns a text with one to six changes.
+/// Returns the text with one to six random changes.
 pub fn mutated(text: &[u8], random: &mut Rng) -> Vec<u8> {
     let mut bytes = text.to_vec();
     for _ in 0..=random.below(6) {

@@ -1,4 +1,4 @@
-//! A service with a simulated robot, and HTTP requests written by hand.
+//! A running service with a simulated robot, and functions that send HTTP requests to the service.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -13,11 +13,11 @@ use serde_json::Value;
 
 use crate::running::{PATIENCE, PROGRAM, command};
 
-/// A body of robot A2 with this many layers.
+/// Goal of a job of robot A2 that has [`LAYERS`] layers.
 pub const GOAL: &str = "0,0,60,0,90";
 pub const LAYERS: usize = 78;
 
-/// A service of a user, with a simulated robot.
+/// A running service with a simulated robot, in a directory of its own.
 pub struct Lab {
     pub directory: tempfile::TempDir,
     pub service: Option<Child>,
@@ -29,14 +29,14 @@ impl Lab {
         Self::with(pace, "")
     }
 
-    /// Starts a service with additional lines in `growbot.toml`.
+    /// Starts a service with the simulated robot `lab` at this pace, and with additional lines in `growbot.toml`.
     pub fn with(pace: f64, more: &str) -> Self {
         Self::configured(&format!(
             "robot = \"growbot-a2\"\nport = \"sim:lab\"\n[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a2\"\npace = {pace}\n{more}"
         ))
     }
 
-    /// Starts a service of a user with this `growbot.toml`.
+    /// Starts a service with this `growbot.toml`.
     pub fn configured(settings: &str) -> Self {
         let directory = tempfile::tempdir().unwrap();
         fs::create_dir(directory.path().join("growbot")).unwrap();
@@ -57,20 +57,20 @@ impl Lab {
         command
     }
 
-    /// Runs a command. Returns its exit code and its output.
+    /// Runs a growbot command with the settings of the service's user. Returns the command's exit code and output.
     pub fn run(&self, args: &[&str]) -> (Option<i32>, String) {
         let output = self.command(args).output().unwrap();
         let text = [output.stdout, output.stderr].concat();
         (output.status.code(), String::from_utf8(text).unwrap())
     }
 
-    /// Starts the service at the port that it had before.
+    /// Starts the service at the port that it had before, or at any free port.
     pub fn start(&mut self) {
         let port = self.pages.as_ref().map_or(0, |(port, _)| *port).to_string();
         self.start_with(self.command(&["serve", "--page-port", &port]));
     }
 
-    /// Starts the service with this command.
+    /// Starts the service with this command, and waits until it prints the URLs of its pages.
     pub fn start_with(&mut self, command: Command) {
         let output = self.directory.path().join("output");
         let out = fs::File::create(&output).unwrap();
@@ -93,7 +93,7 @@ impl Lab {
         self.pages = Some(pages);
     }
 
-    /// Returns the process of the simulated robot `lab`, which has its lock open.
+    /// Returns the process identifier of the simulated robot `lab`: the process that has the robot's lock file open.
     pub fn robot_process(&self) -> String {
         let lock = self.directory.path().join("state/growbot/robots/lab/lock").canonicalize().unwrap();
         let has_it = |process: &fs::DirEntry| {
@@ -110,7 +110,7 @@ impl Lab {
         service.wait().unwrap();
     }
 
-    /// Returns the memory of the service, kB.
+    /// Returns the resident memory of the service, kB.
     pub fn memory_kb(&self) -> u64 {
         let status = fs::read_to_string(format!("/proc/{}/status", self.service.as_ref().unwrap().id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
@@ -122,25 +122,25 @@ impl Lab {
         fs::read_dir(format!("/proc/{}/fd", self.service.as_ref().unwrap().id())).unwrap().count()
     }
 
-    /// Returns the standard error of all services that this lab started.
+    /// Returns the standard error of all services that this value has started.
     pub fn heard(&self) -> String {
         fs::read_to_string(self.directory.path().join("heard")).unwrap()
     }
 
-    /// Returns the recorded orders.
+    /// Returns the commands that the service has recorded in its audit log.
     pub fn orders(&self) -> Vec<Value> {
         let text = fs::read_to_string(self.directory.path().join("state/growbot/serve/audit.jsonl")).unwrap();
         text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
     }
 
-    /// Connects to the address of the pages.
+    /// Opens a TCP connection to the address of the pages.
     pub fn page(&self) -> TcpStream {
         let stream = TcpStream::connect(("127.0.0.1", self.pages.as_ref().unwrap().0)).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
         stream
     }
 
-    /// Returns a path of the interface with the operating token.
+    /// Returns a path of the API, with the token for commands in front.
     pub fn at(&self, path: &str) -> String {
         format!("/{}/api/v1{path}", self.pages.as_ref().unwrap().1[0])
     }
@@ -149,7 +149,7 @@ impl Lab {
         self.directory.path().join("run/growbot/serve.sock")
     }
 
-    /// Sends a request on the user's socket.
+    /// Sends an API request on the user's Unix socket. Returns the status and the JSON body of the response.
     pub fn ask(&self, method: &str, path: &str, body: &str) -> (u16, Value) {
         let stream = UnixStream::connect(self.socket()).unwrap();
         stream.set_read_timeout(Some(PATIENCE)).unwrap();
@@ -157,7 +157,7 @@ impl Lab {
         (status, serde_json::from_str(&text).unwrap_or(Value::String(text)))
     }
 
-    /// Sends a request with these headers to the address of the pages.
+    /// Sends a request with these headers to the address of the pages. Returns the status of the response.
     pub fn ask_page(&self, path: &str, headers: &[&str], method: &str, body: &str) -> u16 {
         http(self.page(), method, path, headers, body).0
     }
@@ -210,7 +210,7 @@ pub fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// Sends one request, which may be invalid. Returns status and body of the response.
+/// Sends one HTTP request, which may be invalid. Returns the status and the body of the response.
 pub fn http(mut stream: impl Read + Write, method: &str, path: &str, headers: &[&str], body: &str) -> (u16, String) {
     let mut request = format!("{method} {path} HTTP/1.1\r\nconnection: close\r\ncontent-length: {}\r\n", body.len());
     let has_header = |name: &str| headers.iter().any(|header| header.to_lowercase().starts_with(name));

@@ -1,18 +1,18 @@
-//! Runs the `growbot` command as a user would and returns its output. Every program that a test starts is started by
-//! [`command`].
+//! Runs the `growbot` command as a user would and returns its output. Tests start every program by [`command`].
 
 use std::ffi::OsStr;
 use std::io::Write;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// Time limit of a wait. No test takes this long, even on a busy machine.
+/// Time limit of each wait in a test. It is long, so that a busy machine does not exceed it.
 pub const PATIENCE: Duration = Duration::from_secs(600);
 
-/// The `growbot` command.
+/// Path of the `growbot` program.
 pub const PROGRAM: &str = env!("CARGO_BIN_EXE_growbot");
 
-/// Returns a command without this machine's configuration, so that no test moves a robot.
+/// Returns a command that starts the program without the growbot configuration of this machine, so that no test moves a
+/// real robot.
 pub fn command(program: impl AsRef<OsStr>) -> Command {
     let mut command = Command::new(program);
     remove_settings(&mut command);
@@ -22,8 +22,8 @@ pub fn command(program: impl AsRef<OsStr>) -> Command {
     command
 }
 
-/// Removes growbot's variables from the environment of a program. Those of the tests are among them, which growbot
-/// would refuse.
+/// Removes all variables that begin with `GROWBOT_` from the environment of a program. Some of them are for the tests,
+/// and growbot would refuse them.
 fn remove_settings(command: &mut Command) {
     for (name, _) in std::env::vars_os() {
         if name.to_string_lossy().starts_with("GROWBOT_") {
@@ -32,7 +32,7 @@ fn remove_settings(command: &mut Command) {
     }
 }
 
-/// Result of a run.
+/// Result of a run of growbot.
 pub struct Ran {
     /// Exit code.
     pub code: Option<i32>,
@@ -69,17 +69,17 @@ pub fn growbot_reading_bytes(args: &[&str], input: &[u8]) -> Ran {
     }
 }
 
-/// Joins each message into one line.
+/// Joins the lines of each message into one line.
 pub fn in_lines(messages: &str) -> String {
     messages.replace("\n    ", " ")
 }
 
-/// Runs `growbot` with these arguments.
+/// Runs `growbot` with these arguments and an empty standard input.
 pub fn growbot(args: &[&str]) -> Ran {
     growbot_reading(args, "")
 }
 
-/// Runs `growbot` with these arguments and this input, with its standard output closed for reading.
+/// Runs `growbot` with these arguments and this standard input. Its standard output is a pipe that no program reads.
 #[cfg(unix)]
 #[allow(dead_code)]
 pub fn growbot_unread(args: &[&str], input: &str) -> Ran {

@@ -2,8 +2,8 @@
 
 use std::fmt::{Display, Write};
 
-/// The rules apply inside drawings only, so they do not change a page around them. [`super::png`] contains the font
-/// Inter.
+/// CSS rules of drawings. They apply only inside drawings, so they do not change a page around a drawing.
+/// [`super::png`] contains the font Inter.
 const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu \
                      Sans',sans-serif;font-size:13px;fill:#1c2430}\
 .gc .title{font-size:18px;font-weight:600}.gc .head{font-size:14px;font-weight:600}.gc \
@@ -11,7 +11,7 @@ const STYLE: &str = ".gc text{font-family:Inter,system-ui,'Segoe UI','DejaVu \
 .gc .mid{text-anchor:middle}.gc .end{text-anchor:end}\
 .gc .axis{stroke:#1c2430;stroke-width:1;fill:none}.gc .grid{stroke:#1c2430;stroke-opacity:.12;fill:none}";
 
-/// An unfinished drawing.
+/// An unfinished SVG drawing.
 pub struct Canvas(String);
 
 impl Canvas {
@@ -24,23 +24,23 @@ impl Canvas {
         ))
     }
 
-    /// Returns the finished drawing.
+    /// Returns the finished drawing as SVG.
     pub fn finish(mut self) -> String {
         self.0.push_str("</svg>\n");
         self.0
     }
 
-    /// Adds an element. Writing to a String cannot fail.
+    /// Adds an SVG element. It cannot fail, because it writes to a String.
     pub fn add(&mut self, element: impl Display) {
         let _ = writeln!(self.0, "{element}");
     }
 
-    /// Adds a text with these classes.
+    /// Adds a text at a position, with these CSS classes.
     pub fn text(&mut self, x: f64, y: f64, class: &str, text: impl Display) {
         self.add(format_args!("<text class=\"{class}\" x=\"{x:.1}\" y=\"{y:.1}\">{text}</text>"));
     }
 
-    /// Adds a line through points.
+    /// Adds a line through points. `style` consists of SVG attributes.
     pub fn line(&mut self, points: impl IntoIterator<Item = (f64, f64)>, style: impl Display) {
         let mut path = String::new();
         for (index, (x, y)) in points.into_iter().enumerate() {

@@ -2,15 +2,15 @@
 
 use super::canvas::Canvas;
 
-/// Greatest number of steps on an axis.
+/// Greatest number of steps between the ticks of an axis.
 const MAX_STEPS: f64 = 6.0;
 
-/// A mapping from values to positions.
+/// A mapping from values to positions on an axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Scale {
-    /// Linear, between these values.
+    /// Linear scale from the first to the second value.
     Linear(f64, f64),
-    /// Logarithmic, between these values, both positive.
+    /// Logarithmic scale from the first to the second value. Both are positive.
     Log(f64, f64),
 }
 
@@ -55,7 +55,7 @@ impl Scale {
         Self::Log(from, to)
     }
 
-    /// Returns the position of a value. It is from 0 to 1 within the scale.
+    /// Returns the position of a value on the axis: 0 at its start, 1 at its end.
     pub fn share(self, value: f64) -> f64 {
         match self {
             Self::Linear(from, to) => (value - from) / (to - from),
@@ -63,7 +63,7 @@ impl Scale {
         }
     }
 
-    /// Returns the values at which lines and labels are drawn.
+    /// Returns the values at which grid lines and labels are drawn.
     pub fn ticks(self) -> Vec<f64> {
         match self {
             Self::Linear(from, to) => {
@@ -84,7 +84,7 @@ impl Scale {
     }
 }
 
-/// Returns the smallest of 1, 2 or 5 times a power of ten that divides `whole` into at most `max` parts.
+/// Returns the smallest step, 1, 2 or 5 times a power of ten, that divides `whole` into at most `max` parts.
 pub fn round_step(whole: f64, max: f64) -> f64 {
     let power = libm::pow(10.0, libm::floor(libm::log10(whole / max)));
     [1.0, 2.0, 5.0, 10.0].into_iter().map(|step| step * power).find(|step| whole / step <= max).unwrap_or(whole)
@@ -108,7 +108,7 @@ pub fn number(value: f64) -> String {
 
 /// A plot in a drawing.
 pub struct Panel {
-    /// Left, top, width and height, pixels.
+    /// Left edge, top edge, width and height, units of the drawing.
     pub area: [f64; 4],
     /// Horizontal scale.
     pub x: Scale,
@@ -117,14 +117,14 @@ pub struct Panel {
 }
 
 impl Panel {
-    /// Returns the position of a point in the drawing. A point outside the panel is moved to the edge.
+    /// Returns the position of a point in the drawing. A point above or below the panel is moved to its edge.
     pub fn place(&self, x: f64, y: f64) -> (f64, f64) {
         let [left, top, width, height] = self.area;
         (left + width * self.x.share(x), top + height * (1.0 - self.y.share(y).clamp(0.0, 1.0)))
     }
 
-    /// Draws the frame, lines, labels and names of the axes. `ticks` are those of the x axis. `None` to derive them
-    /// from its scale.
+    /// Draws the frame, lines, labels and names of the axes. `ticks` are the positions and labels of the ticks on the x
+    /// axis. If `None`, they are derived from its scale.
     pub fn axes(&self, canvas: &mut Canvas, head: &str, x_name: &str, y_name: &str, ticks: Option<&[(f64, String)]>) {
         let [left, top, width, height] = self.area;
         let (right, bottom) = (left + width, top + height);
@@ -153,7 +153,7 @@ impl Panel {
         ));
     }
 
-    /// Returns the start of the x axis.
+    /// Returns the value at the start of the x axis.
     pub fn min_x(&self) -> f64 {
         match self.x {
             Scale::Linear(from, _) | Scale::Log(from, _) => from,

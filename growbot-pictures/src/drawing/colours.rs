@@ -1,11 +1,12 @@
 //! Colours of heights and of series, and interpolation of colours. Colour-blind readers can distinguish all of them.
 
-/// Colours of heights, from the min to the max: from blue through sand to orange. They are legible on light and on dark
-/// ground and for colour-blind readers. The page's data contain them.
+/// Colours of the heights of layers, from the smallest to the largest height: from blue through sand to orange. They
+/// are legible on light and on dark ground and for colour-blind readers. The data of the HTML page contain them.
 pub const HEIGHTS: [[u8; 3]; 5] =
     [[0x2f, 0x5f, 0xae], [0x3f, 0x93, 0xb8], [0x8f, 0xb8, 0x9a], [0xe0, 0xb6, 0x5c], [0xd9, 0x70, 0x2e]];
 
-/// Viridis (Smith and van der Walt 2015). Equal steps look equal, and brightness alone shows the order.
+/// Colours of the scale viridis (Smith and van der Walt 2015). Equal steps look equal, and brightness alone shows the
+/// order.
 pub const VIRIDIS: [[u8; 3]; 9] = [
     [68, 1, 84],
     [71, 45, 123],
@@ -17,7 +18,8 @@ pub const VIRIDIS: [[u8; 3]; 9] = [
     [173, 220, 48],
     [253, 231, 37],
 ];
-/// Cividis (Nunez, Anderton and Renslow 2018). It is like viridis, and looks the same to colour-blind readers.
+/// Colours of the scale cividis (Nunez, Anderton and Renslow 2018). It is like viridis, and looks the same to
+/// colour-blind readers.
 pub const CIVIDIS: [[u8; 3]; 9] = [
     [0, 34, 78],
     [18, 53, 112],
@@ -32,7 +34,7 @@ pub const CIVIDIS: [[u8; 3]; 9] = [
 /// Colours of series in plots (Okabe and Ito 2008), without yellow, because it is too pale for a line.
 pub const SERIES: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000"];
 
-/// Returns the colour of a series. After the last colour the first follows again.
+/// Returns the colour of a series. After the last colour, the colours repeat.
 pub fn series(index: usize) -> &'static str {
     SERIES[index % SERIES.len()]
 }
@@ -40,17 +42,17 @@ pub fn series(index: usize) -> &'static str {
 /// A named scale of colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Palette {
-    /// [`HEIGHTS`].
+    /// The colours [`HEIGHTS`], from blue to orange.
     #[default]
     BlueOrange,
-    /// [`VIRIDIS`].
+    /// The colours [`VIRIDIS`].
     Viridis,
-    /// [`CIVIDIS`].
+    /// The colours [`CIVIDIS`].
     Cividis,
 }
 
 impl Palette {
-    /// Returns the colours, from the min to the max.
+    /// Returns the colours, from the smallest to the largest value.
     #[must_use]
     pub fn colours(self) -> &'static [[u8; 3]] {
         match self {

@@ -13,9 +13,9 @@ use resvg::usvg::{self, FillRule, Group, LineCap, LineJoin, LinearGradient, Node
 
 use super::png::read;
 
-/// Points for a unit of the drawing: 72 per inch for 96.
+/// PDF points per unit of the drawing: a point is 1/72 inch, and a unit 1/96 inch.
 const POINTS: f32 = 0.75;
-/// Number of colours of a gradient.
+/// Number of colours with which a gradient is sampled.
 const SAMPLES: u16 = 256;
 
 /// Error of the conversion to PDF.
@@ -49,12 +49,12 @@ fn row(transform: Transform) -> [f32; 6] {
     [sx, ky, kx, sy, tx, ty]
 }
 
-/// An unfinished page.
+/// An unfinished PDF page.
 struct PdfPage {
     content: Content,
-    /// Opacities of fills and strokes, in thousandths, each with its number.
+    /// Pairs of opacities (fill, stroke), in thousandths, each with the number of its graphics state.
     opacities: BTreeMap<[u16; 2], usize>,
-    /// Ends of gradients, and their colours.
+    /// Gradients: the coordinates of both ends (x1, y1, x2, y2), and the sampled colours.
     gradients: Vec<([f32; 4], Vec<u8>)>,
 }
 

@@ -10,7 +10,7 @@ const FONTS: [&[u8]; 2] =
     [include_bytes!("../../fonts/inter-regular.ttf"), include_bytes!("../../fonts/inter-semibold.ttf")];
 const FAMILY: &str = "Inter";
 
-/// Greatest number of pixels of a picture, for the sake of memory: each takes four bytes.
+/// Greatest number of pixels of a picture. It limits the memory, because each pixel takes four bytes.
 const MAX_PIXELS: u64 = 200_000_000;
 
 /// Error of the conversion to pixels.
@@ -19,7 +19,7 @@ pub enum PngError {
     /// The drawing is not valid SVG.
     #[error("cannot draw the picture as pixels: {0}; write it as SVG")]
     Svg(#[from] usvg::Error),
-    /// The picture has more pixels than memory is expected for.
+    /// The picture would have too many pixels.
     #[error("a picture of {width} times {height} pixels is too large: give a smaller --width")]
     TooLarge {
         /// Width, pixels.
@@ -32,7 +32,7 @@ pub enum PngError {
     Encoding(String),
 }
 
-/// Converts a drawing (SVG) to PNG. `width` is in pixels.
+/// Converts a drawing (SVG) to PNG. `width` is the width of the picture in pixels.
 ///
 /// # Errors
 /// [`PngError`].
@@ -49,7 +49,7 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     packed(&pixels).map_err(|error| PngError::Encoding(error.to_string()))
 }
 
-/// Parses a drawing, with its letters as shapes.
+/// Parses a drawing (SVG) with the built-in fonts, and converts its letters to shapes.
 pub(super) fn read(svg: &str) -> Result<Tree, usvg::Error> {
     let mut fonts = fontdb::Database::new();
     FONTS.iter().for_each(|font| fonts.load_font_data(font.to_vec()));
@@ -60,7 +60,7 @@ pub(super) fn read(svg: &str) -> Result<Tree, usvg::Error> {
     Tree::from_str(svg, &options)
 }
 
-/// Encodes the pixels on white, in as few bytes as possible.
+/// Encodes the pixels on a white background as PNG, in as few bytes as possible.
 fn packed(pixels: &Pixmap) -> Result<Vec<u8>, png::EncodingError> {
     // Colours are premultiplied with their opacity, and the rest is white.
     let on_white = |pixel: &PremultipliedColorU8| {

@@ -12,16 +12,16 @@ use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 /// Source of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LayerSource {
-    /// The plan.
+    /// The layer is as planned.
     Planned,
-    /// The board: the layer as built.
+    /// The layer is as built, according to the report of the board.
     AsBuilt,
-    /// The simulated tip: the layer as its plastic lies.
+    /// The layer is as the plastic of the simulated tip lies.
     Simulated,
 }
 
 impl LayerSource {
-    /// Returns the name of the source in files.
+    /// Returns the name of the source in exported files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -39,7 +39,7 @@ pub struct BodyLayer {
     pub layer: Layer,
     /// Source of the layer.
     pub source: LayerSource,
-    /// `base_from_tip` after the layer, mm.
+    /// Pose of the tip in the base's frame after the layer, mm.
     pub base_from_tip: Frame,
 }
 
@@ -48,7 +48,7 @@ pub struct BodyLayer {
 pub struct ExportedBody {
     /// The robot's name.
     pub robot: String,
-    /// `base_from_tip` before the first layer, mm.
+    /// Pose of the tip in the base's frame before the first layer, mm.
     pub base_from_start: Frame,
     /// The layers, from the first on.
     pub layers: Vec<BodyLayer>,
@@ -56,7 +56,7 @@ pub struct ExportedBody {
     pub wall_radius: f64,
     /// Thickness of the wall, mm.
     pub wall_thickness: f64,
-    /// Volume of filament for a mm of body, mm^3.
+    /// Volume of filament per mm of body, mm^3.
     pub filament_per_length: f64,
 }
 
@@ -132,7 +132,7 @@ impl ExportedBody {
         self.length() * self.filament_per_length
     }
 
-    /// Returns `base_from_tip` before each layer, and the layer.
+    /// Returns each layer with the pose of the tip in the base's frame before the layer.
     pub fn layers_with_base(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
         let before = std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip));
         before.zip(&self.layers)

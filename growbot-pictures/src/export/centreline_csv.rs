@@ -10,16 +10,16 @@ use super::body::ExportedBody;
 use crate::figures::shortest;
 use crate::layer_table::{LAYER_COLUMNS, fields};
 
-/// Header of the columns of the tip: number of layers laid, then position (mm) and direction (a unit vector). The
-/// fields of the layer laid last and its source follow.
+/// Header of the columns of the tip: number of layers laid, then the tip's position (mm) and direction (a unit vector).
+/// Further columns contain the values of the layer laid last and its source.
 pub const TIP: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z";
 
-/// Header of the commanded position, present for a simulated tip: the tip's position if the plastic lay as the steps
-/// command.
+/// Header of the columns of the commanded position, which are present for a simulated tip: the position that the tip
+/// would have if the plastic lay as the steps command.
 pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 
-/// Writes a row for the start, with a layer of height 0, and a row for each layer. Row `n` is the tip after `n` layers,
-/// the last of which is layer `n - 1` of `growbot layers`.
+/// Returns the table with a row for the start, which has a layer of height 0, and a row for each layer. Row `n` is the
+/// tip after `n` layers, the last of which is layer `n - 1` of `growbot layers`.
 #[must_use]
 pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
     let mut text = format!("{TIP},{LAYER_COLUMNS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
@@ -37,8 +37,8 @@ pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
     text
 }
 
-/// Writes a row. `beside` is the commanded tip, if it is written. Its fields are empty for a layer that was not
-/// finished.
+/// Appends a row. `beside` is the commanded pose of the tip. It is `None` if the table has no columns for it, and
+/// `Some(None)` for a layer that was not finished, whose fields are then empty.
 fn row(
     text: &mut String,
     laid: usize,

@@ -1,7 +1,8 @@
 //! Channels of a recording: topics, JSON Schemas, and messages.
 //!
-//! Poses and scenes are those that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres, in the frame
-//! `base`, z up. growbot's own fields are in mm and degrees, as their names state. Unknown values are left out.
+//! Poses and scenes have the message types that Foxglove draws (<https://docs.foxglove.dev/docs/sdk/schemas>): metres,
+//! in the frame `base`, z up. growbot's own fields are in mm and degrees, as their names state. Unknown values are left
+//! out.
 
 use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
@@ -9,15 +10,15 @@ use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-/// Frame of all poses.
+/// Name of the frame of all poses: the robot's base.
 pub const FRAME: &str = "base";
 
 /// A channel of a recording.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Topic {
-    /// Start of the body.
+    /// Pose at the start of the body.
     Start,
-    /// Goal of the body.
+    /// Pose of the goal.
     Goal,
     /// Pose of the tip: according to the steps, or on a simulated tip as its plastic lies.
     Tip,
@@ -27,11 +28,11 @@ pub enum Topic {
     Plan,
     /// The growing wall, a disc for each layer.
     Body,
-    /// Values of the layers laid.
+    /// Values of each layer that was laid.
     Layers,
-    /// State and temperatures.
+    /// State and temperatures of the board.
     Status,
-    /// Faults when they occur.
+    /// Each fault, when it occurs.
     Faults,
     /// All other events, as text.
     Events,
@@ -89,30 +90,30 @@ impl Topic {
     }
 }
 
-/// Importance of an event, with the numbers of `foxglove.Log`.
+/// Importance of an event. The values are those of `foxglove.Log`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum LogLevel {
-    /// Normal.
+    /// A normal event.
     Info = 2,
-    /// Needs attention.
+    /// An event that needs attention.
     Warning = 3,
-    /// Failure.
+    /// A failure.
     Error = 4,
 }
 
-/// Returns a time since the beginning of the recording.
+/// Returns the field of a message for a time, ms since the beginning of the recording.
 #[must_use]
 pub fn time(ms: u64) -> Value {
     json!({ "sec": ms / 1000, "nsec": ms % 1000 * 1_000_000 })
 }
 
-/// Returns a pose at a time.
+/// Returns a `foxglove.PoseInFrame` message with the pose of the tip at a time, ms.
 #[must_use]
 pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
     json!({ "timestamp": time(ms), "frame_id": FRAME, "pose": pose(base_from_tip) })
 }
 
-/// Returns the board's status.
+/// Returns a `growbot.Status` message with the known values of the board's status at a time, ms.
 #[must_use]
 pub fn status(ms: u64, status: &BoardStatus) -> Value {
     let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
@@ -127,20 +128,21 @@ pub fn status(ms: u64, status: &BoardStatus) -> Value {
     message
 }
 
-/// Adds a field, unless its value is `None`.
+/// Adds a field to a message, unless its value is `None`.
 pub fn add_known(message: &mut Value, field: &str, value: Option<impl Serialize>) {
     if let Some(value) = value {
         message[field] = json!(value);
     }
 }
 
-/// Returns an event as text.
+/// Returns a `foxglove.Log` message about an event at a time, ms.
 #[must_use]
 pub fn log(ms: u64, level: LogLevel, message: &str) -> Value {
     json!({ "timestamp": time(ms), "level": level as u8, "message": message, "name": "growbot", "file": "", "line": 0 })
 }
 
-/// Returns a disc for a layer: `base_from_middle`, diameter and height in mm, and a colour.
+/// Returns a `foxglove.SceneUpdate` message with a disc for a layer. `base_from_middle` is the frame of the disc's
+/// centre, `diameter` and `height` are in mm, and `color` is RGB from 0 to 1.
 #[must_use]
 pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: f64, color: [f64; 3]) -> Value {
     let size = json!({ "x": diameter / 1000.0, "y": diameter / 1000.0, "z": height / 1000.0 });
@@ -150,7 +152,7 @@ pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: 
     scene(ms, id, "cylinders", &cylinder)
 }
 
-/// Returns a line through points in mm.
+/// Returns a `foxglove.SceneUpdate` message with a line through points (mm). `color` is RGB from 0 to 1.
 #[must_use]
 pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color: [f64; 3]) -> Value {
     let points: Vec<Value> = points.map(|point| metres(&point)).collect();
@@ -161,8 +163,8 @@ pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color:
     scene(ms, id, "lines", &line)
 }
 
-/// Returns an entity with one primitive. The lists of the other types are present but empty, because Foxglove expects
-/// them.
+/// Returns a `foxglove.SceneUpdate` message with one entity that has one primitive. The lists of the other types of
+/// primitives are present but empty, because Foxglove expects them.
 fn scene(ms: u64, id: &str, kind: &str, primitive: &Value) -> Value {
     let mut entity = json!({
         "timestamp": time(ms), "frame_id": FRAME, "id": id, "lifetime": { "sec": 0, "nsec": 0 }, "frame_locked": true, "metadata": [],
@@ -205,7 +207,8 @@ fn numbers(names: &[&str]) -> Value {
     object(&names.iter().map(|name| (*name, json!({ "type": "number" }))).collect::<Vec<_>>())
 }
 
-/// Returns a schema of seconds and nanoseconds. Foxglove identifies times and durations by their titles.
+/// Returns the JSON Schema of a time or duration in seconds and nanoseconds. Foxglove identifies times and durations by
+/// their titles.
 fn seconds(title: &str) -> Value {
     let mut schema = object(&[("sec", json!({ "type": "integer" })), ("nsec", json!({ "type": "integer" }))]);
     schema["title"] = title.into();

@@ -13,14 +13,15 @@ use super::obstacles::{mark, surfaces};
 use crate::view::SceneView;
 use crate::view::heights::HeightScale;
 
-/// `glTF`, from the specification.
+/// Magic number of GLB files: the letters `glTF`.
 const MAGIC: u32 = 0x4654_6c67;
-/// Version of the container.
+/// Version of the GLB container.
 const VERSION: u32 = 2;
-/// Types of chunks: `JSON` and `BIN`.
+/// Type of the chunk with JSON. `BINARY_CHUNK` is the type of the chunk with binary numbers.
 const JSON_CHUNK: u32 = 0x4e4f_534a;
 const BINARY_CHUNK: u32 = 0x004e_4942;
-/// Component types of glTF.
+/// Code of glTF for 32-bit floating-point numbers. The constants below are the codes for other number types, for buffer
+/// targets and for triangles.
 const FLOAT: u32 = 5126;
 const UNSIGNED_INT: u32 = 5125;
 const UNSIGNED_BYTE: u32 = 5121;
@@ -28,16 +29,17 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const TRIANGLES: u32 = 4;
 
-/// Factors of the vertices' colours, for the body that is shown and for the second one.
+/// Base colour (RGBA) of the first body, by which the colours of its vertices are multiplied. `BESIDE` is the colour of
+/// all other bodies.
 const WHITE: [f64; 4] = [1.0; 4];
 const BESIDE: [f64; 4] = [0.3, 0.5, 0.75, 1.0];
 
-/// Colours of obstacles, which are translucent, and of the mark at the narrowest point.
+/// Colour (RGBA) of obstacles, which are translucent. `NARROWEST` is the colour of the mark at the closest approach.
 const OBSTACLES: [f64; 4] = [0.2, 0.14, 0.09, 0.3];
 const NARROWEST: [f64; 4] = [0.45, 0.02, 0.01, 1.0];
 
-/// Writes the walls of bodies, each as a node with this name. The first is coloured by the heights of its layers,
-/// vertex by vertex. The scene around the first is added if there is one.
+/// Returns a GLB file with the walls of bodies, each as a node with its name. The vertices of the first body are
+/// coloured by the heights of its layers. If `around` is given, the scene around the first body is added.
 ///
 /// # Errors
 /// [`MeshError`] if a body has no mesh.
@@ -68,7 +70,7 @@ pub fn write(
     Ok(container(&document, &binary))
 }
 
-/// Lists of an unfinished file, with its binary numbers.
+/// Lists of objects of an unfinished glTF document, and its binary numbers.
 #[derive(Default)]
 struct GltfBuilder {
     nodes: Vec<Value>,
@@ -80,7 +82,7 @@ struct GltfBuilder {
 }
 
 impl GltfBuilder {
-    /// Adds a body. The first, which is shown, is coloured by heights. Any other has a single colour.
+    /// Adds the wall of a body. The first body is coloured by the heights of its layers. Any other has a single colour.
     fn add(&mut self, name: &str, body: &ExportedBody, resolution: MeshResolution) -> Result<(), MeshError> {
         let (index, start) = (self.nodes.len(), body.base_from_start.translation.vector);
         let mesh = BodyMesh::of_wall(body, resolution, &start)?;
@@ -108,7 +110,8 @@ impl GltfBuilder {
         Ok(())
     }
 
-    /// Adds a scene, relative to a start: its obstacles, translucent, and the mark at the narrowest point.
+    /// Adds the translucent obstacles of a scene and the mark at the closest approach, relative to the body's start
+    /// (mm).
     fn add_scene(&mut self, around: &SceneView, start: &Vector3<f64>) {
         let narrowest = around.closest_approach.as_ref().map(|(found, clearance)| {
             json!({ "clearance_mm": clearance, "along_mm": found.at, "obstacle": found.obstacle.to_string() })
@@ -166,7 +169,7 @@ impl GltfBuilder {
         self.numbers(bytes, ARRAY_BUFFER, accessor)
     }
 
-    /// Adds numbers for a target, and returns the index of their accessor.
+    /// Adds binary numbers with a buffer view for `target`, and returns the index of their accessor.
     fn numbers(&mut self, bytes: Vec<u8>, target: u32, mut accessor: Value) -> usize {
         let view = json!({ "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(), "target": target });
         accessor["bufferView"] = json!(self.views.len());
@@ -177,7 +180,7 @@ impl GltfBuilder {
     }
 }
 
-/// Returns the matrix for points relative to a start (mm), by columns: x stays, y becomes -z, z becomes y.
+/// Returns the matrix of a node for points relative to `start` (mm), by columns: x stays, y becomes -z, z becomes y.
 fn upright(start: &Vector3<f64>) -> [f64; 16] {
     let [x, y, z] = <[f64; 3]>::from(*start).map(|mm| mm / 1000.0);
     [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 1.0, 0.0, 0.0, x, z, -y, 1.0]
@@ -198,7 +201,7 @@ fn linear(colour: [u8; 3]) -> [u8; 4] {
     [red, green, blue, 255]
 }
 
-/// Returns both chunks, each padded to a multiple of four bytes.
+/// Returns a GLB file with a chunk of JSON and a chunk of binary numbers, each padded to a multiple of four bytes.
 fn container(document: &Value, binary: &[u8]) -> Vec<u8> {
     let mut text = document.to_string().into_bytes();
     text.resize(text.len().next_multiple_of(4), b' ');

@@ -27,7 +27,8 @@ use super::foxglove::{self, LogLevel, Topic};
 use super::message::EncodedMessage;
 use super::ros2;
 
-/// Colours of the smallest and the largest height of a layer, and of the planned centreline.
+/// Colour (RGB, 0 to 1) of the smallest height of a layer. `HIGH` is the colour of the largest height, and `PLANNED`
+/// that of the planned centreline.
 const LOW: [f64; 3] = [0.2, 0.4, 0.9];
 const HIGH: [f64; 3] = [0.95, 0.45, 0.1];
 const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
@@ -35,13 +36,13 @@ const PLANNED: [f64; 3] = [0.3, 0.7, 0.3];
 /// Encoding of the messages.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Encoding {
-    /// JSON, in the types of Foxglove and growbot's own.
+    /// JSON, in message types of Foxglove and of growbot.
     Json,
-    /// CDR, in the types of ROS 2.
+    /// CDR, in message types of ROS 2.
     Ros2,
 }
 
-/// Returns the recording of a run log. `log` is its bytes, and `record` is their parsed content.
+/// Returns the recording of a run log as an MCAP file. `log` is the content of the log, and `record` is the parsed log.
 ///
 /// # Errors
 /// Errors of the MCAP writer. They do not occur when it writes to memory.
@@ -160,7 +161,7 @@ fn half(layer: &Layer) -> Layer {
     Layer { height: 0.5 * layer.height, tilt: 0.5 * layer.tilt, ..*layer }
 }
 
-/// Smallest and largest height of a layer, mm.
+/// Smallest and largest permitted height of a layer, mm.
 #[derive(Debug, Clone, Copy)]
 struct Heights {
     min: f64,
@@ -171,26 +172,26 @@ struct Heights {
 struct Recorder {
     writer: Writer<Cursor<Vec<u8>>>,
     encoding: Encoding,
-    /// Channels by their names.
+    /// Numbers of the channels by their names.
     channels: HashMap<&'static str, u16>,
     clock: RunClock,
     /// Number of messages so far.
     message_count: u32,
     /// The latched fault of the latest status.
     fault: Option<String>,
-    /// Smallest and largest height of a layer, mm.
+    /// Smallest and largest permitted height of a layer, mm.
     heights: Heights,
     /// Name of the robot.
     hardware: String,
-    /// Path of the tip, with times in ms.
+    /// Poses of the tip so far, each with its time, ms.
     way: Vec<(u64, Frame)>,
 }
 
-/// Topics of the tip's path, and of the transform to the tip, in the types of ROS 2.
+/// Topic of the tip's path in ROS 2. `TRANSFORMS` is the topic of the transform from the base to the tip.
 const WAY: &str = "/growbot/body";
 const TRANSFORMS: &str = "/tf";
 
-/// Returns the channel and type of a topic in ROS 2. `None` if the topic has no type there.
+/// Returns the channel and type of a topic in ROS 2. `None` if ROS 2 has no message type for the topic.
 fn ros2_channel(topic: Topic) -> Option<(&'static str, &'static str)> {
     match topic {
         Topic::Start => Some(("/growbot/start", ros2::POSE)),
@@ -262,7 +263,7 @@ impl Recorder {
         self.at(topic, laid.base_from_tip)
     }
 
-    /// Records a pose.
+    /// Records a pose. In ROS 2, the tip's pose is also recorded as a transform and as a point of the tip's path.
     fn at(&mut self, topic: Topic, frame: Frame) -> Result<(), McapError> {
         self.write_message(topic, &EncodedMessage::Pose(frame))?;
         if topic == Topic::Tip && self.encoding == Encoding::Ros2 {
@@ -298,7 +299,7 @@ impl Recorder {
         self.event(level, &format!("end: {}", result.outcome))
     }
 
-    /// Records the fault that is latched, once. `None` if no fault is latched.
+    /// Records the latched fault, unless it is recorded already. `fault` is `None` if no fault is latched.
     fn latched(&mut self, fault: Option<&str>) -> Result<(), McapError> {
         if fault != self.fault.as_deref() {
             self.fault = fault.map(ToString::to_string);
@@ -315,7 +316,7 @@ impl Recorder {
         self.event(LogLevel::Error, &format!("fault {code}: {explanation}"))
     }
 
-    /// Records a layer. `beside` is the layer as commanded, if it is known to lie otherwise.
+    /// Records a layer. `beside` is the layer as commanded, or `None` if the layer is not known to lie otherwise.
     fn layer(
         &mut self,
         index: usize,

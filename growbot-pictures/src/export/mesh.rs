@@ -22,7 +22,7 @@ const MAX_BEND: f64 = 0.05;
 /// Greatest number of triangles: 500 MB of STL.
 pub const MAX_TRIANGLES: usize = 10_000_000;
 
-/// Distance below which readers merge vertices, mm.
+/// Distance below which programs that read a mesh may merge vertices, mm.
 const MIN_DISTANCE: f64 = 1e-4;
 
 /// Resolution of a mesh.
@@ -30,7 +30,8 @@ const MIN_DISTANCE: f64 = 1e-4;
 pub struct MeshResolution {
     /// Number of chords around the tube, at least 8.
     pub segments: u32,
-    /// Number of layers from ring to ring. It is smaller if the body bends by more than 0.05 rad between them.
+    /// Number of layers from one ring of vertices to the next. It is smaller if the body bends by more than 0.05 rad
+    /// between them.
     pub layers_per_ring: u32,
 }
 
@@ -55,9 +56,9 @@ pub enum MeshError {
          too coarse for its wall: plan nearer to the origin"
     )]
     TooFar {
-        /// Greatest coordinate, mm.
+        /// Greatest coordinate of the body, mm.
         reach: f64,
-        /// Resolution of 32-bit numbers there, mm.
+        /// Resolution of 32-bit numbers at this coordinate, mm.
         spacing: f64,
     },
 }
@@ -67,17 +68,17 @@ pub enum MeshError {
 pub struct BodyMesh {
     /// Vertices relative to the mesh's origin, mm.
     pub vertices: Vec<Point3<f64>>,
-    /// Height of the layer at each vertex, on the middle of the wall at the vertex's angle, mm.
+    /// Height of the layer at each vertex, on the middle of the wall at the vertex's angle, mm. Empty for obstacles.
     pub heights: Vec<f64>,
-    /// Indices of vertices, counter-clockwise seen from outside.
+    /// Triangles, as indices of vertices in counter-clockwise order seen from outside.
     pub triangles: Vec<[u32; 3]>,
 }
 
 impl BodyMesh {
     /// Returns the wall of a body, relative to an origin (mm, in base axes).
     ///
-    /// A boundary gets no ring if 32-bit numbers cannot distinguish it from the ring before. So layers of a few
-    /// micrometres are merged into their neighbours, and the surface is closed in the file too.
+    /// A boundary between layers gets no ring if 32-bit numbers cannot distinguish it from the previous ring. So layers
+    /// of a few micrometres are merged into their neighbours, and the surface is closed in the file too.
     ///
     /// # Errors
     /// [`MeshError`].
@@ -117,8 +118,8 @@ impl BodyMesh {
     }
 }
 
-/// Returns the possible rings: `origin_from_tip` at the start, then at each boundary that needs a ring. Each has the
-/// layer that ends there.
+/// Returns the frames, relative to `origin` (mm), at which a ring may be placed: at the start, then at each boundary
+/// that needs a ring. Each frame has the layer that ends there.
 fn ring_frames(body: &ExportedBody, resolution: MeshResolution, origin: &Vector3<f64>) -> Vec<(Frame, Layer)> {
     let from_origin = |mut frame: Frame| {
         frame.translation.vector -= origin;
@@ -178,7 +179,7 @@ impl Outline {
         Self { outer, inner, points: (0..resolution.segments).map(pair).collect() }
     }
 
-    /// Returns the vertices of a ring, outer and inner ones alternating.
+    /// Returns the vertices of a ring at a frame, outer and inner ones alternating.
     fn ring(&self, frame: &Frame) -> Vec<Point3<f64>> {
         self.points.iter().flatten().map(|point| frame * point).collect()
     }
@@ -190,7 +191,7 @@ impl Outline {
     }
 
     /// Returns the rings at these frames, each with its layer. A ring is left out unless all its vertices are at least
-    /// `distance` from those of the ring before.
+    /// `distance` (mm) from those of the previous ring.
     fn distinct_rings(&self, frames: &[(Frame, Layer)], distance: f64) -> Vec<(Vec<Point3<f64>>, Layer)> {
         let apart = |a: &[Point3<f64>], b: &[Point3<f64>]| {
             a.iter().zip(b).all(|(a, b)| nalgebra::distance_squared(a, b) >= distance * distance)

@@ -7,33 +7,33 @@ use serde_json::{Value, json};
 
 use super::foxglove::{self, LogLevel};
 
-/// Content of a message.
+/// Content of a message of a recording.
 pub enum EncodedMessage<'a> {
-    /// Position and direction, mm.
+    /// A pose in the base's frame, mm.
     Pose(Frame),
     /// A line through the origins of frames, mm.
     Line {
         /// Name of the line.
         id: &'a str,
-        /// Frames on the line.
+        /// Frames in the base's frame, whose origins are on the line.
         frames: Vec<Frame>,
-        /// Colour.
+        /// Colour, RGB from 0 to 1.
         color: [f64; 3],
     },
     /// A layer as a disc, mm.
     Disc {
         /// Index of the layer.
         index: usize,
-        /// Centre of the disc.
+        /// Frame at the centre of the disc, in the base's frame.
         base_from_middle: Frame,
-        /// Diameter.
+        /// Diameter of the disc, mm.
         diameter: f64,
-        /// Height.
+        /// Height of the disc, mm.
         height: f64,
-        /// Colour.
+        /// Colour, RGB from 0 to 1.
         color: [f64; 3],
     },
-    /// Values of a layer.
+    /// Values of a layer, as a JSON object.
     Layer(Value),
     /// Status of the board.
     Status(&'a BoardStatus),
@@ -49,7 +49,7 @@ pub enum EncodedMessage<'a> {
 }
 
 impl EncodedMessage<'_> {
-    /// Returns the message as JSON.
+    /// Returns the message as JSON. `ms` is the time since the beginning of the recording.
     pub fn json(&self, ms: u64) -> Value {
         match self {
             Self::Pose(frame) => foxglove::pose_in_frame(ms, frame),

@@ -2,7 +2,7 @@
 //!
 //! - [`body`]: the layers of a plan or a run log, with the frame of each
 //! - [`mesh`]: the printed wall as a closed surface, written by [`stl`] and [`glb`]
-//! - [`obstacles`]: the scene around it as surfaces
+//! - [`obstacles`]: the scene around a body as surfaces
 //! - [`centreline_csv`]: centreline and layers as CSV
 //! - [`tum`]: the path of the tip as a trajectory
 //! - [`mcap`]: the events of a run log over time. Each `message` is JSON ([`foxglove`]), or CDR in the
@@ -48,7 +48,7 @@ mod tests {
     use super::mesh::{BodyMesh, MeshResolution};
     use super::*;
 
-    /// Every format that growbot both writes and reads as a mesh.
+    /// Tests every format of meshes that growbot both writes and reads.
     #[test]
     fn exported_meshes_are_read_back_where_the_body_is() {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();

@@ -9,12 +9,13 @@ use nalgebra::{Point3, Vector3};
 use super::mesh::BodyMesh;
 use crate::view::{SceneView, Subject, ViewError};
 
-/// Largest part of a scene in a GLB: some 30 MB.
+/// Maximum numbers of obstacles in a GLB file. They take some 30 MB.
 const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 200_000, points: 20_000 };
-/// Number of chords around balls and pipes, and from pole to pole.
+/// Number of chords around balls and capsules. `STEPS` is the number of chords from pole to pole.
 const ROUND: u32 = 24;
 const STEPS: u32 = 12;
-/// Smallest radius of the mark for an obstacle point, and radius of the mark at the narrowest point, mm.
+/// Smallest radius with which a point of a cloud is shown, mm. `MARK` is the radius of the mark at the closest
+/// approach, mm.
 const LEAST_POINT: f64 = 0.5;
 const MARK: f64 = 1.0;
 
@@ -52,7 +53,8 @@ pub fn surfaces(around: &SceneView, origin: &Vector3<f64>) -> Option<BodyMesh> {
     surface.finish()
 }
 
-/// Returns the mark at the narrowest point, from the body's centreline to the obstacle.
+/// Returns the mark at the closest approach as triangles, relative to an origin (mm). It leads from the body's
+/// centreline to the obstacle. Returns `None` without obstacles.
 pub fn mark(around: &SceneView, origin: &Vector3<f64>) -> Option<BodyMesh> {
     let (found, _) = around.closest_approach.as_ref()?;
     let mut surface = MeshBuilder::new(origin);
@@ -78,14 +80,14 @@ impl MeshBuilder {
         (!triangles.is_empty()).then(|| BodyMesh { vertices, heights: Vec::new(), triangles })
     }
 
-    /// Adds corners, with triangles between them.
+    /// Adds corners, with triangles between them. The triangles contain indices of `corners`.
     fn add(&mut self, corners: &[Vector3<f64>], triangles: &[[u32; 3]]) {
         let first = self.vertices.len() as u32;
         self.vertices.extend(corners.iter().map(|corner| Point3::from(corner - self.origin)));
         self.triangles.extend(triangles.iter().map(|triangle| triangle.map(|corner| first + corner)));
     }
 
-    /// Adds a box. `corner` returns the corner for three signs.
+    /// Adds a box. `corner` returns the corner for the signs (-1 or 1) of its coordinates along the box's axes.
     fn cuboid(&mut self, corner: impl Fn([f64; 3]) -> Vector3<f64>) {
         let sign = |index: u32, bit: u32| if index >> bit & 1 == 0 { -1.0 } else { 1.0 };
         let corners: Vec<Vector3<f64>> = (0..8).map(|index| corner([0, 1, 2].map(|bit| sign(index, bit)))).collect();
@@ -140,7 +142,7 @@ impl MeshBuilder {
 mod tests {
     use super::*;
 
-    /// Returns the volume, which is wrong unless all triangles are counter-clockwise seen from outside.
+    /// Returns the volume of a surface, which is wrong unless all triangles are counter-clockwise seen from outside.
     fn volume(add: impl Fn(&mut MeshBuilder)) -> f64 {
         let mut surface = MeshBuilder::new(&Vector3::new(10.0, 20.0, 30.0));
         add(&mut surface);

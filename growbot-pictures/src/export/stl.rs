@@ -12,7 +12,7 @@ const HEADER: usize = 80;
 /// meaning.
 const TRIANGLE: usize = 50;
 
-/// Writes the wall of a body in the base's axes, mm, z up. `name` is part of the header.
+/// Returns an STL file with the wall of a body in the base's axes, mm, z up. `name` is part of the header.
 ///
 /// # Errors
 /// [`MeshError`] if the body has no mesh.

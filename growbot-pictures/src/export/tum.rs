@@ -11,8 +11,8 @@ use nalgebra::UnitQuaternion;
 use super::body::ExportedBody;
 use crate::view::plot::series::Timeline;
 
-/// Returns the time at which each layer of a body was laid, s: by the board's clock in the run log of these bytes, or
-/// as planned without one.
+/// Returns the time (s) at which each layer of a body was laid, by the board's clock according to the run log `log`.
+/// Without a log, returns the planned times.
 #[must_use]
 pub fn times(body: &ExportedBody, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
@@ -20,8 +20,8 @@ pub fn times(body: &ExportedBody, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     timeline.laid
 }
 
-/// Writes the trajectory of a body with this name. `laid` has the time at which each of its layers was laid, s. The
-/// start comes first, unless the first layer was laid at time 0.
+/// Returns the trajectory of a body as text. `name` is part of its header, and `laid` are the times (s) at which the
+/// layers were laid. The start comes first, unless the first layer was laid at time 0.
 #[must_use]
 pub fn write(name: &str, body: &ExportedBody, laid: &[f64]) -> String {
     let mut text = format!(
@@ -38,7 +38,8 @@ pub fn write(name: &str, body: &ExportedBody, laid: &[f64]) -> String {
     text
 }
 
-/// Writes a row. Each number has the shortest text that is read back as the same number.
+/// Appends a row for a pose at the time `at` (s). Each number has the shortest text that is read back as the same
+/// number.
 fn row(text: &mut String, at: f64, frame: &Frame) {
     let [x, y, z] = <[f64; 3]>::from(frame.translation.vector).map(|mm| mm / 1000.0);
     let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);

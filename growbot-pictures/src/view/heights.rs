@@ -7,21 +7,22 @@ use crate::drawing::canvas::Canvas;
 use crate::drawing::colours::{Palette, hex, mixed};
 use crate::figures::fixed;
 
-/// Percentiles of the heights at which the scale ends unless a range is given. Outliers do not stretch the scale.
+/// Percentiles of the heights of layers at which the scale of colours begins and ends, unless a range is given. So
+/// outliers do not stretch the scale.
 pub const PERCENTILES: [f64; 2] = [1.0, 99.0];
-/// Height of a splinter, as a share of the highest layer. A layer below it lies between two pieces of a path and does
-/// not stretch the scale.
+/// Greatest height of a splinter, as a fraction of the height of the highest layer. A splinter is a thin layer between
+/// two segments of a path, and does not stretch the scale.
 const SPLINTER: f64 = 0.2;
 /// Width of the legend, units of the drawing.
 pub const LEGEND: f64 = 220.0;
 
-/// A mapping from heights to colours.
+/// A mapping from heights of layers to colours.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HeightScale {
     palette: Palette,
-    /// Heights at which the colours end, mm.
+    /// Heights of the first and the last colour, mm. Heights beyond have the same colours.
     range: [f64; 2],
-    /// Smallest and greatest height, mm.
+    /// Smallest and greatest height of the layers, mm.
     all: [f64; 2],
     /// True if the range was given, false if it was derived from the heights.
     is_fixed: bool,
@@ -29,7 +30,7 @@ pub struct HeightScale {
 
 impl HeightScale {
     /// Returns the scale for these bodies, each with the radius of the middle of its wall, mm. `range` is the range of
-    /// the colours, mm. `None` to derive it from the heights.
+    /// the colours, mm. If `None`, it is derived from the heights.
     pub fn of(bodies: &[(&[LayerBytes], f64)], palette: Palette, range: Option<[f64; 2]>) -> Self {
         let layers = |layers: &[LayerBytes]| layers.iter().map(decode).collect::<Vec<Layer>>();
         Self::new(bodies.iter().flat_map(|(bytes, radius)| heights(&layers(bytes), *radius)).collect(), palette, range)
@@ -55,7 +56,7 @@ impl HeightScale {
         Self { palette, range: range.unwrap_or(found), all, is_fixed: range.is_some() }
     }
 
-    /// Returns the heights at which the colours end, mm.
+    /// Returns the heights of the first and the last colour, mm.
     pub fn range(&self) -> [f64; 2] {
         self.range
     }
@@ -71,7 +72,7 @@ impl HeightScale {
         [self.all[0] < self.range[0] - 1e-6, self.all[1] > self.range[1] + 1e-6]
     }
 
-    /// Draws the scale with its name above and numbers below.
+    /// Draws the scale of colours, with its name above and numbers below. `[left, y]` is its upper left corner.
     pub fn legend(&self, canvas: &mut Canvas, [left, y]: [f64; 2]) {
         let colours = self.palette.colours();
         let last = colours.len().saturating_sub(1).max(1) as f64;

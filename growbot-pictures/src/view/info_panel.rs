@@ -16,7 +16,7 @@ use crate::duration::duration_text;
 /// A heading, with the names and values below it.
 pub type InfoGroup = (String, Vec<(String, String)>);
 
-/// Returns the groups for a body.
+/// Returns the groups of names and values that describe a body.
 pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec<InfoGroup> {
     let Subject { robot, plan, .. } = subject;
     let needs = &plan.requirements;
@@ -73,7 +73,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
     groups
 }
 
-/// Returns the group of the scene around a body, with the smallest clearance from it.
+/// Returns the group of the scene around a body, with the smallest clearance of the body from the obstacles.
 fn scene(around: &SceneView) -> InfoGroup {
     let narrowest = around.clearance_text().zip(around.closest_approach_text());
     let mut rows = vec![("File", around.file.clone()), ("Obstacles", around.obstacles.summary())];
@@ -85,8 +85,8 @@ fn group<N: Into<String>>(heading: impl Into<String>, rows: impl IntoIterator<It
     (heading.into(), rows.into_iter().map(|(name, value)| (name.into(), value)).collect())
 }
 
-/// Returns a body in a line: how its path was found, its pieces, length and layers. The planner is left out if it
-/// equals `called`.
+/// Returns a line that describes a body: the planner of its path, the types of its segments, its length and its number
+/// of layers. The planner is left out if its name equals `called`.
 pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     let plan = subject.plan;
     let grown = layers.kind.map(|kind| match kind {
@@ -106,7 +106,8 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
     parts.into_iter().flatten().collect::<Vec<_>>().join(" · ")
 }
 
-/// Returns a line with the distance of a growth from its goal, according to its log. `None` without one.
+/// Returns a line with the distance of a growth's end from its goal, according to its log. Returns `None` without a
+/// log.
 pub fn measured(subject: &Subject) -> Option<String> {
     let (reached, by) = subject.run.and_then(measured_end)?;
     let Arrival { position_error_mm: mm, direction_error_deg: deg, .. } =
@@ -117,13 +118,14 @@ pub fn measured(subject: &Subject) -> Option<String> {
     Some(format!("arrived {mm:.2} mm and {deg:.2}° off the goal, as the {by} {says}{strayed}"))
 }
 
-/// Returns the row with the greatest distance of a body from its plan.
+/// Returns the row with the greatest distance of a grown body from its plan. Returns `None` for a plan.
 fn strayed(subject: &Subject) -> Option<(&'static str, String)> {
     let PlanDeviation { max_mm, at_mm, .. } = deviation(subject)?;
     Some(("Off the plan", format!("{max_mm:.3} mm at most, {at_mm:.0} mm along")))
 }
 
-/// Returns the greatest distance of a body from its plan: of a run according to its log. `None` for a plan.
+/// Returns the greatest distance of a grown body from its plan. The distance of a run is that in its log. Returns
+/// `None` for a plan.
 fn deviation(subject: &Subject) -> Option<PlanDeviation> {
     let Subject { robot, plan, run, laid, .. } = subject;
     let of_laid = |body: &SimulatedBody| {
@@ -135,7 +137,7 @@ fn deviation(subject: &Subject) -> Option<PlanDeviation> {
     }
 }
 
-/// Returns the numbers of a body as built, computed from the steps that the board has made.
+/// Returns the rows of numbers that describe a grown body, computed from its layers.
 fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, run, .. } = subject;
     let layers: Vec<Layer> = built.iter().map(decode).collect();
@@ -154,7 +156,7 @@ fn body(subject: &Subject, built: &[LayerBytes]) -> Vec<(&'static str, String)> 
     rows
 }
 
-/// Returns the distances of a body from its goal and from itself.
+/// Returns the rows with the distance of a body's end from the goal, and with the clearance of the body from itself.
 fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, String)> {
     let Subject { robot, plan, .. } = subject;
     let start = plan.start.frame();
@@ -172,7 +174,7 @@ fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, Stri
     rows
 }
 
-/// Returns the distance of a tip from the goal.
+/// Returns the rows with the distance of a tip from the goal.
 fn arrival(subject: &Subject, arrival: &Arrival) -> Vec<(&'static str, String)> {
     let mut rows = vec![("From the goal", format!("{:.3} mm", arrival.position_error_mm))];
     if subject.run.is_some() || subject.laid.is_some() {

@@ -2,19 +2,19 @@
 //!
 //! - [`Subject`]: a plan or a run log that is viewed
 //! - [`page`]: an HTML page that opens without a network, with the tube in three dimensions and the numbers next to it
-//! - `data`: the page's data, as JSON
-//! - `numbers`: the page's numbers, as text
+//! - `page_data`: the page's data, as JSON
+//! - `info_panel`: the page's numbers, as text
 //! - `side_by_side`: the numbers of two bodies
 //! - [`picture`]: an SVG for papers
 //! - [`plot`]: layers, error and temperature along a body
 //! - `self_clearance`: the clearance of the wall from itself
-//! - `around`: the scene around a body
+//! - `scene_view`: the scene around a body
 //! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time
 //!
-//! A log contains positions of the plastic only if the tip is simulated or feedback was on. So the body of the steps
-//! and the laid or estimated one are both shown, with their source. With feedback, the log's measurements are processed
-//! again as `growbot resume` does, and the estimated path of the tip is drawn. If every layer comes out a tenth too
-//! high, that line leads to the goal and the steps do not.
+//! A log contains positions of the plastic only if the tip is simulated or feedback was on. So the body according to
+//! the steps and the laid or estimated body are both shown, with their source. With feedback, the log's measurements
+//! are processed again as `growbot resume` does, and the estimated path of the tip is drawn. For example, if every
+//! layer is a tenth too high, the estimated path leads to the goal, but the body according to the steps does not.
 //!
 //! On the page, the tube is one mesh of 32 faces around, with a ring for each layer. Beyond 5,000 layers it has a ring
 //! for every second layer, every third, and so on. Growing changes only how much of the index is drawn. The fragment
@@ -49,7 +49,7 @@ use nalgebra::Vector3;
 
 pub use scene_view::{NamedScene, SceneView};
 
-/// Greatest number of layers on a page, a body of some 150 m. Browsers fail beyond it.
+/// Greatest number of layers of a body that a view shows: some 150 m. Browsers fail with longer bodies.
 pub const MAX_LAYERS: usize = 200_000;
 
 /// Greatest number of points of a line next to a body.
@@ -85,36 +85,36 @@ pub enum ViewError {
 /// A body that was simulated without a board.
 #[derive(Debug, Clone, Copy)]
 pub struct SimulatedBody<'a> {
-    /// Layers as they lie, each beginning where the one before ends.
+    /// Layers as they lie, each beginning where the previous one ends.
     pub layers: &'a [Layer],
-    /// Pose of the tip at the end.
+    /// Pose of the tip at the end of the body.
     pub tip: Pose,
 }
 
 /// A plan or a run that is viewed.
 #[derive(Debug)]
 pub struct Subject<'a> {
-    /// Name, for example that of its file.
+    /// Name of the plan or run, for example the name of its file.
     pub name: &'a str,
-    /// The robot.
+    /// Robot of the plan or run.
     pub robot: &'a Robot,
-    /// The plan.
+    /// The plan, which a run has too.
     pub plan: &'a Plan,
-    /// Log of the growth. `None` without one.
+    /// Log of the growth. `None` for a body without a log.
     pub run: Option<&'a RecordedRun>,
-    /// Body of a growth that was simulated without a board, and so has no log.
+    /// Body of a growth that was simulated without a board, and so has no log. `None` for other bodies.
     pub laid: Option<SimulatedBody<'a>>,
-    /// Scene in which the body is shown. `None` without one.
+    /// Scene in which the body is shown. `None` without a scene.
     pub scene: Option<NamedScene<'a>>,
 }
 
 impl Subject<'_> {
-    /// Returns the name without the extension of a file.
+    /// Returns the name of the subject without a file extension.
     fn stem(&self) -> &str {
         Path::new(self.name).file_stem().and_then(OsStr::to_str).unwrap_or(self.name)
     }
 
-    /// Returns the planned layers, and for a run those as built. An error if they are too many to show.
+    /// Returns the planned layers and, for a run, the layers as built. Returns an error if they are too many to show.
     fn layers(&self) -> Result<Layers, ViewError> {
         let grown = self.run.map_or(0, |run| run.as_built.len()).max(self.laid.map_or(0, |body| body.layers.len()));
         let found = self.plan.requirements.layers.max(grown);
@@ -135,7 +135,7 @@ impl Subject<'_> {
     }
 
     /// Returns the path that the tip would have taken without errors, mm: the start and up to [`MAX_POLYLINE_POINTS`]
-    /// further points. `None` unless it is known where the plastic lies.
+    /// further points. Returns `None` unless the tip is simulated, so that its plastic is known to lie otherwise.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
         let mut tip = self.plan.start.frame();
@@ -150,7 +150,7 @@ impl Subject<'_> {
     }
 
     /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path as feedback estimated it, mm, after the start.
-    /// `None` without feedback.
+    /// Returns `None` without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
@@ -160,7 +160,7 @@ impl Subject<'_> {
     }
 }
 
-/// The layers of a subject.
+/// The layers of a subject, as planned and as built.
 struct Layers {
     planned: Vec<LayerBytes>,
     /// Layers as the plastic of a simulated tip lies, or as the steps of a robot have built them.
@@ -188,7 +188,7 @@ impl Layers {
     }
 }
 
-/// Returns the tip's pose at the end of a run and the name of what measured it, according to the log.
+/// Returns the tip's pose at the end of a run, and the name of its source (such as the steps), according to the log.
 fn measured_end(run: &RecordedRun) -> Option<(Pose, &'static str)> {
     let result = run.result.as_ref()?;
     let (by, arrival) = (result.measured_by?, result.arrival.as_ref()?);

@@ -1,4 +1,4 @@
-//! Fills the page with data. The page and its script, which is bundled at development time, are in
+//! Fills the HTML page with data. The page and its script, which is bundled at development time, are in
 //! growbot-pictures/viewer/.
 
 use serde_json::{Value, json};
@@ -16,14 +16,15 @@ const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
 /// Module of the page's script that follows streams of events and sends commands. Other pages can serve it, too.
 pub const CONNECTION_SCRIPT: &str = include_str!("../../viewer/src/connection.js");
 
-/// Targets to which a page may send requests (`connect-src` of its content security policy): none, or its own origin.
+/// Value of `connect-src` in the content security policy of a page that may not send requests. `HOME` permits requests
+/// to the page's own origin.
 const NOWHERE: &str = "'none'";
 const HOME: &str = "'self'";
 
-/// Largest part of a scene that a page shows. It takes 2 MB.
+/// Maximum numbers of obstacles on a page. They take 2 MB.
 const LIMITS: SelectionLimits = SelectionLimits { shapes: 1000, triangles: 12_000, points: 20_000 };
 
-/// Returns the page of a body.
+/// Returns the HTML page that shows a body.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -35,8 +36,8 @@ pub fn render(subject: &Subject) -> Result<String, ViewError> {
     Ok(filled(subject.name, data, NOWHERE))
 }
 
-/// Returns the page of a running growth, which requests updates from its own origin. `control` is true if the page may
-/// send commands.
+/// Returns the HTML page of a running growth, which requests updates from its own origin. `control` is true if the page
+/// may send commands.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -50,7 +51,7 @@ pub fn render_live(subject: &Subject, control: bool) -> Result<String, ViewError
     Ok(filled(subject.name, data, HOME))
 }
 
-/// Returns the page of two bodies side by side.
+/// Returns the HTML page that shows two bodies side by side.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
@@ -75,7 +76,7 @@ fn filled(title: &str, data: Value, connects: &str) -> String {
     fill(PAGE, &[("{{CONNECT}}", connects), ("{{TITLE}}", &escape(title)), ("{{DATA}}", &data), ("{{SCRIPT}}", SCRIPT)])
 }
 
-/// Returns the page with each mark replaced. Inserted texts are not searched for further marks.
+/// Returns the page with each mark replaced by its text. Inserted texts are not searched for further marks.
 fn fill(page: &str, marks: &[(&str, &str)]) -> String {
     let mut filled = String::with_capacity(page.len() + marks.iter().map(|(_, text)| text.len()).sum::<usize>());
     let mut rest = page;

@@ -12,7 +12,7 @@ use super::info_panel::caption;
 use super::scene_view::{SceneView, hundredths};
 use super::{Layers, Subject, measured_end};
 
-/// Returns the JSON, without the table of numbers.
+/// Returns the data of a body for the page, without the table of numbers.
 pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Value {
     let Subject { name, robot, plan, run, laid, .. } = subject;
     let description = robot.description();

@@ -1,4 +1,5 @@
-//! The scene around a body: the part of it that is shown, and the point where the body is nearest to an obstacle.
+//! The scene around a body: the part of the scene that is shown, and the point where the body is nearest to an
+//! obstacle.
 
 use growbot_client::scene_planning;
 use growbot_core::kinematics::advance;
@@ -17,7 +18,7 @@ use super::{Layers, MAX_POLYLINE_POINTS, Subject, ViewError};
 pub struct NamedScene<'a> {
     /// Name of the file.
     pub file: &'a str,
-    /// Obstacles.
+    /// The scene with its obstacles.
     pub scene: &'a Scene,
 }
 
@@ -28,13 +29,13 @@ pub struct SceneView {
     pub file: String,
     /// Obstacles that are shown.
     pub obstacles: ObstacleSelection,
-    /// Narrowest point, with the proven clearance there between the outside of the tube and the obstacle, mm. `None`
-    /// without obstacles.
+    /// Closest approach of the body to an obstacle, with the proven clearance there between the outside of the tube and
+    /// the obstacle, mm. `None` without obstacles.
     pub closest_approach: Option<(ClosestApproach, f64)>,
 }
 
 impl SceneView {
-    /// Returns the scene around the body of a subject that is shown. `None` without a scene.
+    /// Returns the scene around the body of a subject. Returns `None` if the subject has no scene.
     ///
     /// # Errors
     /// [`ViewError::TooManyLayers`].
@@ -72,14 +73,14 @@ impl SceneView {
         })
     }
 
-    /// Returns the clearance at the narrowest point as text.
+    /// Returns the clearance at the closest approach as text. Returns `None` without obstacles.
     #[must_use]
     pub fn clearance_text(&self) -> Option<String> {
         let (_, clearance) = self.closest_approach.as_ref()?;
         Some(if *clearance < 0.0 { format!("{:.2} mm inside", -clearance) } else { format!("{clearance:.2} mm") })
     }
 
-    /// Returns the position of the narrowest point as text.
+    /// Returns the position of the closest approach and the obstacle as text. Returns `None` without obstacles.
     #[must_use]
     pub fn closest_approach_text(&self) -> Option<String> {
         let (found, _) = self.closest_approach.as_ref()?;
@@ -87,7 +88,7 @@ impl SceneView {
     }
 }
 
-/// Returns the path of layers as they lie.
+/// Returns the path that consists of these layers, each as an arc or a line.
 fn path(layers: &[LayerBytes]) -> Vec<Segment> {
     let layers = layers.iter().map(decode).filter(|layer| layer.height > 0.0);
     let segment = |Layer { alpha, height: length, tilt: bend }| {

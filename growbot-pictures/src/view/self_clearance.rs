@@ -1,8 +1,8 @@
 //! Clearance of the wall of a body from itself.
 //!
-//! Every body is near itself along its own length. Only a point where one stretch passes another counts. Such a point
-//! is a local minimum of the distance between two points of the centreline that are more than `pi D / 2` apart along it
-//! (see [`growbot_client::self_collision`]).
+//! Every body is near itself along its own length. Only a point where one part of the body passes another part counts.
+//! Such a point is a local minimum of the distance between two points of the centreline that are more than `pi D / 2`
+//! apart along it (see [`growbot_client::self_collision`]).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -11,12 +11,13 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// Greatest number of points of the body that are examined. A body of 1 m has one about each millimetre.
+/// Greatest number of points of the body that are examined. A body of 1 m has about one point per millimetre.
 const MAX_POINTS: usize = 1500;
 
-/// Returns the least distance between two walls of a tube of this diameter (mm, positive) that pass each other, mm. It
-/// is negative if they overlap, and `None` if no stretch passes another. Because of the distance of the points, the
-/// result for a body of `L` mm may be too great by about `(L / 1500)^2 / D` mm.
+/// Returns the least distance (mm) between two walls where one part of a tube passes another part. `diameter` is that
+/// of the tube, mm, positive. The result is negative if the walls overlap, and `None` if no part of the body passes
+/// another. Because only some points of the centreline are examined, the result for a body of `L` mm may be too great
+/// by about `(L / 1500)^2 / D` mm, where `D` is the diameter.
 pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
     let stride = layers.len().div_ceil(MAX_POINTS).max(1);
     let (mut base_from_tip, mut length) = (*start, 0.0);
@@ -32,8 +33,8 @@ pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Op
     nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
 }
 
-/// Returns the least local minimum of the distance between points, given with their lengths along a line, that are more
-/// than `neighbourhood` apart along it.
+/// Returns the least local minimum of the distance between two points of a line that are more than `neighbourhood`
+/// apart along the line. Each point is given with its length along the line, mm.
 fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f64> {
     let between = |a: usize, b: usize| Some((points.get(a)?.0 - points.get(b)?.0).norm());
     let mut nearest: Option<f64> = None;
@@ -61,7 +62,7 @@ mod tests {
     use growbot_core::layer_bytes::LayerEncoder;
     use std::f64::consts::TAU;
 
-    /// Returns a circle of this radius through `turn` radians, with a straight piece after it.
+    /// Returns the layers of an arc of this radius through `turn` radians, followed by a straight line.
     fn bent(radius: f64, turn: f64, straight: f64) -> Vec<LayerBytes> {
         let mut encoder = LayerEncoder::default();
         let round = (radius * turn) as usize;

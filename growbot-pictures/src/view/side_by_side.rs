@@ -14,8 +14,8 @@ pub fn together(one: &[InfoGroup], other: &[InfoGroup]) -> Value {
     groups.collect()
 }
 
-/// Joins the entries of two lists by their names, in the order of the first. An entry that only the second has comes
-/// after its predecessor there.
+/// Joins the entries of two lists by their names, in the order of the first list. An entry that only the second list
+/// has is inserted after its predecessor in the second list.
 fn joined<'a, T>(one: &'a [(String, T)], other: &'a [(String, T)]) -> Vec<(&'a str, Option<&'a T>, Option<&'a T>)> {
     let mut all: Vec<_> = one.iter().map(|(name, value)| (name.as_str(), Some(value), None)).collect();
     let mut at = 0;

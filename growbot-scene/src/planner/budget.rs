@@ -22,7 +22,7 @@ impl BudgetTracker {
         Self { work: DistanceQueries(0), limit, deadline, next_look: 0, late: false }
     }
 
-    /// Reports whether the search has to stop. Checks the clock from time to time.
+    /// Returns true if the search has to stop. The clock is checked only every [`BETWEEN_LOOKS`] distance queries.
     pub(super) fn check_exhausted(&mut self) -> bool {
         if self.work.0 >= self.next_look {
             self.next_look = self.work.0 + BETWEEN_LOOKS;
@@ -31,7 +31,8 @@ impl BudgetTracker {
         self.late || self.work.0 >= self.limit
     }
 
-    /// Reports whether a part of the search has to stop, which may work until `until`.
+    /// Returns true if a part of the search has to stop, because the number of distance queries has reached `until` or
+    /// the whole search has to stop.
     pub(super) fn check_exhausted_or_at(&mut self, until: u64) -> bool {
         self.work.0 >= until || self.check_exhausted()
     }

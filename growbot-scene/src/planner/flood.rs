@@ -1,8 +1,8 @@
-//! Proof that start and goal are separated for every body of this width, however it bends.
+//! Proof that obstacles separate start and goal for every body of the given width, however the body bends.
 //!
-//! Space is divided into cubes. A cube is blocked if its centre is so near to an obstacle that no point of it is far
-//! enough from that. If start and goal are in parts of the rest that share no face, no path exists. That is a proof,
-//! independent of the resolution. The opposite result proves nothing.
+//! Space is divided into cubes. A cube is blocked if its centre is so near to an obstacle that no point of the cube has
+//! the required distance from this obstacle. If no sequence of free cubes with common faces joins start and goal, no
+//! path exists. This is a proof, independent of the resolution. The opposite result proves nothing.
 
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, HashSet};
@@ -13,12 +13,12 @@ use super::PlanningProblem;
 use super::budget::BudgetTracker;
 use crate::bvh::Bounds;
 
-/// Resolutions, tried one after another: the side of the cubes as a fraction of the distance that the body needs, and
-/// the maximum number of cubes that are examined. Half the diagonal of the largest cube is smaller than that distance,
-/// so that a layer of blocked cubes along a wall has no holes.
+/// Resolutions, tried one after another: the side of the cubes as a fraction of the required distance from obstacles,
+/// and the maximum number of cubes that are examined. Half the diagonal of the largest cube is smaller than the
+/// required distance, so that a layer of blocked cubes along a wall has no holes.
 pub(super) const FINENESS: [(f64, usize); 3] = [(0.7, 1 << 18), (0.35, 1 << 20), (0.175, 1 << 21)];
 
-/// Result of a flood.
+/// Result of flooding the free cubes from start and goal.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Flood {
     /// No path exists.
@@ -29,7 +29,7 @@ pub(super) enum Flood {
     Unknown,
 }
 
-/// Checks whether start and goal are separated, at this resolution.
+/// Checks whether obstacles separate start and goal, with a grid of one of the resolutions of [`FINENESS`].
 pub(super) fn separated(
     problem: &PlanningProblem,
     (share, max_cubes): (f64, usize),
@@ -38,7 +38,8 @@ pub(super) fn separated(
     VoxelGrid::new(problem, share * problem.required_clearance.distance).flood(problem, max_cubes, meter)
 }
 
-/// A grid of cubes between two corners, or those that a body of maximum length may reach.
+/// A grid of cubes that contains the start, the goal and all obstacles except half spaces. A cube that no body of the
+/// maximum length can pass counts as blocked.
 struct VoxelGrid {
     side: f64,
     origin: Vector3<f64>,
@@ -80,8 +81,8 @@ impl VoxelGrid {
         problem.scene.distance_within(&centre, enough) >= enough
     }
 
-    /// Returns the cubes in which a body may end: the goal's cube, and open ones within the tolerance of the goal.
-    /// `None` if there are too many.
+    /// Returns the cubes in which a body may end: the goal's cube or, if the goal has a tolerance, the free cubes
+    /// within the tolerance. Returns `None` if there are more than `max_cubes`.
     fn at_goal(&self, problem: &PlanningProblem, max_cubes: usize, meter: &mut BudgetTracker) -> Option<Vec<Cube>> {
         let (goal, tolerance) = (problem.goal.position(), problem.tolerance());
         let centre = self.cube(&goal);
@@ -107,7 +108,8 @@ impl VoxelGrid {
         Some(cubes)
     }
 
-    /// Floods from both ends by turns, each towards the other. If either fills up before they meet, they are separated.
+    /// Floods the free cubes alternately from the start and from the goal, each flood towards the other. If one flood
+    /// cannot grow any more before the two meet, start and goal are separated.
     fn flood(&self, problem: &PlanningProblem, max_cubes: usize, meter: &mut BudgetTracker) -> Flood {
         let ends = [self.cube(&problem.start.position), self.cube(&problem.goal.position())];
         let Some(at_goal) = self.at_goal(problem, max_cubes, meter) else { return Flood::Unknown };
@@ -139,7 +141,7 @@ impl VoxelGrid {
     }
 }
 
-/// Returns the square of the distance between two cubes, in sides.
+/// Returns the square of the distance between two cubes, in units of a cube's side.
 fn apart(a: &Cube, b: &Cube) -> i64 {
     a.iter().zip(b).map(|(a, b)| (i64::from(*a) - i64::from(*b)).pow(2)).sum()
 }

@@ -1,4 +1,4 @@
-//! Shortening of a clear body, and drawing of random ones.
+//! Shortening of a body that is clear of obstacles, and drawing of random bodies.
 
 use growbot_core::random::Rng;
 use growbot_core::trigonometry::sin_cos;
@@ -11,40 +11,40 @@ use super::via_path::ViaPath;
 use crate::centreline::{ArcSegment, Curve, any_perpendicular};
 use crate::clearance::{DistanceQueries, is_clear};
 
-/// Maximum number of positions on the way of a body that is being shortened.
+/// Maximum number of via positions ([`ViaPath`]) of a body that is being shortened.
 const MAX_VIA: usize = 12;
-/// Smallest move of a position, as a power of two of the largest.
+/// Binary exponent of the smallest move of a via position, relative to the largest move.
 const FINEST: f64 = -16.0;
 
-/// Temporary increase of the length of a body, as a fraction of the distance of the goal.
+/// Maximum temporary increase of a body's cost during the shortening, as a fraction of the distance from start to goal.
 const LONGER: f64 = 1e-3;
 
-/// Price of a position on the way, as a fraction of the distance of the goal.
+/// Cost of each via position, as a fraction of the distance from start to goal.
 const PRICE: f64 = 1e-4;
 
-/// Reports whether a body is clear and accepted.
+/// Returns true if a body is clear of obstacles and accepted by the problem's `accept`.
 pub(super) fn is_via_path_clear(problem: &PlanningProblem, chain: &ViaPath, work: &mut DistanceQueries) -> bool {
     chain.segments.iter().all(|stretch| is_clear(problem.scene, stretch, &problem.required_clearance, work))
         && (problem.accept)(chain)
 }
 
-/// Returns the price of a position on the way, mm of length. A body of few pieces is worth a little more length.
+/// Returns the cost of one via position, mm of length. A body with fewer segments may be a little longer.
 fn price(problem: &PlanningProblem) -> f64 {
     PRICE * (problem.goal.position() - problem.start.position).norm()
 }
 
-/// Returns the cost of a body: its length and the price of its positions on the way, mm.
+/// Returns the cost of a body, mm: its length and the cost of its via positions.
 pub(super) fn cost(problem: &PlanningProblem, chain: &ViaPath) -> f64 {
     chain.length + price_of(problem, &chain.via)
 }
 
-/// Returns the price of these positions, mm. A position at the goal is free, because it is not a bend on the way.
+/// Returns the cost of these via positions, mm. A position at the goal is free, because it is not a bend on the way.
 fn price_of(problem: &PlanningProblem, via: &[Vector3<f64>]) -> f64 {
     let on_the_way = via.len() - usize::from(via.last().is_some_and(|last| problem.is_at_goal(last)));
     price(problem) * on_the_way as f64
 }
 
-/// If the goal has a tolerance, adds the body's end as a position of its own, so that it can be moved.
+/// If the goal has a tolerance, adds the body's end as a via position, so that the end can be moved.
 fn free_end(problem: &PlanningProblem, chain: &ViaPath, via: &mut Vec<Vector3<f64>>) {
     let has_own = via.last().is_some_and(|last| problem.is_at_goal(last));
     if let Some(last) = chain.segments.last().filter(|_| problem.tolerance() > 0.0 && !has_own) {
@@ -54,7 +54,7 @@ fn free_end(problem: &PlanningProblem, chain: &ViaPath, via: &mut Vec<Vector3<f6
     }
 }
 
-/// Moves a position by a random step of this size. A position at the goal stays within its tolerance.
+/// Moves a position by a random step of this size. A position at the goal stays within the goal's tolerance.
 fn displace(problem: &PlanningProblem, position: &mut Vector3<f64>, random: &mut Rng, size: f64) {
     let at_goal = problem.is_at_goal(position);
     *position += random.normal_vector() * size;
@@ -64,12 +64,12 @@ fn displace(problem: &PlanningProblem, position: &mut Vector3<f64>, random: &mut
     }
 }
 
-/// A body that is being shortened. `chain` is clear at any time.
+/// Shortening of a body. `chain` is the best body so far, and clear at any time.
 pub(super) struct PathShortener {
     pub(super) chain: ViaPath,
-    /// The body that is being changed. It may temporarily be a little longer than the shortest.
+    /// The body that is being changed. It may temporarily cost a little more than the best body.
     current: ViaPath,
-    /// Power of two of the last move that made the body shorter.
+    /// Binary exponent of the last move that made the body shorter, relative to the largest move.
     exponent: f64,
 }
 
@@ -91,7 +91,8 @@ impl PathShortener {
         }
     }
 
-    /// Moves positions on the way, removes one or adds one. The change is kept if the body is clear and shorter.
+    /// Moves via positions, removes one or adds one, at random. The change is kept if the body is clear and costs less,
+    /// or at times only a little more.
     fn step(&mut self, problem: &PlanningProblem, random: &mut Rng, work: &mut DistanceQueries) {
         work.0 += 1;
         let mut via = self.current.via.clone();
@@ -138,7 +139,7 @@ impl PathShortener {
     }
 }
 
-/// Removes the positions of a body that are not needed.
+/// Removes each via position of a body without which the body is still clear and does not cost more.
 pub(super) fn straighten(problem: &PlanningProblem, mut chain: ViaPath, work: &mut DistanceQueries) -> ViaPath {
     if let Some(same) = problem.chain(&chain.via, chain.length * (1.0 + 1e-9))
         && is_via_path_clear(problem, &same, work)
@@ -160,7 +161,8 @@ pub(super) fn straighten(problem: &PlanningProblem, mut chain: ViaPath, work: &m
     chain
 }
 
-/// Returns a body without one or several of its positions on the way, which may be longer and is not checked.
+/// Returns a body without one or several of its via positions, if it is shorter than `below` (mm). The returned body
+/// may collide with obstacles.
 pub(super) fn perturbed(problem: &PlanningProblem, chain: &ViaPath, random: &mut Rng, below: f64) -> Option<ViaPath> {
     let mut via = chain.via.clone();
     for _ in 0..=random.below(via.len() as u64 / 2 + 1) {
@@ -175,7 +177,7 @@ pub(super) fn perturbed(problem: &PlanningProblem, chain: &ViaPath, random: &mut
     problem.chain(&via, below)
 }
 
-/// Returns the point at this fraction of a body's length, and the number of positions on the way before it.
+/// Returns the point at this fraction (0 to 1) of a body's length, and the number of via positions before this point.
 fn along(chain: &ViaPath, share: f64) -> (Vector3<f64>, usize) {
     let mut left = share * chain.length;
     for (index, stretch) in chain.segments.iter().enumerate() {
@@ -188,7 +190,8 @@ fn along(chain: &ViaPath, share: f64) -> (Vector3<f64>, usize) {
     (end, chain.via.len())
 }
 
-/// Draws a body of up to three random arcs and lines and a way to the goal, below this length. It may not be clear.
+/// Draws a body of one to three random arcs and lines, followed by the shortest way to the goal. Returns `None` if the
+/// body is not shorter than `below` (mm). The body may collide with obstacles.
 pub(super) fn sample_path(problem: &PlanningProblem, random: &mut Rng, below: f64) -> Option<ViaPath> {
     let mut tip = problem.start;
     let mut via = Vec::new();

@@ -1,10 +1,10 @@
 //! Paths through a scene.
 //!
 //! First the shortest unobstructed ways are tried, in order of length. Then bodies are drawn at random, and trees of
-//! arcs and lines are grown at finer and finer resolutions (`tree.rs`). Each tip of a tree is connected to the goal by
-//! growbot's own shortest paths. A path that is found is shortened while it stays clear (`improve.rs`), and shorter
-//! ones are searched for as well. If nothing is found for long, start and goal may be separated (`flood.rs`), which is
-//! then proven.
+//! arcs and lines are grown at finer and finer resolutions (`search_tree.rs`). Each tip of a tree is connected to the
+//! goal by growbot's own shortest paths. A path that is found is shortened while it stays clear (`improve.rs`), and
+//! shorter ones are searched for as well. If no path is found for several rounds, the planner tries to prove that
+//! obstacles separate start and goal (`flood.rs`).
 //!
 //! All work is counted in distance queries, so that a search that is limited by their number gives the same result on
 //! every machine.
@@ -67,7 +67,7 @@ pub struct PlanningProblem<'a> {
     pub radius: f64,
     /// Minimum distance of the centreline from the obstacles.
     pub required_clearance: RequiredClearance,
-    /// Maximum length, mm.
+    /// Maximum length of the body, mm.
     pub max_length: f64,
     /// Further condition for a clear body, such as that it is clear of itself.
     pub accept: &'a dyn Fn(&ViaPath) -> bool,
@@ -80,15 +80,15 @@ pub struct SearchResolution {
     pub step: f64,
     /// Number of directions in which a tip may bend.
     pub bend_directions: u32,
-    /// Side of a cell of positions, mm.
+    /// Side of a cell of positions, mm. Tips in the same cell are not distinguished.
     pub position: f64,
-    /// Side of a cell of directions, radians.
+    /// Side of a cell of directions, radians. Tips in the same cell are not distinguished.
     pub direction: f64,
 }
 
 impl SearchResolution {
-    /// Returns the resolution of a level. Each is twice as fine as the previous one. Two bodies that bend to different
-    /// sides for one step end in different cells.
+    /// Returns the resolution of a level. Each level is twice as fine as the previous one. Two bodies that bend to
+    /// different sides for one step end in different cells.
     fn of_level(problem: &PlanningProblem, level: usize) -> Self {
         let span = (problem.goal.position() - problem.start.position).norm();
         let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
@@ -101,9 +101,9 @@ impl SearchResolution {
 /// Limits of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct SearchBudget {
-    /// Number of distance queries. With this limit alone the result is the same on every machine.
+    /// Maximum number of distance queries. If this is the only limit, the result is the same on every machine.
     pub max_queries: u64,
-    /// Time at which the search stops in any case.
+    /// Time at which the search stops in any case. `None` for no time limit.
     pub deadline: Option<Instant>,
     /// True to stop at the first path found.
     pub stop_at_first: bool,
@@ -116,7 +116,7 @@ pub enum SearchOutcome {
     Found(ViaPath),
     /// No path exists: start or goal is too near to an obstacle, or no gap between them is wide enough.
     Infeasible(InfeasibleReason),
-    /// No path exists at this resolution.
+    /// The search was completed at all resolutions without a path. The field is the finest resolution.
     ExhaustedAt(SearchResolution),
     /// No path was found within the budget.
     BudgetExhausted,
@@ -125,28 +125,30 @@ pub enum SearchOutcome {
 /// Reason why no path exists.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum InfeasibleReason {
-    /// The start is too near to an obstacle. Contains its distance, mm.
+    /// The start is too near to an obstacle. The field is the start's distance from the obstacle, mm.
     StartTooClose(f64),
-    /// The goal is too near to an obstacle. Contains its distance, mm.
+    /// The goal is too near to an obstacle. The field is the goal's distance from the obstacle, mm.
     GoalTooClose(f64),
-    /// The goal is farther from the start than the maximum length of the body. Contains its distance, mm.
+    /// The goal is farther from the start than the maximum length of the body. The field is the goal's distance, mm,
+    /// less its tolerance.
     GoalTooFar(f64),
     /// Obstacles surround the start or the goal, and no gap is wide enough.
     Separated,
 }
 
-/// Number of resolutions.
+/// Number of resolutions at which the search grows trees.
 const LEVELS: usize = 5;
-/// Work limit of each part of a round: the growth of a tree, or random bodies.
+/// Limit of distance queries for each part of a round: the growth of a tree, or random bodies.
 const QUOTA: u64 = 2_000;
-/// Work limit of the shortening in a round.
+/// Limit of distance queries for the shortening in a round.
 const SHORTENING: u64 = 5 * QUOTA;
 /// Numbers of rounds without a path after which separation of start and goal is checked.
 const ROUNDS_TO_FLOOD: [u32; 3] = [6, 16, 32];
-/// Excess length up to which a new body is shortened, as a fraction of the best length.
+/// Maximum excess of a new body's length over the best length for which the new body is shortened, as a fraction of the
+/// best length.
 const LONGER: f64 = 0.05;
 
-/// Searches for a path. Calls `report` with each better one.
+/// Searches for a path. Calls `report` with each path that is better than all previous ones.
 pub fn search(problem: &PlanningProblem, budget: &SearchBudget, report: &mut dyn FnMut(&ViaPath)) -> SearchOutcome {
     if let Some(why) = check_feasibility(problem) {
         return SearchOutcome::Infeasible(why);
@@ -163,7 +165,7 @@ pub fn search(problem: &PlanningProblem, budget: &SearchBudget, report: &mut dyn
     search.run(budget.stop_at_first)
 }
 
-/// Name of the stream of random numbers.
+/// Seed of the random numbers of a search.
 const SEED: u64 = 2026;
 
 /// Returns the reason why no path exists, if a quick check finds one.
@@ -187,7 +189,7 @@ struct Search<'a, 'b> {
     problem: &'a PlanningProblem<'b>,
     meter: BudgetTracker,
     random: Rng,
-    /// The trees, one for each resolution. Each is begun when its turn comes.
+    /// The trees that have been begun, one for each resolution, the coarsest first.
     trees: Vec<SearchTree>,
     best: Option<PathShortener>,
     report: &'a mut dyn FnMut(&ViaPath),
@@ -223,14 +225,15 @@ impl Search<'_, '_> {
         finest.map_or(SearchOutcome::BudgetExhausted, |tree| SearchOutcome::ExhaustedAt(tree.resolution))
     }
 
-    /// Checks in some rounds whether start and goal are separated, at a finer resolution each time.
+    /// In the rounds [`ROUNDS_TO_FLOOD`], checks whether obstacles separate start and goal, each time at a finer
+    /// resolution. Returns false in all other rounds.
     fn check_separation(&mut self, round: u32) -> bool {
         let fineness = ROUNDS_TO_FLOOD.iter().position(|rounds| *rounds == round);
         let Some(fineness) = fineness.and_then(|index| flood::FINENESS.get(index)) else { return false };
         flood::separated(self.problem, *fineness, &mut self.meter) == Flood::Separated
     }
 
-    /// Checks whether start and goal are separated, at all resolutions.
+    /// Checks whether obstacles separate start and goal, at all resolutions.
     fn check_separation_at_all_levels(&mut self) -> bool {
         let separated = |fineness| flood::separated(self.problem, fineness, &mut self.meter) == Flood::Separated;
         flood::FINENESS.into_iter().any(separated)
@@ -241,7 +244,7 @@ impl Search<'_, '_> {
         self.best.as_ref().map_or(self.problem.max_length, |best| best.chain.length)
     }
 
-    /// Records a new body if it is the best.
+    /// Records and reports a new body if it costs less than the best body so far.
     fn keep(&mut self, shortening: PathShortener) {
         let cost = |chain: &ViaPath| cost(self.problem, chain);
         if self.best.as_ref().is_none_or(|best| cost(&shortening.chain) < cost(&best.chain)) {
@@ -250,7 +253,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Grows each tree further in each round, twice as much as the next finer one.
+    /// Grows each tree further, in later rounds by more distance queries, and twice as many as the next finer tree.
+    /// Stops at the first path that is found.
     fn grow_trees(&mut self, round: u32) {
         for level in 0..LEVELS.min(round as usize + 1) {
             let below = self.below();
@@ -268,7 +272,8 @@ impl Search<'_, '_> {
         }
     }
 
-    /// Draws random bodies until one is clear. One that is a little longer than the best is shortened first.
+    /// Draws random bodies until one is clear. If a best body exists, the new body is shortened before the two are
+    /// compared.
     fn try_random_bodies(&mut self) {
         let below = if self.best.is_some() { self.below() * (1.0 + LONGER) } else { self.problem.max_length };
         let until = self.meter.work.0 + QUOTA;

@@ -1,5 +1,6 @@
-//! A search that is complete at its resolution. It tries all chains of arcs and lines of one length, in directions that
-//! are spread evenly. No two of them end in one cell of positions and directions.
+//! A search that is complete at its resolution. It tries all sequences of arcs and lines of one length, whose bending
+//! directions are spread evenly. Of the sequences that end in the same cell of positions and directions, only the
+//! shortest so far is continued.
 //!
 //! The method follows Fu, Salzman and Alterovitz 2021 ("Toward certifiable motion planning for medical steerable
 //! needles", RSS), with growbot's own shortest paths to the goal from every tip.
@@ -17,13 +18,14 @@ use super::{PlanningProblem, SearchResolution};
 use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, length};
 use crate::clearance::is_clear;
 
-/// Weight of the remaining way relative to the way so far. Ways that lead to the goal are tried first.
+/// Weight of the remaining way relative to the way so far. With a weight above 1, ways that lead to the goal are tried
+/// first.
 const HEURISTIC_WEIGHT: f64 = 1.5;
 
-/// Maximum number of stored tips, some 500 MB with the ways that may be tried.
+/// Maximum number of nodes of a tree, which take some 500 MB with the queue.
 const MAX_NODES: usize = 500_000;
 
-/// A tip that has been reached.
+/// A node of the tree: a tip that has been reached, and the way from the previous node.
 struct SearchNode {
     tip: TipPose,
     /// Index of the previous node. `edge` leads from the previous node to this node.
@@ -32,10 +34,10 @@ struct SearchNode {
     cost_to_come: f64,
 }
 
-/// A way from a node that may be tried.
+/// An arc or line from a node that has not been tried yet.
 struct QueueEntry {
     rank: f64,
-    /// Length of the body with the shortest way on to the goal, mm.
+    /// Estimated length of a body over `edge` to the goal, mm.
     total: f64,
     number: u64,
     node: u32,
@@ -84,12 +86,13 @@ impl SearchTree {
         tree
     }
 
-    /// Reports whether nothing is left to try.
+    /// Returns true if all arcs and lines have been tried.
     pub(super) fn is_exhausted(&self) -> bool {
         self.queue.is_empty()
     }
 
-    /// Continues until this much work is done, or a path below this length is found.
+    /// Continues the search until the number of distance queries reaches `until`, or a path shorter than `below` (mm)
+    /// is found, which is returned.
     pub(super) fn advance(
         &mut self,
         problem: &PlanningProblem,
@@ -137,7 +140,7 @@ impl SearchTree {
         ]
     }
 
-    /// Returns the body over this node to the goal, if it is clear.
+    /// Returns a body over the node `index` to the goal, if it is clear and shorter than `below` (mm).
     fn connect(
         &self,
         problem: &PlanningProblem,
@@ -159,7 +162,7 @@ impl SearchTree {
         None
     }
 
-    /// Returns the body to this node, followed by `way`.
+    /// Returns the body from the start to the node `index`, followed by `way`.
     fn chain(&self, index: usize, way: Vec<ArcSegment>) -> ViaPath {
         let (mut stretches, mut via, mut at) = (Vec::new(), Vec::new(), index);
         while at > 0
@@ -175,7 +178,8 @@ impl SearchTree {
         ViaPath { via, length: length(&stretches), segments: stretches }
     }
 
-    /// Adds the ways that lead on from a node.
+    /// Adds the arcs and lines that lead on from the node `index` to the queue, if a body over them can be shorter than
+    /// `below` (mm).
     fn expand(&mut self, problem: &PlanningProblem, index: usize, below: f64) {
         let Some(node) = self.nodes.get(index) else { return };
         let (tip, gone) = (node.tip, node.cost_to_come);
@@ -199,7 +203,7 @@ impl SearchTree {
     }
 }
 
-/// Returns an estimate of the length of the way to the goal, mm. For a pose, it is the way to its position.
+/// Returns an estimate of the length of the way to the goal, mm. The direction of the goal is ignored.
 fn cost_to_go(problem: &PlanningProblem, tip: &TipPose) -> f64 {
     let goal: Vector3<f64> = problem.goal.position();
     match arc_and_line_to(tip, &goal, problem.radius) {

@@ -1,4 +1,5 @@
-//! Chains: bodies that lead from the start over some positions to the goal, with the shortest piece between each two.
+//! Bodies that lead from the start through some via positions to the goal, with the shortest arc and line between two
+//! of them.
 //!
 //! An arc and a line to a position have a closed form that takes 0.1 us. A body is therefore described by the positions
 //! that it passes, and shortening it is a search over few numbers.
@@ -10,19 +11,19 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use super::{PlannerGoal, PlanningProblem};
 use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, arc_segments, length};
 
-/// A body that arrives at the goal, and the positions that it passes.
+/// A body that leads to the goal, and the via positions through which it leads.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ViaPath {
-    /// Positions on the way.
+    /// Via positions: the positions through which the body leads, in their order, mm.
     pub via: Vec<Vector3<f64>>,
-    /// Stretches of the body.
+    /// Arcs and lines of the body.
     pub segments: Vec<ArcSegment>,
-    /// Length, mm.
+    /// Length of the body, mm.
     pub length: f64,
 }
 
 impl PlanningProblem<'_> {
-    /// Returns the shortest chain over these positions, if its length is below this one.
+    /// Returns the shortest body through these via positions to the goal, if it is shorter than `below` (mm).
     pub(super) fn chain(&self, via: &[Vector3<f64>], below: f64) -> Option<ViaPath> {
         let mut tip = self.start;
         let mut segments = Vec::with_capacity(2 * via.len() + 3);
@@ -93,7 +94,7 @@ pub(super) fn frame(tip: &TipPose) -> Frame {
     Frame::from_parts(Translation3::from(tip.position), Rotation3::from_matrix_unchecked(axes))
 }
 
-/// Cuts this length off the end.
+/// Removes this length (mm) from the end of a way.
 fn cut(way: &mut Vec<ArcSegment>, mut length: f64) {
     while let Some(last) = way.last_mut() {
         if last.length > length {

@@ -11,11 +11,12 @@ use super::{RawGeometry, fan};
 
 /// Maximum depth of nested nodes.
 const MAX_DEPTH: usize = 64;
-/// Maximum number of visited nodes. A node may be the child of many.
+/// Maximum number of visited nodes. A node is visited once for each of its parents.
 const MAX_VISITS: usize = 1 << 20;
-/// Maximum number of points of all nodes together. A mesh may be used by many nodes.
+/// Maximum number of points of all nodes together. A mesh counts once for each node that uses it.
 const MAX_POINTS: usize = 1 << 26;
-/// glTF's codes for number types, and for triangles.
+/// Code of glTF for the number type "unsigned byte". The constants below are the codes for other number types and for
+/// triangles.
 const UNSIGNED_BYTE: u32 = 5121;
 const UNSIGNED_SHORT: u32 = 5123;
 const UNSIGNED_INT: u32 = 5125;

@@ -23,31 +23,32 @@ pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
 /// Maximum number of characters of a reason in a message.
 const MAX_REASON_CHARS: usize = 200;
 
-/// Reads the bytes of a format.
+/// Function that reads the geometry from the bytes of a file.
 type GeometryReader = fn(&[u8]) -> Result<RawGeometry, String>;
 
-/// File extensions of the formats.
+/// File extensions of meshes and clouds, in lower case.
 const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
 
 /// Content of a mesh or cloud file: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RawGeometry {
-    /// The points in the file's units, z up.
+    /// The points in the file's units, in axes with z up.
     pub points: Vec<Vector3<f64>>,
     /// Corners of each triangle, as indices of points.
     pub triangles: Vec<[u32; 3]>,
 }
 
-/// A file that has been read.
+/// A mesh or cloud file that has been read.
 #[derive(Debug)]
 pub struct GeometryFile {
     /// Content of the file.
     pub geometry: RawGeometry,
-    /// Hash of its bytes, CRC-64/XZ.
+    /// Hash of the file's bytes, CRC-64/XZ.
     pub hash: u64,
-    /// Number of bytes.
+    /// Length of the file, bytes.
     pub length: u64,
-    /// Length of a unit according to the format, mm: 1000 for GLB, which is in metres, otherwise 1.
+    /// Length of a unit of the points according to the file's format, mm: 1000 for GLB, which is in metres, otherwise
+    /// 1.
     pub unit_mm: f64,
 }
 
@@ -57,7 +58,7 @@ pub enum ReadError {
     /// The file is missing, or may not be read.
     #[error("cannot read {file}: {error}; give the path of a scene file, a mesh or a cloud")]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Error of the operating system.
         #[source]
@@ -66,7 +67,7 @@ pub enum ReadError {
     /// The file exceeds the size limit.
     #[error("{file} is longer than {limit} bytes, the maximum: make it smaller")]
     TooLong {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Maximum length, bytes.
         limit: u64,
@@ -74,13 +75,13 @@ pub enum ReadError {
     /// The file extension is unknown.
     #[error("{file}: unknown file extension; use .stl, .obj, .ply, .glb or .pcd")]
     UnknownExtension {
-        /// The file.
+        /// Path of the file.
         file: String,
     },
     /// The content does not match the extension, or is damaged.
     #[error("cannot parse {file}: {reason}; export the file again")]
     Malformed {
-        /// The file.
+        /// Path of the file.
         file: String,
         /// Description of the error.
         reason: String,
@@ -98,7 +99,7 @@ pub fn is_geometry(path: &Path) -> bool {
     extension(path).is_some_and(|ending| EXTENSIONS.contains(&ending.as_str()))
 }
 
-/// Reads all bytes of a file, up to a limit.
+/// Reads all bytes of a file, whose length must not exceed `limit`.
 ///
 /// # Errors
 /// [`ReadError::Unreadable`], [`ReadError::TooLong`].
@@ -159,7 +160,7 @@ fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
     Ok(())
 }
 
-/// Numbers of edges at which a mesh is not closed. A mesh with such edges encloses no volume.
+/// Numbers of edges at which a mesh is not properly closed. A mesh with such edges encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MeshDefects {
     /// Number of edges at which a face is missing.
@@ -225,7 +226,7 @@ fn words(line: &[u8]) -> Vec<&str> {
     words.map(|word| std::str::from_utf8(word).unwrap_or("(no UTF-8)")).collect()
 }
 
-/// Parses three numbers.
+/// Parses the first three words as coordinates. Returns `None` if they are not numbers.
 fn parse_point(words: &[&str]) -> Option<Vector3<f64>> {
     let [x, y, z, ..] = words else { return None };
     Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))

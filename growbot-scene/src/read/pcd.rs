@@ -4,17 +4,17 @@ use nalgebra::Vector3;
 
 use super::RawGeometry;
 
-/// Position of a coordinate among the fields of a point.
+/// Position of a coordinate among the values of a point in a PCD file.
 #[derive(Debug, Clone, Copy)]
 struct PcdField {
     /// Index of the value in a line of text.
     word: usize,
-    /// Offset and size in a binary point. The size is 4 or 8 bytes.
+    /// Offset of the value in a binary point, bytes. `size` is the length of the value, 4 or 8 bytes.
     offset: usize,
     size: usize,
 }
 
-/// Content of the header.
+/// Content of the header of a PCD file.
 #[derive(Debug, Default)]
 struct PcdHeader {
     names: Vec<String>,
@@ -39,7 +39,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     Ok(RawGeometry { points, triangles: Vec::new() })
 }
 
-/// Points, whose number is in the header.
+/// The points of a file, before their number is compared with the header.
 struct Points(Vec<Vector3<f64>>);
 
 impl Points {
@@ -87,7 +87,8 @@ fn header(bytes: &[u8]) -> Result<(PcdHeader, &[u8]), String> {
     Err("its header has no DATA".to_owned())
 }
 
-/// Returns the fields x, y and z, and the number of words and of bytes of a point.
+/// Returns the fields x, y and z, the number of words of a point in a text file, and the number of bytes of a point in
+/// a binary file.
 fn fields(header: &PcdHeader) -> Result<([PcdField; 3], usize, usize), String> {
     let (mut word, mut offset) = (0_usize, 0_usize);
     let mut found = [None; 3];

@@ -6,7 +6,7 @@ use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
 use super::RawGeometry;
 
-/// A point. Other properties are ignored.
+/// A point of a PLY file. Properties other than x, y and z are ignored.
 struct Vertex(Vector3<f64>);
 
 impl PropertyAccess for Vertex {
@@ -32,7 +32,7 @@ impl PropertyAccess for Vertex {
     }
 }
 
-/// The corners of a face.
+/// A face of a PLY file: the indices of its corners.
 struct Face(Vec<i64>);
 
 impl PropertyAccess for Face {
@@ -57,7 +57,7 @@ impl PropertyAccess for Face {
     }
 }
 
-/// Any other element.
+/// An element of a PLY file that is neither a point nor a face. It is ignored.
 struct Other;
 
 impl PropertyAccess for Other {

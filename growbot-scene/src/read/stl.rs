@@ -4,11 +4,11 @@ use nalgebra::Vector3;
 
 use super::{RawGeometry, lines, parse_point};
 
-/// Number of bytes before the triangles, and of each triangle.
+/// Number of bytes before the triangles of a binary file. `TRIANGLE` is the number of bytes of each triangle.
 const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
-/// Reads an STL file. Many binary files begin like text files, so the length decides.
+/// Reads an STL file. Many binary files begin like text files, so the length of the file decides whether it is binary.
 pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     let announced = count.map(|count| count as usize * TRIANGLE + HEADER);

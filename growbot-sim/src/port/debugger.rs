@@ -2,7 +2,8 @@
 //!
 //! QEMU is controlled through GDB's remote protocol. The board writes a word at each tick
 //! (`growbot_firmware::emulated_tip::ALARMS`). A watchpoint on the word of the next required tick stops the board
-//! there. While the board is stopped, its virtual clock is stopped too, and QEMU accepts what was sent to the board.
+//! there. While the board is stopped, its virtual clock is stopped too, and QEMU accepts the bytes that the host has
+//! sent to the board.
 
 use std::fmt::Write as _;
 use std::io::{self, ErrorKind, Read, Write};
@@ -11,23 +12,24 @@ use std::time::Duration;
 
 use growbot_firmware::emulated_tip as table;
 
-/// Connection to QEMU's debugger.
+/// Connection to the GDB server of QEMU, through which the emulated board is run and stopped.
 pub struct Debugger {
     line: TcpStream,
     received: Vec<u8>,
-    /// Address of the watched word.
+    /// Address of the word of shared memory that has the watchpoint. `None` before the first run.
     watched: Option<usize>,
     runs: bool,
 }
 
 impl Debugger {
-    /// Returns the debugger of a stopped board.
+    /// Creates the debugger of a stopped board from the connection to QEMU's GDB server.
     pub(super) fn on(line: TcpStream) -> Self {
         Self { line, received: Vec::new(), watched: None, runs: false }
     }
 
-    /// Runs the board until it reaches a tick, less than [`table::ALARM_WORDS`] away. If the board still runs from an
-    /// earlier call, it continues to the tick of that call. Returns true if the board stops there within `patience`.
+    /// Runs the board until it reaches `tick`, which must be less than [`table::ALARM_WORDS`] ticks ahead. If the board
+    /// still runs from an earlier call, the board continues to the tick of the earlier call instead. Returns true if
+    /// the board stops within `patience` of real time.
     ///
     /// # Errors
     /// QEMU has ended, or reports an error.
@@ -67,14 +69,15 @@ impl Debugger {
     }
 }
 
-/// Appends a packet of the protocol.
+/// Appends a packet of GDB's remote protocol with the content `text` to `commands`.
 fn push(commands: &mut String, text: &str) {
     let sum = text.bytes().fold(0_u8, u8::wrapping_add);
     // Writing to a String does not fail.
     let _ = write!(commands, "${text}#{sum:02x}");
 }
 
-/// Removes the first whole packet from the received bytes, and returns its text.
+/// Removes the first whole packet from the received bytes, and returns its content. Returns `None` if no whole packet
+/// has been received.
 fn next_packet(received: &mut Vec<u8>) -> Option<Vec<u8>> {
     let begin = received.iter().position(|byte| *byte == b'$')?;
     let end = begin + received.get(begin..)?.iter().position(|byte| *byte == b'#')?;

@@ -1,12 +1,12 @@
 //! The robot's firmware in QEMU, connected to the simulated tip through shared memory.
 //!
-//! The tip takes the steps from the ring, warms the nozzle by the energy that the board has counted, and writes the
-//! sensor readings.
+//! The simulated tip reads the motor steps from a ring buffer in the shared memory, heats its nozzle with the energy
+//! that the board has counted, and writes the readings of its sensors into the memory.
 //!
 //! Time is virtual: it passes with the board's instructions, and only while the host waits. The board runs from one
 //! poll of the tip to the next, so a slow machine does not change the result. With `GROWBOT_EMULATOR_TIME=real` the
-//! board runs in real time, and a thread simulates the tip. The machine's load then stretches time but does not change
-//! a step.
+//! board runs in real time, and a thread simulates the tip. The load of the machine then changes the timing of the
+//! steps, but not the steps themselves.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -36,21 +36,23 @@ use crate::image_seal;
 use crate::tip::manual_action::ManualAction;
 use crate::tip::{IndexMark, Motor, TipFault, TipModel, Variation, encoder_pitch};
 
-/// Interval at which the tip polls its memory in real time.
+/// Interval at which the simulated tip polls the shared memory while the board runs in real time.
 const TIP_POLL_INTERVAL: Duration = Duration::from_millis(1);
-/// Interval at which the tip polls its memory in virtual time. Each poll costs QEMU about 0.1 ms.
+/// Interval of virtual time at which the simulated tip polls the shared memory. Each poll costs QEMU about 0.1 ms of
+/// real time.
 const VIRTUAL_LOOK: Duration = Duration::from_millis(5);
 /// Smallest number of ticks between two stops of the emulated board, and number of ticks between two bytes that are
-/// sent to it. After a tick at which QEMU has stopped the board, the interrupt of the next tick follows immediately. So
-/// a stop at every tick would leave the main loop no time.
+/// sent to the board. After a tick at which QEMU has stopped the board, the interrupt of the next tick follows
+/// immediately. So a stop at every tick would leave the main loop no time.
 const FEWEST_TICKS: u32 = 2;
-/// Real time after which a board that reaches no tick counts as stopped. Its clock then advances by this time.
+/// Real time without a tick after which the board counts as stopped. The time that [`Emulator`] reports as the board's
+/// clock then advances by this time.
 const STANDING: Duration = Duration::from_secs(10);
 /// Timeout for the exit of QEMU after its connection has broken.
 const END: Duration = Duration::from_secs(1);
 /// Name of the board in error messages.
 const NAME: &str = "the emulated board";
-/// Path of the firmware image in cargo's target directory.
+/// Path of the firmware image for the emulated board (mps2-an386), relative to cargo's target directory.
 pub const FIRMWARE_PATH: &str = "thumbv7em-none-eabihf/firmware/an386";
 
 /// The robot's firmware in QEMU.
@@ -59,18 +61,19 @@ pub struct Emulator {
     followed: Arc<Mutex<TipFollower>>,
     line: BoardLine,
     board: EmulatedBoard,
-    /// Sealed copy of the firmware image. QEMU reads this file some time after QEMU's start.
+    /// Sealed copy of the firmware image. QEMU reads this file some time after QEMU's start, so the file is kept open.
     _image: Option<File>,
 }
 
-/// Connection to the board, and whether the board runs in virtual or in real time.
+/// Connection to the board, in real time or in virtual time.
 enum BoardLine {
     Real { stream: Stream, _player: TipThread },
     Virtual(Rc<RefCell<SteppedBoard>>),
 }
 
 impl Emulator {
-    /// Starts QEMU with a firmware image and a robot's description. The default image is the one that was built last.
+    /// Starts QEMU with a firmware image and the description of `robot`. If `firmware` is `None`, the image in cargo's
+    /// target directory is used.
     ///
     /// # Errors
     /// QEMU or the image is missing, or the board does not start.
@@ -78,8 +81,8 @@ impl Emulator {
         Self::start_with_flash(robot, firmware, &[])
     }
 
-    /// Starts a board after a loss of power, with the flash of its journal from [`Emulator::cut_power`]. Everything
-    /// else is in its initial state.
+    /// Starts a board as after a loss of power: the flash of its journal has the content `flash`, which
+    /// [`Emulator::cut_power`] has returned, and everything else is in its initial state.
     ///
     /// # Errors
     /// Those of [`Emulator::start`].
@@ -111,30 +114,31 @@ impl Emulator {
         Ok(Self { followed, line, board, _image: sealed })
     }
 
-    /// Injects a fault into the tip, and replaces a fault of the same kind. The board detects it within some
-    /// milliseconds.
+    /// Injects a fault into the tip. The fault replaces an active fault of the same kind. The board's inputs show the
+    /// fault after some milliseconds, at the next poll of the tip.
     pub fn inject(&mut self, fault: TipFault) {
         locked(&self.followed).tip.inject(fault);
     }
 
-    /// Removes the fault of this kind.
+    /// Removes the active fault of the same kind as `fault`.
     pub fn clear_fault(&mut self, fault: TipFault) {
         locked(&self.followed).tip.clear_fault(fault);
     }
 
-    /// Calls a function with the tip in its current state.
+    /// Calls `what` with the simulated tip in its current state.
     pub fn simulated_tip(&mut self, what: impl FnOnce(&mut TipModel)) {
         what(&mut locked(&self.followed).tip);
     }
 
-    /// Returns the simulated tip, which knows the layers that were really laid, for comparison with the board's report.
+    /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid, to compare
+    /// them with the board's report.
     #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
 
-    /// Cuts the board's power. Returns the flash of the board's journal, which survives. The tip's state does not
-    /// change.
+    /// Cuts the board's power, by killing QEMU. Returns the content of the flash of the board's journal, which survives
+    /// the loss of power. The tip's state does not change.
     ///
     /// # Errors
     /// The flash cannot be read.
@@ -146,7 +150,7 @@ impl Emulator {
         Ok(flash)
     }
 
-    /// Returns the clock of this board, for a test that waits without the connection.
+    /// Returns the board's clock, with which a test lets time pass without using the connection.
     #[must_use]
     pub fn clock(&self) -> EmulatedClock {
         EmulatedClock(match &self.line {
@@ -155,14 +159,15 @@ impl Emulator {
         })
     }
 
-    /// Returns the emulator, with the memory of its tip.
+    /// Returns the emulated board: its QEMU process, and the memory that the board shares with the simulated tip.
     pub fn board(&mut self) -> &mut EmulatedBoard {
         &mut self.board
     }
 }
 
 impl Emulator {
-    /// Returns the reason for a broken connection. If QEMU has ended, the reason contains its last messages.
+    /// Returns the error of a broken connection: an error with QEMU's output if QEMU has ended, and otherwise the error
+    /// `broken`.
     fn explain_disconnect(&mut self, broken: PortError) -> PortError {
         match self.board.qemu().wait_for_exit(END) {
             Some(output) => QemuError::ExitedWhileRunning(output).into(),
@@ -201,19 +206,19 @@ impl Port for Emulator {
         }
     }
 
-    /// Reports whether the board's clock can be compared with other clocks. In real time the board misses interrupts of
-    /// its timer on a busy machine, so its clock is late.
+    /// Returns true if the board's clock can be compared with the host's clock. In real time it cannot: on a busy
+    /// machine the emulated board misses interrupts of its timer, so its clock falls behind.
     fn has_comparable_clock(&self) -> bool {
         matches!(self.line, BoardLine::Virtual(_))
     }
 }
 
-/// Clock of an emulated board.
+/// Handle with which a caller lets time pass on the clock of an emulated board.
 #[derive(Clone)]
 pub struct EmulatedClock(Option<Rc<RefCell<SteppedBoard>>>);
 
 impl EmulatedClock {
-    /// Lets this much of the board's time pass. What the board sends is buffered until it is received.
+    /// Lets `time` pass on the board's clock. Bytes that the board sends are buffered until they are received.
     ///
     /// # Errors
     /// QEMU has ended.
@@ -238,11 +243,11 @@ struct SteppedBoard {
     line: TcpStream,
     to_board: VecDeque<u8>,
     from_board: VecDeque<u8>,
-    /// Ticks per second.
+    /// Frequency of the board's clock, ticks per second.
     tick_hz: u32,
     /// Number of ticks since the emulator started, over all boots of the board.
     passed: u64,
-    /// Real time that was added while the board's clock was stopped.
+    /// Time that was added to the board's clock while the emulated board was stopped.
     stood: Duration,
 }
 
@@ -303,7 +308,7 @@ impl SteppedBoard {
         (ticks as u32).clamp(FEWEST_TICKS, table::ALARM_WORDS - 1)
     }
 
-    /// Receives what the board has sent.
+    /// Reads all bytes that the board has sent into `from_board`.
     fn read(&mut self) -> io::Result<()> {
         let mut buffer = [0; 4096];
         loop {
@@ -317,7 +322,8 @@ impl SteppedBoard {
     }
 }
 
-/// Returns a sealed copy of an image. `None` if the image has a seal already, even a damaged one, or cannot be sealed.
+/// Returns a file with a sealed copy of a firmware image. Returns `None` if the image has a seal already, even a
+/// damaged one, or cannot be sealed.
 fn with_seal(firmware: &Path) -> Result<Option<File>, QemuError> {
     // Reading a pipe or a device could block.
     if !firmware.is_file() {
@@ -339,7 +345,8 @@ fn path_of(file: &File) -> PathBuf {
     PathBuf::from(format!("/proc/{}/fd/{}", std::process::id(), file.as_raw_fd()))
 }
 
-/// Returns the firmware image that was built last: next to this program, or in `target` of the working directory.
+/// Returns the path of the firmware image in the target directory that contains this program, or otherwise in `target`
+/// of the working directory.
 fn latest_firmware() -> PathBuf {
     let beside = std::env::current_exe().ok().and_then(|program| {
         // target/release/growbot, or target/debug/deps/some-test
@@ -366,13 +373,13 @@ fn prepare(memory: &SharedMemoryFile, robot: &Robot) -> Result<(), QemuError> {
     words.show(&mut tip_of(robot)).map_err(doing("write the tip's memory"))
 }
 
-/// Returns the initial tip. The board counts the head's steps from its position at power-on, and places the index mark
-/// there too.
+/// Returns the simulated tip in its initial state. Its head is at position 0, because the emulated board counts the
+/// head's steps from power-on and computes the level of the index sensor from this count.
 fn tip_of(robot: &Robot) -> TipModel {
     TipModel::new(robot.clone(), 0, Variation::default())
 }
 
-/// Returns a number that differs from run to run.
+/// Returns a number that differs from run to run, as the emulated board's source of entropy.
 fn entropy() -> u32 {
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     now.subsec_nanos() ^ std::process::id().rotate_left(16)
@@ -414,7 +421,7 @@ impl TipRegisters {
         self.0.write_all_at(&value.to_le_bytes(), offset as u64)
     }
 
-    /// Writes the readings of the tip's sensors.
+    /// Writes the readings of the tip's sensors to the shared memory.
     fn show(&self, tip: &mut TipModel) -> io::Result<()> {
         self.show_converted(table::THERMISTOR_RAW, table::THERMISTOR_LIVE, tip.sample_thermistor())?;
         self.show_converted(table::SUPPLY_RAW, table::SUPPLY_LIVE, tip.sample_supply())?;
@@ -438,8 +445,8 @@ impl TipRegisters {
         self.write(table::GRAVITY_LIVE, gravity.is_some().into())
     }
 
-    /// Writes how the encoder's level follows from the tip's steps, whenever that changes. The board computes the level
-    /// from its own steps.
+    /// Writes the mapping from feed steps to the encoder's level, if the mapping has changed. The emulated board
+    /// computes the level from its own feed steps.
     fn show_encoder_mapping(&self, tip: &mut TipModel) -> io::Result<()> {
         let (turned, seen_per_step) = tip.encoder_mapping();
         let slip = libm::rint((seen_per_step - 1.0) * 65_536.0) as i32;
@@ -463,9 +470,9 @@ impl TipRegisters {
         self.write(live, sample.is_some().into())
     }
 
-    /// Writes the index mark's position. The board computes the level of its index sensor from its own steps, so the
-    /// position includes the difference from the true steps. If a fault makes the level independent of the steps, the
-    /// constant level is written as a fault of the sensor.
+    /// Writes the index mark's position. The emulated board computes the level of its index sensor from the head's
+    /// commanded steps, so the written position is corrected by the steps that the head has slipped. If a fault makes
+    /// the level independent of the steps, the constant level is written as a fault of the sensor.
     fn show_index(&self, tip: &TipModel) -> io::Result<()> {
         let mark = IndexMark::of(tip.robot());
         let position = (i64::from(mark.position) - tip.head_slip()).rem_euclid(i64::from(mark.steps_per_turn));
@@ -490,7 +497,7 @@ struct TipFollower {
     steps_read: u32,
     /// Tick of the latest step, counted from the board's latest start.
     step_tick: u64,
-    /// Clock of the board at the latest poll.
+    /// Clock of the board at the latest poll, ticks since the board's latest start.
     ticks: u64,
     energy: u64,
     lost_steps: u32,
@@ -516,7 +523,8 @@ impl TipFollower {
         self.words.read_pair(table::TICKS_LO, table::TICKS_HI)
     }
 
-    /// Applies what the board has done since the latest poll, and updates the sensor readings.
+    /// Applies the motor steps and the heating of the board since the latest poll to the tip, and writes the tip's
+    /// sensor readings to the shared memory.
     fn sync(&mut self) -> io::Result<()> {
         if self.words.read(table::MAGIC)? != table::MAGIC_VALUE {
             return Ok(()); // not booted yet
@@ -533,7 +541,7 @@ impl TipFollower {
         self.words.show(&mut self.tip)
     }
 
-    /// Advances the tip to the board's clock, with the heating power that the board has set since the latest poll.
+    /// Advances the tip to the board's clock, with the mean heating power since the latest poll.
     fn warm(&mut self) -> io::Result<()> {
         let ticks = self.clock()?;
         let energy = self.words.read_pair(table::HEATER_ENERGY_LO, table::HEATER_ENERGY_HI)?;
@@ -556,7 +564,7 @@ impl TipFollower {
         Ok(())
     }
 
-    /// Makes the recorded steps of the motors up to the running index `written`, which is excluded.
+    /// Applies the recorded motor steps to the tip, from the running index `steps_read` up to but excluding `written`.
     fn step(&mut self, written: u32) -> io::Result<()> {
         while self.steps_read != written {
             // Reads as many records as are contiguous in the ring.
@@ -613,8 +621,8 @@ impl TipThread {
     }
 }
 
-/// The simulated tip that follows the emulated board, shared with the thread that updates it. It returns the body that
-/// was really laid, for comparison with the board's report.
+/// The simulated tip that follows the emulated board, shared with the thread that updates it. The body that was really
+/// laid is read through it, for comparison with the board's report.
 struct SharedFollowed(Arc<Mutex<TipFollower>>);
 
 impl SimulatedTip for SharedFollowed {

@@ -37,19 +37,20 @@ pub enum OpenError {
          tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
     )]
     Unknown(String),
-    /// A simulated robot can be reached only through its own program.
+    /// The simulated robot runs inside the program that uses it, so no second connection can be opened for the
+    /// emergency stop.
     #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
     NoEmergencyPort,
-    /// A board cannot control this robot.
+    /// The robot exceeds the limits of the boards. The fields are the robot's name and the reason.
     #[error("no board, real or emulated, can run robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
-    /// Error of the process of a simulated robot.
+    /// Error of the background process of a simulated robot (port `sim:NAME`).
     #[error(transparent)]
     Daemon(#[from] SimDaemonError),
-    /// Error of the emulator.
+    /// Error of QEMU (port `emulator`).
     #[error(transparent)]
     Emulator(#[from] QemuError),
-    /// Error of the emulator of the Pico.
+    /// Error of the emulator of the Raspberry Pi Pico (port `rp2040`).
     #[error(transparent)]
     Rp2040(#[from] Rp2040Error),
     /// Error of the connection.
@@ -66,19 +67,21 @@ impl From<QemuError> for PortError {
 /// Name of a port, as given to `--port`.
 #[derive(Debug, Clone, PartialEq)]
 pub enum PortName {
-    /// The controller in this process, on a virtual clock.
+    /// `sim`: a simulated robot in this process, on a virtual clock.
     Sim,
-    /// The resident simulated robot of this name, in a separate process.
+    /// `sim:NAME`: the simulated robot of this name, which runs in a background process.
     SimDaemon(String),
-    /// The firmware in QEMU. `None` stands for the image that was built last.
+    /// `emulator` or `emulator:ELF`: the firmware in QEMU. The field is the path of the firmware image. `None` stands
+    /// for the image in cargo's target directory.
     Emulator(Option<PathBuf>),
-    /// The firmware of a Pico in `rp2040js`, over one of its lines. `None` stands for the image that was built last.
+    /// `rp2040`: the firmware of a Raspberry Pi Pico in the emulator `rp2040js`. The fields are the path of the
+    /// firmware image (`None` stands for the image in cargo's target directory) and the board's link to the host.
     Rp2040(Option<PathBuf>, rp2040::HostLink),
-    /// `tcp:HOST:PORT`.
+    /// `tcp:HOST:PORT`: a robot that is reached over TCP. The field is `HOST:PORT`.
     Tcp(String),
-    /// A serial device.
+    /// A robot at a serial device. The field is the name of the device, such as `/dev/ttyACM0`.
     Serial(String),
-    /// Any other kind of port, behind a connection with faults.
+    /// Any other kind of port, with injected faults of the connection.
     Faulty(Box<Self>, FaultSpec),
 }
 
@@ -94,7 +97,8 @@ impl PortName {
         }
     }
 
-    /// Returns the name of the resident simulated robot behind this port. `None` for all other kinds of ports.
+    /// Returns the name of the simulated robot in a background process (`sim:NAME`) behind this port. Returns `None`
+    /// for all other kinds of ports.
     #[must_use]
     pub fn resident(&self) -> Option<&str> {
         match self {
@@ -141,12 +145,13 @@ impl FromStr for PortName {
 /// Settings of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TipSettings {
-    /// Start of the growth, for the orientation sensor. `None` for the origin and upwards.
+    /// Pose at the start of the growth, which determines the readings of the orientation sensor. `None` stands for the
+    /// origin with the direction upwards.
     pub start: Option<Pose>,
-    /// Deviations of the tip from its description.
+    /// Errors of the layers that the tip lays, and of its measurements.
     pub imperfection: ErrorModel,
-    /// Speed of the tip's time compared with real time, above 0. `None` for the speed of the computation. Only for
-    /// `sim`.
+    /// Speed of the tip's time as a multiple of real time, above 0. If `None`, time passes as fast as it is computed.
+    /// Used only for the port `sim`.
     pub pace: Option<f64>,
 }
 
@@ -163,7 +168,7 @@ impl TipSettings {
 pub struct OpenPort {
     /// Connection to the robot.
     pub port: Box<dyn Port>,
-    /// Simulation behind the port. `None` for a real robot.
+    /// Simulated tip behind the port. `None` for a real robot.
     pub simulated_tip: Option<Box<dyn SimulatedTip>>,
 }
 
@@ -174,8 +179,8 @@ impl OpenPort {
     }
 }
 
-/// Opens a port. `robot` is the robot that is simulated or emulated, with a tip of these settings. A real board reports
-/// its own robot.
+/// Opens a port. `robot` is the robot that `sim` and the emulators simulate, and `settings` apply to any simulated tip.
+/// A real board reports its own robot.
 ///
 /// # Errors
 /// The port does not exist, is busy or does not start.
@@ -223,7 +228,8 @@ pub fn open(name: &PortName, robot: &Robot, settings: &TipSettings) -> Result<Op
 /// Opens the connection to a robot for the emergency stop within a time limit, even if another host uses it.
 ///
 /// # Errors
-/// Those of [`open`]. A robot that is simulated in its own program has no such connection.
+/// The errors of [`open`], and [`OpenError::NoEmergencyPort`] for a robot that is simulated inside the program that
+/// uses it.
 pub fn open_for_emergency_stop(name: &PortName, limit: Duration) -> Result<Box<dyn Port>, OpenError> {
     Ok(match name {
         PortName::Sim | PortName::Emulator(_) | PortName::Rp2040(..) => return Err(OpenError::NoEmergencyPort),

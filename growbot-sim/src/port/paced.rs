@@ -7,10 +7,11 @@ use growbot_client::port::{Port, PortError};
 
 use super::sim::Sim;
 
-/// Longest pause of this program after which the simulated robot catches up with real time.
+/// Longest delay of the robot's time behind real time that the simulated robot makes up for.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
 
-/// A simulated robot whose time passes `times` as fast as real time, or as fast as it is computed if that is slower.
+/// A simulated robot whose time passes `times` as fast as real time, or as fast as it can be computed if that is
+/// slower.
 pub struct PacedSim {
     sim: Sim,
     times: f64,
@@ -19,7 +20,7 @@ pub struct PacedSim {
 }
 
 impl PacedSim {
-    /// Returns a robot with this speed, above 0.
+    /// Creates a paced robot from `sim`. `times` is the speed of its time as a multiple of real time, above 0.
     #[must_use]
     pub fn new(sim: Sim, times: f64) -> Self {
         Self { sim, times, began: Instant::now() }

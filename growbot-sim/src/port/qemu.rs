@@ -19,18 +19,18 @@ use std::time::{Duration, Instant};
 
 use super::debugger::Debugger;
 
-/// Program of the emulator.
+/// Name of QEMU's program.
 const PROGRAM: &str = "qemu-system-arm";
-/// Oldest major version of QEMU that is known to run both boards. In older versions the image of the robot's own board
-/// does not boot.
+/// Oldest major version of QEMU that is known to run growbot's firmware images for the mps2-an386 and the STM32F405. In
+/// older versions the image for the STM32F405 does not boot.
 pub const OLDEST: u32 = 10;
-/// Timeout for QEMU's connections.
+/// Timeout for QEMU to open its connections.
 const START: Duration = Duration::from_secs(60);
 /// Greatest number of bytes of QEMU's own messages that are stored.
 const MESSAGES: usize = 8192;
 
-/// In virtual time an instruction takes 2^5 = 32 ns, the power of two nearest to the 40 ns of the emulated board's 25
-/// MHz. Idle time takes no real time.
+/// Value of QEMU's option `-icount` for virtual time: an instruction takes 2^5 = 32 ns, the power of two nearest to the
+/// 40 ns of the emulated board's 25 MHz, and idle time takes no real time.
 const INSTRUCTIONS: &str = "shift=5,sleep=off";
 
 /// Mode of the emulated robot's time.
@@ -54,7 +54,7 @@ impl Time {
     }
 }
 
-/// Reason why an emulated board could not be started.
+/// Error of starting or running an emulated board.
 #[derive(Debug)]
 pub enum QemuError {
     /// `qemu-system-arm` is not on the path.
@@ -125,7 +125,7 @@ fn or_nothing(output: &str) -> &str {
     if output.trim().is_empty() { "it printed nothing" } else { output.trim() }
 }
 
-/// Returns the first line of QEMU's output. Registers may follow it.
+/// Returns the first line of QEMU's output, without the dump of registers that may follow.
 fn first_line(output: &str) -> &str {
     or_nothing(output).lines().next().unwrap_or_default().trim()
 }
@@ -135,14 +135,14 @@ pub fn doing(what: &'static str) -> impl Fn(io::Error) -> QemuError {
     move |error| QemuError::Io(what, error)
 }
 
-/// A connection that QEMU has not made yet.
+/// A listening TCP port for a connection that QEMU has not opened yet.
 pub struct QemuSocket {
     listener: TcpListener,
     name: &'static str,
 }
 
 impl QemuSocket {
-    /// Opens a port for a connection, on this machine only. The name is for error messages.
+    /// Opens a listening TCP port that only this machine can reach. `name` is the connection's name in error messages.
     pub fn open(name: &'static str) -> Result<Self, QemuError> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).map_err(doing("open a port for the emulator"))?;
         listener.set_nonblocking(true).map_err(doing("set up a port for the emulator"))?;
@@ -163,11 +163,11 @@ impl QemuSocket {
     }
 }
 
-/// A running emulator. It is killed when this is dropped.
+/// A running QEMU process. It is killed when this value is dropped.
 pub struct Qemu {
     child: Child,
     messages: Arc<Mutex<String>>,
-    /// Thread that stores the messages. It ends with QEMU.
+    /// Thread that stores QEMU's error output in `messages`. It ends with QEMU.
     listener: Option<JoinHandle<()>>,
 }
 
@@ -211,7 +211,7 @@ impl Qemu {
         Ok(Qemu { child, messages, listener })
     }
 
-    /// Waits for QEMU to connect.
+    /// Waits for QEMU to open the connection `line`.
     pub fn connect(&mut self, line: &QemuSocket) -> Result<TcpStream, QemuError> {
         let deadline = Instant::now() + START;
         loop {
@@ -306,16 +306,17 @@ fn check_version() -> Result<(), QemuError> {
     }
 }
 
-/// Returns the major version in QEMU's first line, and the whole version.
+/// Returns the major version and the whole version from the first line of `qemu-system-arm --version`.
 fn major_version(line: &str) -> Option<(u32, &str)> {
     let version = line.split_whitespace().skip_while(|word| *word != "version").nth(1)?;
     let major = version.split('.').next()?.parse().ok()?;
     Some((major, version))
 }
 
-/// The emulated robot: an mps2-an386, its connection, and the memory that it shares with the simulated tip.
+/// The emulated board (QEMU's machine mps2-an386), its serial connection, and the memory that it shares with the
+/// simulated tip.
 ///
-/// Dropping it kills the emulator and removes the memory.
+/// QEMU is killed and the memory is removed when this value is dropped.
 pub struct EmulatedBoard {
     // Fields are dropped in this order. The emulator is dropped before the file that it maps.
     qemu: Qemu,
@@ -325,7 +326,8 @@ pub struct EmulatedBoard {
 }
 
 impl EmulatedBoard {
-    /// Starts the board with a firmware image on a memory. The caller has written the host's values to this memory.
+    /// Starts the board with a firmware image. `tip` is the memory that the board shares with the simulated tip. The
+    /// caller has written the values that the host supplies to this memory.
     ///
     /// In virtual time the board stops at its reset until [`EmulatedBoard::debugger`] runs it.
     pub fn start(firmware: &Path, tip: SharedMemoryFile, time: Time) -> Result<Self, QemuError> {
@@ -351,7 +353,8 @@ impl EmulatedBoard {
         Ok(EmulatedBoard { qemu, line, debugger, tip })
     }
 
-    /// Returns the debugger that runs the board. `None` if an earlier call has returned it, and in real time.
+    /// Returns the debugger that runs the board. Returns `None` in real time, or if an earlier call has returned the
+    /// debugger.
     pub fn debugger(&mut self) -> Option<Debugger> {
         self.debugger.take()
     }
@@ -361,18 +364,18 @@ impl EmulatedBoard {
         &self.line
     }
 
-    /// Returns the memory shared with the board.
+    /// Returns the memory that the board shares with the simulated tip.
     pub fn tip(&self) -> &SharedMemoryFile {
         &self.tip
     }
 
-    /// Returns the emulator.
+    /// Returns the QEMU process.
     pub fn qemu(&mut self) -> &mut Qemu {
         &mut self.qemu
     }
 }
 
-/// Doubles commas, because a single comma ends a value in QEMU's options.
+/// Returns a path with all commas doubled, because a single comma ends a value in QEMU's options.
 fn escape_commas(path: &Path) -> OsString {
     match path.to_str() {
         Some(text) => text.replace(',', ",,").into(),
@@ -380,7 +383,7 @@ fn escape_commas(path: &Path) -> OsString {
     }
 }
 
-/// File for the memory that board and tip share. It is removed when this is dropped.
+/// File for the memory that the board and the simulated tip share. The file is removed when this value is dropped.
 pub struct SharedMemoryFile {
     path: PathBuf,
     file: File,
@@ -388,14 +391,14 @@ pub struct SharedMemoryFile {
 }
 
 impl SharedMemoryFile {
-    /// Creates a file of zeros, in memory if the system has a directory for that.
+    /// Creates a file of `size` zero bytes in `/dev/shm`, or in the temporary directory if `/dev/shm` does not exist.
     pub fn create(size: u64) -> Result<Self, QemuError> {
         let shared = Path::new("/dev/shm");
         let directory = if shared.is_dir() { shared.to_path_buf() } else { std::env::temp_dir() };
         Self::create_in(&directory, size)
     }
 
-    /// Creates a file of zeros in a directory.
+    /// Creates a file of `size` zero bytes in a directory.
     pub fn create_in(directory: &Path, size: u64) -> Result<Self, QemuError> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
         loop {

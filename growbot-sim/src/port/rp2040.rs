@@ -1,12 +1,12 @@
 //! The firmware of a Pico in the emulator `rp2040js`, connected to the simulated tip at the pins.
 //!
-//! Node runs the image (`tests/rp2040/emulator-server.js`, which describes the messages). The tip receives the edges of
-//! the steps and of the enable signals, and the shares of each millisecond in which heater and fan were on. The board
-//! receives the readings of the tip's sensors, as levels of pins and as voltages at its converter.
+//! Node runs the image (`tests/rp2040/emulator-server.js`, which describes the messages). The simulated tip receives
+//! the edges of the step, direction and enable pins, and the fraction of each millisecond for which the heater and the
+//! fan were on. The board receives the readings of the tip's sensors, as levels of pins and as voltages at its ADC.
 //!
-//! Time is virtual. It passes only while the host waits, and all runs of a job are equal. Both sides run in lock-step:
-//! the emulator stops at the first step after which a sensor reading could change, and after a millisecond at the
-//! latest.
+//! Time is virtual. It passes only while the host waits, and all runs of a job are equal. Emulator and simulated tip
+//! run in lock-step: the emulator stops at the first step after which a sensor reading could change, and after a
+//! millisecond at the latest.
 
 mod node_process;
 
@@ -27,11 +27,12 @@ use crate::ground_truth::SimulatedTip;
 use crate::tip::pins::SharedTip;
 use crate::tip::{Motor, TipFault, TipModel, Variation};
 
-/// Path of the firmware image in cargo's target directory.
+/// Path of the firmware image for the Raspberry Pi Pico, relative to cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
 /// Longest virtual time between two exchanges of the board with the simulated tip, ns.
 const EXCHANGE_NS: u64 = 1_000_000;
-/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
+/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary but not 0, so that homing
+/// has to move the head.
 const HEAD_AT_FIRST: i64 = -137;
 
 /// Connection between host and board.
@@ -45,7 +46,7 @@ pub enum HostLink {
 }
 
 impl HostLink {
-    /// Returns the name of the line in the script.
+    /// Returns the name of the link in the arguments of the emulator's script.
     fn name(self) -> &'static str {
         match self {
             Self::Uart => "uart",
@@ -54,7 +55,7 @@ impl HostLink {
     }
 }
 
-/// A Pico in an emulator.
+/// A Raspberry Pi Pico in the emulator `rp2040js`, connected to a simulated tip.
 pub struct Rp2040Emulator {
     bench: NodeProcess,
     tip: SharedTip,
@@ -71,7 +72,7 @@ pub struct Rp2040Emulator {
     lost_power: bool,
 }
 
-/// Polarity of the pins.
+/// Polarities of the pins of a robot's board.
 #[derive(Debug, Clone, Copy)]
 struct PinPolarity {
     index_low_on_mark: bool,
@@ -111,7 +112,7 @@ impl PinPolarity {
     }
 }
 
-/// Times for which heater and fan were on within a time span, ns.
+/// Times for which the heater and the fan were on within the time span `time`, ns.
 #[derive(Debug, Clone, Copy, Default)]
 struct DutyAccumulator {
     time: f64,
@@ -124,7 +125,8 @@ impl DutyAccumulator {
         self.on = [self.on[0] + heater, self.on[1] + fan];
     }
 
-    /// Returns the shares of heater and fan once the time span exceeds a period of their PWM, and starts a new span.
+    /// Returns the fractions of the time span for which the heater and the fan were on, and starts a new span. Returns
+    /// `None` while the span is shorter than [`EXCHANGE_NS`].
     fn shares(&mut self) -> Option<[f64; 2]> {
         if self.time < EXCHANGE_NS as f64 {
             return None;
@@ -134,14 +136,15 @@ impl DutyAccumulator {
     }
 }
 
-/// Returns the robot's board. The default is a Pico with its own pins.
+/// Returns the description of the robot's board. The default is a Pico with the default pins.
 fn board_of(robot: &Robot) -> BoardDescription {
     robot.description().board.unwrap_or(BoardDescription { kind: BoardKind::Pico, pins: PinOverrides::default() })
 }
 
 impl Rp2040Emulator {
-    /// Starts Node with a firmware image on a tip of this robot. The default image is the one that was built last. The
-    /// image must be for this robot. Otherwise the board reports another robot in its first response.
+    /// Starts Node with a firmware image, connected to a simulated tip of `robot`. If `firmware` is `None`, the image
+    /// in cargo's target directory is used. The image must have been built for this robot. Otherwise the board reports
+    /// another robot in its first response.
     ///
     /// # Errors
     /// Node, the emulator or the image is missing, or the board does not start.
@@ -149,7 +152,7 @@ impl Rp2040Emulator {
         Self::start_with(robot, firmware, Variation::default())
     }
 
-    /// Like [`Rp2040Emulator::start`], with a tip that deviates from its description.
+    /// Like [`Rp2040Emulator::start`], with a tip that deviates from the robot's description by `variation`.
     ///
     /// # Errors
     /// Those of [`Rp2040Emulator::start`].
@@ -173,8 +176,8 @@ impl Rp2040Emulator {
         Ok(Self::with(bench, robot, variation))
     }
 
-    /// Like [`Rp2040Emulator::start`], and writes the costs of the step interrupt and the stack to a file every few
-    /// seconds (`tests/rp2040/figures.js`).
+    /// Like [`Rp2040Emulator::start`], but also writes measurements to the file `figures` every few seconds: the
+    /// processor cycles of the step interrupt and the depth of the stack (`tests/rp2040/figures.js`).
     ///
     /// # Errors
     /// Those of [`Rp2040Emulator::start`].
@@ -200,23 +203,24 @@ impl Rp2040Emulator {
         }
     }
 
-    /// Returns the tip in its current state.
+    /// Returns a mutable reference to the simulated tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }
 
-    /// Returns the simulated tip, which knows the layers that were really laid, for comparison with the board's report.
+    /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid, to compare
+    /// them with the board's report.
     #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
     }
 
-    /// Injects a fault, and replaces a fault of the same kind.
+    /// Injects a fault into the tip. The fault replaces an active fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.simulated_tip().inject(fault);
     }
 
-    /// Removes the fault of this kind.
+    /// Removes the active fault of the same kind as `fault`.
     pub fn clear_fault(&mut self, fault: TipFault) {
         self.simulated_tip().clear_fault(fault);
     }
@@ -227,7 +231,7 @@ impl Rp2040Emulator {
         self.instructions
     }
 
-    /// Crashes the firmware: it hangs, faults or loses its clock.
+    /// Crashes the firmware in the manner of `how`: it hangs, faults or loses its clock.
     ///
     /// # Errors
     /// The emulator has ended.
@@ -265,7 +269,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Switches the power on again, at once. Only the flash and the state of the tip are kept.
+    /// Restores the board's power immediately. Only the flash and the state of the tip are kept.
     ///
     /// # Errors
     /// The emulator has ended.
@@ -276,7 +280,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Stores a copy of the flash.
+    /// Stores a copy of the board's flash for [`Rp2040Emulator::restore_flash`].
     ///
     /// # Errors
     /// The emulator has ended.
@@ -297,7 +301,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Multiplies the time of flash operations, compared with the data sheet's typical values.
+    /// Sets the duration of flash operations to `times` the typical values of the data sheet.
     ///
     /// # Errors
     /// The emulator has ended.
@@ -307,7 +311,7 @@ impl Rp2040Emulator {
         Ok(())
     }
 
-    /// Lets virtual time pass. What the board sends is buffered until it is received.
+    /// Lets `time` pass on the virtual clock. Bytes that the board sends are buffered until they are received.
     ///
     /// # Errors
     /// The emulator has ended.
@@ -404,7 +408,8 @@ impl Port for Rp2040Emulator {
     }
 }
 
-/// Returns the firmware image that was built last: next to this program, or in `target` of the working directory.
+/// Returns the path of the firmware image in the target directory that contains this program, or otherwise in `target`
+/// of the working directory.
 fn built_last() -> PathBuf {
     let beside = std::env::current_exe()
         .ok()

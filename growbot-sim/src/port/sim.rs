@@ -32,20 +32,22 @@ use growbot_core::random::{Rng, splitmix64};
 
 /// Interval at which the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
-/// Max time between two polls that are late, us of virtual time. It is the limit of the controller.
+/// Maximum time between two polls after [`Sim::poll_late`], us of virtual time. The controller must be polled at least
+/// this frequently.
 const MAX_POLL_US: u64 = 20_000;
-/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary, but homing has to move.
+/// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary but not 0, so that homing
+/// has to move the head.
 const HEAD_AT_FIRST: i64 = -137;
 
 /// Timeout of the watchdog, s.
 const WATCHDOG_S: u64 = 1;
-/// Number of sectors of the board's flash.
+/// Number of sectors of each of the board's two flash memories.
 const FLASH_SECTORS: usize = 2;
 
 type SimEngine =
     Engine<StepPin, DirectionPin, EnablePin, StepPin, DirectionPin, EnablePin, Input, Input, Input, SimulatedOutputs>;
 
-/// A robot in this process.
+/// A simulated robot in this process: the real controller and step engine, connected to a simulated tip.
 pub struct Sim {
     robot: Robot,
     tip: SharedTip,
@@ -59,12 +61,13 @@ pub struct Sim {
     boot_tick: u64,
     boots: u32,
     next_poll: u64,
-    /// Draws the time between two polls. If `None`, the controller also polls at once after each report.
+    /// Random generator of the time between two polls of the controller. If `None`, this time is constant, and the
+    /// controller is also polled immediately after each report of the step engine.
     lateness: Option<Rng>,
     fed: Rc<WatchdogClock>,
     retained: Retained,
     flash: Flash,
-    /// Flash of the robot's description.
+    /// Flash that stores the robot's description.
     descriptions: Flash,
     /// True if the board has a built-in description, which it uses if its flash has none.
     built_in: bool,
@@ -117,38 +120,40 @@ impl Sim {
         sim
     }
 
-    /// Sets the pose at which growth begins, for the orientation sensor. The default is the origin and upwards.
+    /// Sets the pose at which growth begins, which determines the readings of the orientation sensor. The default is
+    /// the origin with the direction upwards.
     pub fn start_at(&mut self, pose: &Pose) {
         self.simulated_tip().start_at(pose);
     }
 
-    /// Loads a spool with this length of filament, mm.
+    /// Sets the remaining length of filament on the spool, mm.
     pub fn load_filament(&mut self, mm: f64) {
         self.tip.borrow_mut().load_filament(mm);
     }
 
-    /// Makes the controller poll late, as on a board whose main loop is busy: 0 to 20 ms after each other, as drawn
-    /// from this seed, and not at once after a report.
+    /// Makes the polls of the controller irregular, as on a board whose main loop is busy. The time between two polls
+    /// is then random (0 to 20 ms, drawn with this seed), and the controller is not polled immediately after a report
+    /// of the step engine.
     pub fn poll_late(&mut self, seed: u64) {
         self.lateness = Some(Rng::new(&[seed]));
     }
 
-    /// Injects a fault, and replaces a fault of the same kind.
+    /// Injects a fault into the tip. The fault replaces an active fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.simulated_tip().inject(fault);
     }
 
-    /// Removes the fault of this kind.
+    /// Removes the active fault of the same kind as `fault`.
     pub fn clear_fault(&mut self, fault: TipFault) {
         self.simulated_tip().clear_fault(fault);
     }
 
-    /// Returns the tip in its current state.
+    /// Returns a mutable reference to the simulated tip in its current state.
     pub fn simulated_tip(&mut self) -> RefMut<'_, TipModel> {
         self.tip.borrow_mut()
     }
 
-    /// Returns the tip, to compare a growth with the layers that it really laid.
+    /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid.
     #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
@@ -160,7 +165,7 @@ impl Sim {
         self.epoch_s + self.tick as f64 / self.tick_hz as f64
     }
 
-    /// Returns the number of the board's starts.
+    /// Returns the board's boot number, which increases by 1 at each start.
     #[must_use]
     pub fn boots(&self) -> u32 {
         self.boots
@@ -178,13 +183,13 @@ impl Sim {
         self.controller.state()
     }
 
-    /// Returns the fault that the board has latched.
+    /// Returns the fault that the board has latched. Returns `None` without a fault.
     #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.controller.fault()
     }
 
-    /// Lets virtual time pass. What the board sends is buffered until it is received.
+    /// Lets `time` pass on the virtual clock. Bytes that the board sends are buffered until they are received.
     pub fn run_for(&mut self, time: Duration) {
         let deadline = self.tick + self.ticks(time);
         while self.tick < deadline {
@@ -192,7 +197,7 @@ impl Sim {
         }
     }
 
-    /// Returns the memory that survives a reset of the board.
+    /// Returns the board's RAM that keeps its content during a reset, but not without power.
     #[must_use]
     pub fn retained(&self) -> Retained {
         self.retained.clone()
@@ -209,13 +214,13 @@ impl Sim {
         &self.robot
     }
 
-    /// Returns the flash of the robot's description.
+    /// Returns the flash that stores the robot's description.
     #[must_use]
     pub fn descriptions(&self) -> Flash {
         self.descriptions.clone()
     }
 
-    /// Restarts the board without a built-in description. It only communicates until it is configured.
+    /// Restarts the board without a built-in description. Until the board is configured, it only communicates.
     pub fn restart_without_description(&mut self) {
         self.built_in = false;
         self.reset(ResetCause::PowerOn);
@@ -258,7 +263,7 @@ impl Sim {
     }
 
     /// Replaces the robot, because the board has been configured for another one. The tip becomes that of the new
-    /// robot, cold and with its head at an arbitrary position. Its ticks begin at 0.
+    /// robot, cold and with its head at an arbitrary position. The clock of the new tip begins at 0.
     fn replace_robot(&mut self, robot: Robot) {
         let variation = *self.tip.borrow().variation();
         self.epoch_s = self.now_s();
@@ -285,7 +290,7 @@ impl Sim {
     }
 
     /// Lets time pass until the controller is polled, until the watchdog resets the board, or until `deadline` (ticks).
-    /// Nothing else feeds the watchdog or writes to the flash.
+    /// Only a poll feeds the watchdog or writes to the flash.
     fn advance(&mut self, deadline: u64) {
         let until = self.next_poll.min(self.watchdog_deadline()).min(deadline).max(self.tick + 1);
         if self.tip.borrow().faults().has(TipFault::StepInterruptStopped) {
@@ -313,7 +318,8 @@ impl Sim {
         self.fed.fed.get() + WATCHDOG_S * self.tick_hz + 1
     }
 
-    /// Runs the step interrupt up to this tick, or until it has a report. Ticks in which no pin changes are skipped.
+    /// Runs the step interrupt up to this tick, or until the step engine has a report for the controller. Ticks in
+    /// which no pin changes are skipped.
     fn run_engine(&mut self, until: u64) {
         loop {
             let left = u32::try_from(until - self.tick).unwrap_or(u32::MAX);
@@ -357,7 +363,7 @@ fn engine(robot: &Robot, tip: &SharedTip) -> SimEngine {
     Engine::new(axis(Motor::Head), axis(Motor::Feed), inputs, outputs, EngineConfig::for_robot(robot))
 }
 
-/// Memory of a board that survives a reset.
+/// Memories of a board that survive a reset.
 struct BoardMemory<'a> {
     retained: &'a Retained,
     flash: &'a Flash,
@@ -422,7 +428,7 @@ impl Port for Sim {
     }
 }
 
-/// Types of the simulated board's parts.
+/// Marker type that specifies the types of the simulated board's parts for the controller.
 pub struct SimBoard;
 
 impl Board for SimBoard {
@@ -442,13 +448,14 @@ impl Board for SimBoard {
     type Store = Box<LayerStore>;
 }
 
-/// Returns the identity of a boot of a simulated board. It has no image to check, and it does not crash.
+/// Returns the information about one start of the simulated board. The board has no firmware image to check, and does
+/// not crash.
 fn identity_of(boot_id: u32, reset_cause: ResetCause) -> BootInfo {
     let image = ImageCheck::Unsealed;
     BootInfo { boot_id, reset_cause, image, crash: None, crystal_failed: false, configured: true }
 }
 
-/// Memory of the board that survives a reset.
+/// RAM of the board that keeps its content during a reset.
 #[derive(Clone)]
 pub struct Retained(Rc<Cell<[u8; RETAINED_BYTES]>>);
 
@@ -485,7 +492,7 @@ impl RetainedMemory for Retained {
     }
 }
 
-/// Time at which the watchdog was last fed, ticks.
+/// Present time, and time at which the watchdog was last fed, ticks.
 #[derive(Default)]
 pub struct WatchdogClock {
     now: Cell<u64>,

@@ -29,16 +29,16 @@ pub enum SimDaemonError {
     /// No directory for simulated robots is defined.
     #[error("neither XDG_STATE_HOME nor HOME is set, so simulated robots have no directory: use sim:./NAME")]
     NoHome,
-    /// The robot is off.
+    /// The simulated robot is switched off: its process does not run. The field is the robot's name.
     #[error("the simulated robot sim:{0} is off: switch it on with `growbot power on --port sim:{0}`")]
     NotRunning(String),
-    /// The robot is on already.
+    /// The simulated robot is already switched on: a process runs it. The field is the robot's name.
     #[error("the simulated robot sim:{0} is already on: switch it off with `growbot power off --port sim:{0}`")]
     AlreadyRunning(String),
-    /// Another program uses the line of the robot.
+    /// Another program has an exclusive connection to the simulated robot. The field is the robot's name.
     #[error("the simulated robot sim:{0} is in use by another program: end that program, or work through it")]
     Busy(String),
-    /// The directory belongs to another robot.
+    /// The directory of the simulated robot belongs to a different robot description.
     #[error(
         "sim:{name} already belongs to robot {stored}, not {requested}: choose another name, or omit --robot (its \
          state is in {directory})"
@@ -63,7 +63,7 @@ pub enum SimDaemonError {
         /// Error of the operating system.
         error: io::Error,
     },
-    /// The messages of the robot's process cannot be parsed.
+    /// The robot's process uses another version of the messages. The field is the robot's name.
     #[error("the process of the simulated robot sim:{0} is from another release: switch the robot off and on again")]
     OtherRelease(String),
 }

@@ -11,19 +11,19 @@ use super::{SimDaemonError, StateDir};
 use crate::port::sim::Sim;
 use crate::tip::flash::Flash;
 
-/// The files of a simulated board, and their state.
+/// The files that store the flash and the retained memory of a simulated board.
 pub struct PersistentMemory {
     place: StateDir,
     flash: KeptFlash,
-    /// Flash of the robot's description.
+    /// Flash that stores the robot's description.
     descriptions: KeptFlash,
     retained: MemoryFile,
-    /// Hash of the robot in its file.
+    /// Hash of the robot description in the directory's file `robot`.
     robot: u64,
 }
 
 impl PersistentMemory {
-    /// Opens the files and loads them into the board. Returns true if retained memory was loaded.
+    /// Opens the files and loads their content into the board. The returned flag is true if retained memory was loaded.
     pub fn open(place: &StateDir, sim: &mut Sim) -> Result<(Self, bool), SimDaemonError> {
         let erased = [0; RETAINED_BYTES];
         let flash = KeptFlash::open(place, "flash", sim.flash())?;
@@ -37,7 +37,7 @@ impl PersistentMemory {
         Ok((Self { place: place.clone(), flash, descriptions, retained, robot }, retains))
     }
 
-    /// Writes the changes.
+    /// Writes the changes of the board's memories to the files.
     pub fn save(&mut self, sim: &Sim) -> Result<(), SimDaemonError> {
         self.flash.save(&self.place)?;
         self.descriptions.save(&self.place)?;
@@ -48,7 +48,7 @@ impl PersistentMemory {
         self.retained.save(&self.place, "retained", &sim.retained().read())
     }
 
-    /// Erases the retained memory, because the power is lost.
+    /// Erases the file of the retained memory, because the board loses power.
     pub fn lose_retained(&mut self) -> Result<(), SimDaemonError> {
         self.retained.save(&self.place, "retained", &[0; RETAINED_BYTES])
     }
@@ -59,7 +59,7 @@ struct KeptFlash {
     name: &'static str,
     kept: MemoryFile,
     flash: Flash,
-    /// Number of writes of the flash that are in the file.
+    /// Number of writes to the flash when the file was last saved.
     writes: u64,
 }
 
@@ -106,7 +106,8 @@ impl MemoryFile {
         opened().map_err(|error| place.failed("open", path.clone(), error))
     }
 
-    /// Writes the range from the first byte that differs to the last, in one piece.
+    /// Writes the bytes of `now` that differ from the file's content, as one range from the first to the last changed
+    /// byte.
     fn save(&mut self, place: &StateDir, name: &str, now: &[u8]) -> Result<(), SimDaemonError> {
         let mut differ = (0..now.len()).filter(|&at| self.bytes.get(at) != now.get(at));
         let Some(first) = differ.next() else { return Ok(()) };

@@ -17,31 +17,33 @@ use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::port::TipSettings;
 use crate::tip::manual_action::ManualAction;
 
-/// Timeout for requests that the process answers at once. It has nothing else to do.
+/// Timeout for requests that the robot's process answers immediately.
 const AT_ONCE: Duration = Duration::from_secs(10);
-/// Slowest pace of a robot, as a multiple of real time.
+/// Slowest speed of a simulated robot's time, as a multiple of real time.
 const SLOWEST_PACE: f64 = 0.1;
 
-/// The line to a simulated robot that runs in the background. Its clock is the robot's, which advances by itself.
+/// Port to a simulated robot that runs in a background process. The clock of the port is the robot's clock, which also
+/// advances while no program uses the port.
 pub struct DaemonPort {
     name: String,
     place: StateDir,
     reader: BufReader<UnixStream>,
     now: Duration,
-    /// Bytes that have arrived beyond the requested number.
+    /// Bytes that the board has sent and the caller of `receive` has not taken yet.
     arrived: VecDeque<u8>,
 }
 
 impl DaemonPort {
-    /// Opens the line for exclusive use.
+    /// Opens a connection to the robot for exclusive use.
     ///
     /// # Errors
-    /// [`SimDaemonError`]: the robot is off, or another program uses its line.
+    /// [`SimDaemonError`]: the robot is off, or another program has an exclusive connection to it.
     pub fn open(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, true)
     }
 
-    /// Opens the line beside other programs, for an emergency stop and the power switch.
+    /// Opens a connection to the robot in addition to those of other programs, to send an emergency stop or to switch
+    /// the robot off.
     ///
     /// # Errors
     /// [`SimDaemonError::NotRunning`].
@@ -63,7 +65,7 @@ impl DaemonPort {
         }
     }
 
-    /// Sets the start and the disturbances of the tip.
+    /// Sets the start pose and the errors of the simulated tip.
     ///
     /// # Errors
     /// If the robot was switched off.
@@ -146,11 +148,11 @@ impl Port for DaemonPort {
     }
 }
 
-/// The layers of the tip behind a line.
+/// The simulated tip of a robot in a background process, accessed through the port to this robot.
 pub struct RemoteTip(Rc<RefCell<DaemonPort>>);
 
 impl RemoteTip {
-    /// Creates the truth of a line that a client uses too.
+    /// Creates the access to the simulated tip behind a port, which a client may use at the same time.
     #[must_use]
     pub fn behind(line: &Rc<RefCell<DaemonPort>>) -> Self {
         Self(Rc::clone(line))

@@ -12,30 +12,31 @@ use crate::ground_truth::LaidBody;
 use crate::port::TipSettings;
 use crate::tip::manual_action::ManualAction;
 
-/// Version of these messages, to be changed with them.
+/// Version of the messages, which must be incremented when they change.
 pub const PROTOCOL_VERSION: u32 = 2;
 
 /// Request to the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Request {
-    /// Opens the line, exclusively unless it is for the emergency stop. This is the first request.
+    /// Opens the connection, as the first request. `release` is the program's [`PROTOCOL_VERSION`]. `exclusive` is
+    /// false for an emergency stop or the power switch.
     Open { release: u32, exclusive: bool },
-    /// Sets the start and the disturbances of the tip.
+    /// Sets the start pose and the errors of the simulated tip.
     Tip(TipSettingsJson),
     /// Sends bytes to the board.
     Send(Vec<u8>),
-    /// Receives bytes from the board, with a timeout in its time.
+    /// Receives at most `max` bytes from the board, with a timeout in us of the board's time.
     Receive { timeout_us: u64, max: usize },
     /// Requests the layers that the tip has laid.
     Laid,
-    /// Requests the layers that no longer change.
+    /// Requests the layers from index `from` on whose plastic no longer changes.
     Settled { from: usize },
-    /// Performs an action on the tip by hand.
+    /// Performs a manual action on the tip, such as turning its head.
     Hand(ManualAction),
     /// Resets the board.
     Reset,
-    /// Ends the process immediately.
+    /// Switches the robot off: its process ends immediately.
     PowerOff,
 }
 
@@ -43,15 +44,15 @@ pub enum Request {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Response {
-    /// The request is executed. Contains the board's time.
+    /// The request was executed. `now_us` is the board's time, us.
     Done { now_us: u64 },
-    /// Bytes from the board, empty after the timeout. Contains the board's time.
+    /// Bytes from the board. They are empty if the timeout has expired. `now_us` is the board's time, us.
     Bytes { bytes: Vec<u8>, now_us: u64 },
-    /// Alpha, height and tilt of layers, and the total steps of the feed.
+    /// Alpha (rad), height (mm) and tilt (rad) of each layer, and the net number of feed steps.
     Laid { layers: Vec<[f64; 3]>, feed_steps: u64 },
-    /// Another program uses the line.
+    /// Another program has an exclusive connection to the robot.
     Busy,
-    /// The process has another release.
+    /// The process and the program use different versions of the messages.
     OtherRelease,
 }
 
@@ -61,7 +62,7 @@ impl Response {
     }
 }
 
-/// Converts a response to the layers that a tip has laid.
+/// Converts the values of a [`Response::Laid`] to the body that a tip has laid.
 pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> LaidBody {
     let body = layers.iter().map(|&[alpha, height, tilt]| Layer { alpha, height, tilt }).collect();
     LaidBody { body, feed_steps }

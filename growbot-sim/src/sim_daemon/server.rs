@@ -19,22 +19,25 @@ use super::{SimDaemonError, StateDir};
 use crate::port::TipSettings;
 use crate::port::sim::Sim;
 
-/// Maximum step of time while programs may send requests.
+/// Maximum time by which the robot's time advances between two checks for requests, at a pace of at most 1. At a faster
+/// pace, it is multiplied by the pace.
 const STEP: Duration = Duration::from_millis(10);
-/// Maximum delay behind real time that is caught up.
+/// Maximum delay of the robot's time behind real time that the robot makes up for.
 const MAX_BEHIND: Duration = Duration::from_secs(1);
-/// Maximum time for which the robot's time stands still while its owner sends no request.
+/// Maximum real time for which the robot's time stands still to wait for the next request of its owner, the program
+/// with the exclusive connection.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Timeout of a wait for requests while nothing is due.
+/// Time for which the process waits for a request if the robot's time is at most [`STEP`] late.
 const LOOK: Duration = Duration::from_millis(1);
-/// Maximum number of bytes that wait to be received. Further ones are lost.
+/// Maximum number of bytes from the board that wait for one program. Beyond this number, the oldest bytes are dropped.
 const MAX_QUEUE: usize = 1 << 16;
 
-/// Runs the robot of a place until it is switched off. Its time advances `pace` times as fast as real time. `ready` is
-/// called once programs can connect.
+/// Runs the simulated robot of the directory `place` until it is switched off. The robot's time advances `pace` times
+/// as fast as real time. `ready` is called once programs can connect.
 ///
 /// # Errors
-/// [`SimDaemonError`]: another process runs it, the place belongs to another robot, or its files cannot be used.
+/// [`SimDaemonError`]: another process runs the robot, the directory belongs to another robot, or its files cannot be
+/// used.
 pub fn serve(place: &StateDir, robot: &Robot, pace: f64, ready: impl FnOnce()) -> Result<(), SimDaemonError> {
     place.create()?;
     let Some(held) = place.hold()? else { return Err(SimDaemonError::AlreadyRunning(place.name().to_owned())) };
@@ -69,7 +72,7 @@ fn boots() -> u32 {
     now.subsec_nanos().rotate_left(13) ^ now.as_secs() as u32
 }
 
-/// A message from a host's thread: a new connection, a request, or the end of the connection.
+/// A message from the thread of a connection: a new connection, a request, or the end of the connection.
 enum ConnectionEvent {
     Connected(UnixStream),
     Request(Request),
@@ -78,7 +81,8 @@ enum ConnectionEvent {
 
 type Asks = Receiver<(u64, ConnectionEvent)>;
 
-/// Starts a thread that accepts connections, and one for each of them.
+/// Starts a thread that accepts connections, and one thread for each connection. Returns the channel on which these
+/// threads report events.
 fn listen(listener: UnixListener) -> Asks {
     let (sender, events) = mpsc::channel();
     thread::spawn(move || {
@@ -108,13 +112,14 @@ fn read_requests(host: u64, stream: UnixStream, say: &Sender<(u64, ConnectionEve
     let _ = say.send((host, ConnectionEvent::Disconnected));
 }
 
-/// A program that is connected to the line.
+/// A program that is connected to the robot's process.
 struct ClientConnection {
     stream: UnixStream,
-    /// Bytes that the board has sent since the line was opened and that the program has not received.
+    /// Bytes that the board has sent since the connection was opened and that the program has not received.
     queue: VecDeque<u8>,
     is_open: bool,
-    /// End of the wait for bytes, in the robot's time, and their maximum number.
+    /// Deadline of the program's request for bytes, in the robot's time, and the maximum number of bytes. `None` if the
+    /// program does not wait for bytes.
     waits: Option<(Duration, usize)>,
 }
 
@@ -125,9 +130,9 @@ struct SimServer {
     /// Real time at which the robot's time was 0.
     began: Instant,
     hosts: BTreeMap<u64, ClientConnection>,
-    /// Number of the host that owns the line.
+    /// Number of the program with the exclusive connection.
     owner: Option<u64>,
-    /// Time of the latest request.
+    /// Real time of the owner's latest request, or of the latest response to a program that waited for bytes.
     last_request: Instant,
 }
 
@@ -160,8 +165,8 @@ impl SimServer {
         self.sim.now()
     }
 
-    /// Returns by how much the robot's time has to advance now. It stands still while its owner computes the next
-    /// request.
+    /// Returns the time by which the robot's time has to advance now. The robot's time stands still while its owner
+    /// computes the next request.
     fn due(&mut self) -> Duration {
         let waited_for = self.owner.is_some()
             && self.hosts.values().all(|host| host.waits.is_none())
@@ -175,7 +180,8 @@ impl SimServer {
         behind.mul_f64(self.pace)
     }
 
-    /// Lets time pass, until the board sends bytes.
+    /// Advances the robot's time by at most `time`, until the board sends bytes or the deadline of a waiting program.
+    /// Queues the bytes for all programs.
     fn pass(&mut self, time: Duration) {
         let until = self.hosts.values().filter_map(|host| host.waits).map(|(until, _)| until).min();
         let time =
@@ -211,8 +217,8 @@ impl SimServer {
         }
     }
 
-    /// Returns whether the owner still has its end of the line open. The thread that reads from it may report its end
-    /// only after the request of the next owner.
+    /// Returns true if the owner still has its connection open. The state of the socket is checked, because the thread
+    /// that reads from the socket may report the end of the connection only after the request of the next owner.
     fn has_connected_owner(&self) -> bool {
         let Some(owner) = self.owner.and_then(|owner| self.hosts.get(&owner)) else { return false };
         let mut ends = [PollFd::new(&owner.stream, PollFlags::empty())];
@@ -256,7 +262,7 @@ impl SimServer {
         Ok(if is_off { PowerState::Unpowered } else { PowerState::Powered })
     }
 
-    /// Executes the request of a host. `None` if the response is sent later.
+    /// Executes the request of a program. Returns `None` if the response is sent later.
     fn handle_request(&mut self, name: u64, ask: Request) -> Option<Response> {
         let now = self.now();
         match ask {
@@ -295,7 +301,7 @@ enum PowerState {
     Unpowered,
 }
 
-/// Time after which a host that accepts no bytes counts as gone.
+/// Time after which a program that accepts no bytes counts as disconnected.
 const STALLED: Duration = Duration::from_secs(2);
 
 fn write_response(stream: &mut UnixStream, answer: &Response) -> io::Result<()> {

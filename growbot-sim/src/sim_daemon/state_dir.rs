@@ -14,7 +14,7 @@ use super::SimDaemonError;
 /// Maximum length of the path of a Unix socket, bytes.
 const LONGEST_SOCKET_PATH: usize = 107;
 
-/// The directory of a simulated robot.
+/// The directory with the state of a simulated robot, such as its flash, and with the socket to which programs connect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StateDir {
     name: String,
@@ -22,8 +22,8 @@ pub struct StateDir {
 }
 
 impl StateDir {
-    /// Returns the place of a robot of this name: its own directory in `$XDG_STATE_HOME/growbot/robots` or
-    /// `~/.local/state/growbot/robots`. A name that contains a slash is the directory itself.
+    /// Returns the directory of the simulated robot with this name: `$XDG_STATE_HOME/growbot/robots/NAME` or
+    /// `~/.local/state/growbot/robots/NAME`. A name that contains a slash is the path of the directory itself.
     ///
     /// # Errors
     /// [`SimDaemonError::NoHome`].
@@ -54,7 +54,7 @@ impl StateDir {
         self.directory.join(name)
     }
 
-    /// Returns the path of the socket of its line.
+    /// Returns the path of the Unix socket to which programs connect.
     pub(super) fn socket_path(&self) -> Result<PathBuf, SimDaemonError> {
         let path = self.file("line");
         if path.as_os_str().len() > LONGEST_SOCKET_PATH {
@@ -71,7 +71,8 @@ impl StateDir {
         made.map_err(|error| self.failed("create", self.directory.clone(), error))
     }
 
-    /// Locks the robot for this process, until the file is closed. `None` if another process runs it.
+    /// Locks the robot for this process until the returned file is closed. Returns `None` if another process runs the
+    /// robot.
     pub(super) fn hold(&self) -> Result<Option<File>, SimDaemonError> {
         let path = self.file("lock");
         let file = File::options().create(true).truncate(false).write(true).open(&path);
@@ -82,13 +83,13 @@ impl StateDir {
         }
     }
 
-    /// Reports whether a process runs the robot.
+    /// Returns true if a process runs the robot.
     #[must_use]
     pub fn is_on(&self) -> bool {
         self.directory.is_dir() && matches!(self.hold(), Ok(None))
     }
 
-    /// Returns the robot that the directory belongs to. `None` if it belongs to none yet.
+    /// Returns the robot that the directory belongs to. Returns `None` if it does not belong to a robot yet.
     ///
     /// # Errors
     /// If the file cannot be read.
@@ -115,7 +116,7 @@ impl StateDir {
         self.robot()?.map_or(Ok(()), |known| self.check_same_robot(&known, robot))
     }
 
-    /// Returns the pace of the robot's time, as a multiple of real time. `None` if unknown.
+    /// Returns the pace of the robot's time, as a multiple of real time. Returns `None` if the pace cannot be read.
     #[must_use]
     pub fn pace(&self) -> Option<f64> {
         fs::read_to_string(self.file("pace")).ok()?.trim().parse().ok()

@@ -1,8 +1,9 @@
 //! Repetition of a growth with many seeds, on all cores, with memory that does not depend on their number.
 //!
-//! Growth k has the seed N + k, so that any growth can be repeated alone, above all the worst. Random streams are named
-//! by a hash of the seed, so neighbours are unrelated. Campaigns from N and N + 1 share all growths but one. Outcomes
-//! are stored 16,384 at a time, so 3,000,000 growths take as much memory as 100,000: 14 MB.
+//! Growth k has the seed N + k, so that any growth can be repeated alone, above all the worst. Random numbers are
+//! derived from a hash of the seed, so growths with neighbouring seeds are unrelated. Campaigns from N and N + 1 share
+//! all growths but one. Outcomes are stored 16,384 at a time, so 3,000,000 growths take as much memory as 100,000: 14
+//! MB.
 
 use std::cmp::Reverse;
 use std::convert::Infallible;
@@ -17,8 +18,8 @@ use crate::parallel;
 /// Number of growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
 
-/// The growth that ended farthest from the goal. If several growths ended equally far, it is that with the smallest
-/// seed.
+/// The growth that ended farthest from the goal. If several growths ended equally far, this is the growth with the
+/// smallest seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct WorstRun {
     /// Seed of the growth.
@@ -34,16 +35,16 @@ pub struct ObstacleStatistics {
     pub contacts: u64,
     /// Seed of the first growth that touches an obstacle, and its contact.
     pub first_contact: Option<(u64, Contact)>,
-    /// Minimum clearance of all growths, mm.
+    /// Minimum distance between the outside of the tube and the obstacles over all growths, mm.
     pub clearance: f64,
     /// Number of growths with detours.
     pub with_detours: u64,
-    /// Number of growths that paused.
+    /// Number of growths that paused because they came too near to an obstacle.
     pub pauses: u64,
 }
 
 impl ObstacleStatistics {
-    /// Creates the result of one growth among obstacles.
+    /// Creates the statistics of a single growth from its obstacle report.
     fn of(seed: u64, among: &ObstacleReport) -> Self {
         Self {
             contacts: u64::from(among.contact.is_some()),
@@ -69,21 +70,23 @@ impl ObstacleStatistics {
 pub struct Campaign {
     /// Number of growths.
     pub runs: u64,
-    /// Number of laid layers.
+    /// Number of laid layers of each growth.
     pub layers: Statistics,
-    /// Distance from the goal, mm.
+    /// Distance of the body's end from the goal, mm.
     pub position_error_mm: Statistics,
-    /// Distance from the goal over the length of the planned path.
+    /// Distance of the body's end from the goal, divided by the length of the planned path.
     pub normalized_position_error: Statistics,
-    /// Difference of the headings, degrees. Empty if the goal is vertical, and without the growths that end vertically.
+    /// Difference between the headings of the body's end and the goal, degrees. Growths that end vertically are not
+    /// counted. Empty if the goal is vertical.
     pub heading_error_deg: Statistics,
-    /// Difference of the pitches, degrees.
+    /// Difference between the pitches of the body's end and the goal, degrees.
     pub pitch_error_deg: Statistics,
-    /// Angle between the directions, degrees.
+    /// Angle between the directions of the body's end and the goal, degrees.
     pub direction_error_deg: Statistics,
     /// The growth that ended farthest from the goal.
     pub farthest: Option<WorstRun>,
-    /// Maximum sag and maximum stress of a root. They may belong to different bodies. `None` without sag.
+    /// Maximum sag, and maximum stress at the root of a body, over all growths. The two maxima may belong to different
+    /// bodies. `None` if sag is not simulated.
     pub hung: Option<SagResult>,
     /// Results among the obstacles of a scene. `None` without a scene.
     #[serde(skip)]
@@ -91,8 +94,8 @@ pub struct Campaign {
 }
 
 impl Campaign {
-    /// Grows `runs` times, with the seeds from `seed` on. Calls `at` with the number of finished growths. The result
-    /// does not depend on the number of threads.
+    /// Simulates `runs` growths with consecutive seeds from `seed` on. Calls `at` with the number of finished growths.
+    /// The result does not depend on the number of threads.
     pub fn run(simulation: &Simulation, seed: u64, runs: u64, threads: usize, at: impl FnMut(u64)) -> Self {
         Self::run_each(simulation, seed, runs, threads, at, |_, _| Ok::<(), Infallible>(()))
             .unwrap_or_else(|never| match never {})
@@ -101,7 +104,7 @@ impl Campaign {
     /// Like [`Self::run`], but calls `each` with every seed and its outcome, in the order of the seeds.
     ///
     /// # Errors
-    /// The first error of `each`, after which no more is grown.
+    /// The first error of `each`, after which no further growth is simulated.
     pub fn run_each<E>(
         simulation: &Simulation,
         seed: u64,

@@ -27,14 +27,14 @@ use serde::{Deserialize, Serialize};
 
 use self::obstacles::{ContactDetector, GuardedGrowth, ObstacleReport};
 
-/// Code of the warning for a root that would break under the body's weight. The value is the greatest stress, the limit
-/// the strength of the plastic, MPa.
+/// Code of the warning for a root that would break under the body's weight. The value of the warning is the greatest
+/// stress, and its limit is the strength of the plastic, MPa.
 pub const ROOT_FAILS: &str = "root-fails";
-/// Code of the warning for a body that sags beyond the range of the model. The value is the deflection of the tip, the
-/// limit a tenth of the length, mm.
+/// Code of the warning for a body that sags beyond the range of the model. The value of the warning is the deflection
+/// of the tip, and its limit is a tenth of the path's length, mm.
 pub const LARGE_SAG: &str = "sags-far";
 
-/// Maximum small sag, as a fraction of the length.
+/// Maximum sag in the range of the small-deflection model, as a fraction of the path's length.
 const SMALL_SAG: f64 = 0.1;
 
 /// A growth that can be simulated with any seed.
@@ -43,16 +43,16 @@ pub struct Simulation<'a> {
     task: GrowthTask<'a>,
     /// Length of the path, mm.
     path_length: f64,
-    /// Layers of the open loop.
+    /// Layers that the plan consists of, which an open-loop growth lays.
     layers: SlicedLayers<'a>,
     /// Disturbance of the layers.
     pub disturbance: Disturbance,
-    /// Sensors of the closed loop. `None` for open loop.
+    /// Sensors of a closed-loop growth. `None` for an open-loop growth.
     pub sensors: Option<SimulatedSensors>,
     /// True if the body sags under its own weight.
     pub sag: bool,
-    /// Scene of the growth. Closed loop stays clear of it. Contacts are those of the body as it was laid, without its
-    /// sag.
+    /// Scene with the obstacles around the growth. `None` without obstacles. A closed-loop growth avoids the obstacles.
+    /// Contacts are computed for the body as it was laid, without its sag.
     pub scene: Option<&'a LoadedScene>,
     /// Radius of the bends of detours, mm.
     radius: f64,
@@ -61,11 +61,11 @@ pub struct Simulation<'a> {
 /// Result of a simulated growth.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulationResult {
-    /// The body.
+    /// The body that was grown.
     pub grown: GrownBody,
     /// Pose of the tip and its errors from the goal.
     pub arrival: Arrival,
-    /// Sag of the body. `None` without sag.
+    /// Sag of the body. `None` if sag is not simulated.
     pub sag: Option<SagResult>,
     /// Result among the obstacles of a scene. `None` without a scene.
     pub obstacles: Option<ObstacleReport>,
@@ -76,7 +76,7 @@ pub struct SimulationResult {
 pub struct SagResult {
     /// Distance of the tip from its position without weight, mm.
     pub deflection: f64,
-    /// Stress of the root.
+    /// Stress at the root of the body.
     pub root: RootStress,
 }
 
@@ -186,12 +186,13 @@ impl<'a> Simulation<'a> {
         self.path_length
     }
 
-    /// Returns the layers of the body as it lies after the growth: without twist, and bent by the sag if there is one.
-    /// Each begins where the one before ends (Eq 4). `laid` are the layers that [`Self::run_by_layer`] returns.
+    /// Returns layers that chain (Eq 4) to the body as it lies after the growth. These layers have no twist: the twist
+    /// of the laid layers is contained in their angles, and the sag in their directions. `laid` are the layers that
+    /// [`Self::run_by_layer`] passes to `each`.
     ///
-    /// Twist turns the angles of all later layers. Sag turns the directions of the tip, so the lengths stay as laid.
-    /// The end differs from the tip under weight ([`SaggingBody`]) by the error of its first order, some percent of the
-    /// sag.
+    /// Twist turns the angles of all later layers. Sag turns the directions of the layers, but their lengths stay as
+    /// laid. Therefore the end of the returned layers differs from the position of the sagging tip ([`SaggingBody`], a
+    /// first-order model) by some percent of the sag.
     #[must_use]
     pub fn layers_as_laid(&self, laid: &[DisturbedLayer]) -> Vec<Layer> {
         if !self.sag {

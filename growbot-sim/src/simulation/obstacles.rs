@@ -18,26 +18,26 @@ const FAR: f64 = 1e3;
 /// First contact of a body with an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Contact {
-    /// Index of the layer.
+    /// Index of the layer that touches the obstacle.
     pub layer: u64,
-    /// Position along the body, mm.
+    /// Length of the body before this layer, mm.
     pub at: f64,
-    /// Point of the centreline.
+    /// Point of the centreline in the middle of this layer, in the base's frame, mm.
     pub point: Vector3<f64>,
-    /// The obstacle.
+    /// Obstacle that is nearest to this point.
     pub obstacle: Option<Obstacle>,
 }
 
-/// A pause of a growth, because the rest would have been too near to an obstacle.
+/// A pause of a growth, because the remaining path would have come too near to an obstacle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ClearancePause {
-    /// Number of layers laid before.
+    /// Number of layers that were laid before the pause.
     pub layers: u64,
-    /// Length of the body, mm.
+    /// Length of the body at the pause, mm.
     pub at: f64,
-    /// Distance between the outside of the tube and the obstacle, mm.
+    /// Distance between the outside of the planned tube and the obstacle, mm.
     pub clearance: f64,
-    /// 3 standard deviations of the position there, mm.
+    /// 3 standard deviations of the predicted position at the point that is too near, mm.
     pub deviation: f64,
 }
 
@@ -50,11 +50,11 @@ pub struct ObstacleReport {
     pub clearance: f64,
     /// Number of detours.
     pub detours: u32,
-    /// Pause at which the growth ended, if it did.
+    /// Pause that ended the growth before its goal. `None` if the growth did not pause.
     pub paused: Option<ClearancePause>,
 }
 
-/// Follows the true body of a growth.
+/// Detector of contacts between the true body of a growth and the obstacles of a scene.
 pub(super) struct ContactDetector<'a> {
     scene: &'a Scene,
     half_tube: f64,
@@ -71,7 +71,7 @@ impl<'a> ContactDetector<'a> {
         Self { scene, half_tube, base_from_tip: base_from_start, layers: 0, length: 0.0, among }
     }
 
-    /// Adds a layer.
+    /// Adds a laid layer to the body, and checks its distance from the obstacles.
     pub(super) fn lay(&mut self, laid: &DisturbedLayer) {
         let Layer { alpha, height: length, tilt: bend } = laid.layer;
         let segment = if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } };
@@ -96,7 +96,7 @@ impl<'a> ContactDetector<'a> {
     }
 }
 
-/// Keeps a closed loop clear of the obstacles.
+/// Guard that keeps a closed-loop growth clear of the obstacles of a scene, by detours and pauses.
 pub(super) struct GuardedGrowth<'a> {
     guard: ClearanceGuard<'a>,
     pub(super) detours: u32,
@@ -108,7 +108,8 @@ impl<'a> GuardedGrowth<'a> {
         Self { guard: ClearanceGuard::new(around, seen), detours: 0, paused: None }
     }
 
-    /// Reports whether the growth continues after a correction.
+    /// Checks that the corrected path of a growth is clear of the obstacles, and replaces it by a detour if needed.
+    /// Returns false if the growth must pause.
     pub(super) fn check_correction(&mut self, tracker: &mut Tracker<'a>, laid: Option<&Layer>) -> bool {
         if let Some(layer) = laid {
             self.guard.record_layer(layer, &tracker.estimate().systematic_errors);

@@ -8,9 +8,10 @@ use serde::{Deserialize, Serialize};
 /// Number of mantissa bits that determine the bin of a number: 128 bins from each power of two to the next, each 0.4 to
 /// 0.8 % wide.
 const MANTISSA_BITS: u32 = 7;
-/// Number of bits of an `f64` below those.
+/// Number of mantissa bits of an `f64` that do not determine its bin.
 const BELOW: u32 = f64::MANTISSA_DIGITS - 1 - MANTISSA_BITS;
-/// Limits of the bins: smaller values count as 0, and larger ones as `GREATEST`. They are 2^-64 and 2^32.
+/// Lower limit of the bins, 2^-64. Smaller values count as 0. Values above `GREATEST`, which is 2^32, count as
+/// `GREATEST`.
 const LEAST: f64 = f64::from_bits((1023 - 64) << 52);
 const GREATEST: f64 = f64::from_bits((1023 + 32) << 52);
 
@@ -23,7 +24,7 @@ pub struct Statistics {
     not_finite: u64,
     /// Sum of the values, in units of 2^-1074.
     sum: BigUint,
-    /// Sum of their squares, in units of 2^-2148.
+    /// Sum of the squares of the values, in units of 2^-2148.
     squares: BigUint,
     min: f64,
     max: f64,
@@ -31,7 +32,7 @@ pub struct Statistics {
     bins: BTreeMap<u16, u64>,
 }
 
-/// Exponent of the unit of sums: that of the smallest `f64`.
+/// Binary exponent of the unit of the sums, which is the smallest positive `f64`, 2^-1074.
 const UNIT: i32 = -1074;
 
 impl Default for Statistics {
@@ -57,7 +58,8 @@ fn middle_of(bin: u16) -> f64 {
     0.5 * (edge(bin) + edge(bin.saturating_add(1)))
 }
 
-/// Returns mantissa and exponent of a finite number that is not negative: `mantissa * 2^(shift + UNIT)`.
+/// Returns `(mantissa, shift)` of a finite number that is not negative. The number equals `mantissa * 2^(shift +
+/// UNIT)`.
 fn parts(value: f64) -> (u64, u64) {
     let bits = value.to_bits();
     let (exponent, fraction) = (bits >> 52, bits & ((1 << 52) - 1));
@@ -99,7 +101,7 @@ impl Statistics {
         *self.bins.entry(bin_of(value)).or_default() += 1;
     }
 
-    /// Adds the values of another one. The result is the same, to the bit, in any order and grouping.
+    /// Adds the values of `other`. The result is the same, to the bit, in any order and grouping.
     pub fn merge(&mut self, other: &Self) {
         self.count += other.count;
         self.not_finite += other.not_finite;
@@ -144,13 +146,13 @@ impl Statistics {
         quotient(&spread, &(BigUint::from(self.count) * (self.count - 1)), 2 * UNIT).sqrt()
     }
 
-    /// Returns the minimum value.
+    /// Returns the minimum value. 0 without values.
     #[must_use]
     pub fn min(&self) -> f64 {
         self.min.min(self.max)
     }
 
-    /// Returns the maximum value.
+    /// Returns the maximum value. 0 without values.
     #[must_use]
     pub fn max(&self) -> f64 {
         self.max

@@ -1,13 +1,16 @@
 //! A nozzle in parts: a heater cartridge in a block in air, and a thermistor with a published table.
 //!
 //! `C_h dH/dt = P - G (H - B)` for the cartridge, `C_b dB/dt = G (H - B) - loss - c Q (B - A)` for the block, and the
-//! thermistor follows the block as in [`super::nozzle`]. The loss consists of natural convection and radiation (Stefan
-//! and Boltzmann). Natural convection is proportional to the temperature difference to the power of 1.25 (laminar:
-//! McAdams, Heat Transmission, 1954). A fan or a draught adds to the convection.
+//! thermistor follows the block as in [`super::nozzle`]. H and B are the temperatures of cartridge and block, A that of
+//! the surroundings, P the heating power, G the conductance between cartridge and block, and Q the flow of filament
+//! with the heat capacity c. The loss consists of natural convection and radiation (Stefan and Boltzmann). Natural
+//! convection is proportional to the temperature difference to the power of 1.25 (laminar: McAdams, Heat Transmission,
+//! 1954). A fan or a draught adds to the convection.
 //!
-//! The firmware's model is one lump of heat, a loss in proportion to the difference, and an equation of the thermistor.
-//! None of that is used here, so that results that agree for both nozzles do not agree because the models are the same.
-//! The equations are integrated by the Runge-Kutta method of fourth order, 0.05 s a step at most.
+//! The firmware's model is a single heat capacity, a loss in proportion to the temperature difference, and an equation
+//! of the thermistor. This module uses none of these, so a result that holds for this nozzle does not depend on the
+//! firmware's model. The equations are integrated by the Runge-Kutta method of fourth order, with steps of at most 0.05
+//! s.
 
 use super::nozzle::NozzleInputs;
 
@@ -18,16 +21,16 @@ pub struct CartridgeParameters {
     pub capacity_share: f64,
     /// Thermal conductance from the cartridge to the block, W/K.
     pub coupling_w_per_k: f64,
-    /// Fraction of radiation in the loss at the robot's target in still air, 0 to 1.
+    /// Fraction of the heat loss that is radiation, at the robot's target temperature in still air, 0 to 1.
     pub radiation_share: f64,
 }
 
 /// Room temperature to which the description's loss at the target refers, degrees Celsius.
 const ROOM_C: f64 = 25.0;
-/// 0 degrees Celsius, K.
+/// Temperature of 0 degrees Celsius, K.
 const ZERO_C: f64 = 273.15;
-/// Maximum step, s: a sixth of the shortest time constant, that of a cartridge with a tenth of the nozzle's heat
-/// capacity and a conductance of 4 W/K.
+/// Maximum integration step, s: a sixth of the shortest time constant, that of a cartridge with a tenth of the nozzle's
+/// heat capacity and a conductance of 4 W/K.
 const STEP_S: f64 = 0.05;
 /// Minimum lag of a thermistor that the integration with steps of [`STEP_S`] can follow, s.
 const SHORTEST_LAG_S: f64 = 0.1;
@@ -41,22 +44,24 @@ pub(super) struct Cartridge {
     parts: CartridgeParameters,
     heat_capacity: f64,
     ambient_c: f64,
-    /// Loss by radiation at the target, W per degree between target and room. `target_c` is the target.
+    /// Heat loss by radiation at the target temperature `target_c`, divided by the difference between target and room
+    /// temperature, W/K.
     radiated_w_per_k: f64,
     target_c: f64,
     /// Temperature of the cartridge, degrees Celsius.
     celsius: f64,
 }
 
-/// Inputs of block and thermistor, which are constant during an integration step.
+/// Inputs of the cartridge, the block and the thermistor, which are constant during an integration step.
 pub(super) struct Load<'a> {
     pub drive: &'a NozzleInputs,
-    /// Heat that the filament removes, W/K.
+    /// Heat flow that the filament removes for each degree of the block above the surroundings, W/K.
     pub flow_w_per_k: f64,
 }
 
 impl Cartridge {
-    /// Creates a cartridge at the temperature of its surroundings. `loss_w_per_k` is the loss in still air.
+    /// Creates a cartridge at the temperature of its surroundings. `loss_w_per_k` is the nozzle's heat loss in still
+    /// air.
     pub fn new(
         parts: CartridgeParameters,
         heat_capacity: f64,
@@ -88,7 +93,7 @@ impl Cartridge {
         radiated + convected
     }
 
-    /// Returns the rate of change of each temperature, degrees a second.
+    /// Returns the rate of change of each temperature, degrees per second.
     fn rates(&self, [cartridge, block, sensor]: Temperatures, load: &Load) -> Temperatures {
         let Load { drive, flow_w_per_k } = load;
         let CartridgeParameters { capacity_share, coupling_w_per_k, .. } = self.parts;
@@ -127,8 +132,8 @@ impl Cartridge {
     }
 }
 
-/// Resistance of the thermistor 104GT-2 of Semitec (100 kilo-ohm) from -50 degrees Celsius on, every 10 degrees,
-/// kilo-ohm, as printed in the maker's leaflet "GT-2 glass thermistors".
+/// Resistances of the thermistor 104GT-2 of Semitec (100 kilo-ohm), kilo-ohm, from -50 degrees Celsius on in steps of
+/// 10 degrees, as printed in the maker's leaflet "GT-2 glass thermistors".
 const KILO_OHM: [f64; 36] = [
     8743.0, 4218.0, 2132.0, 1127.0, 620.0, 353.7, 208.6, 126.8, 79.36, 50.96, 33.49, 22.51, 15.44, 10.80, 7.686, 5.556,
     4.082, 3.043, 2.298, 1.758, 1.360, 1.064, 0.8414, 0.6714, 0.5408, 0.4393, 0.3597, 0.2969, 0.2468, 0.2065, 0.1740,
@@ -137,12 +142,13 @@ const KILO_OHM: [f64; 36] = [
 const TABLE_FROM_C: f64 = -50.0;
 const TABLE_STEP_C: f64 = 10.0;
 
-/// Steinhart and Hart's coefficients of that thermistor, for a robot's description. They are solved for 30, 150 and 250
-/// degrees of the table, and follow its lines within 0.1 degrees from 0 to 260.
+/// Steinhart-Hart coefficients of the thermistor 104GT-2 of Semitec, for a robot's description. They are solved for the
+/// resistances of the maker's table at 30, 150 and 250 degrees Celsius, and agree with the table within 0.1 degrees
+/// from 0 to 260.
 pub const STEINHART_HART_104GT_2: [f64; 3] = [8.109974e-4, 2.114126e-4, 7.144945e-8];
 
-/// Returns the resistance of that thermistor, ohm. Between the lines of the table, and beyond it, the logarithm is
-/// linear.
+/// Returns the resistance of the thermistor 104GT-2 at a temperature, ohm. The logarithm of the resistance is
+/// interpolated linearly between the values of the maker's table, and extrapolated linearly beyond them.
 pub(super) fn resistance_104gt_2(celsius: f64) -> f64 {
     let place = (celsius - TABLE_FROM_C) / TABLE_STEP_C;
     let line = (libm::floor(place).max(0.0) as usize).min(KILO_OHM.len() - 2);
@@ -161,8 +167,8 @@ mod tests {
         NozzleInputs { power_w, loss_w_per_k: 0.12, lag_s: 2.0, share: 1.0 }
     }
 
-    /// Returns the temperatures of cartridge, block and thermistor of a nozzle of 12 J/K at 22 degrees, after this time
-    /// with this power.
+    /// Returns the temperatures of cartridge, block and thermistor of a nozzle with a heat capacity of 12 J/K, which
+    /// starts at 22 degrees and is heated with this power for this time, in `looks` calls.
     fn after(seconds: f64, power_w: f64, flow_w_per_k: f64, looks: u32) -> Temperatures {
         let mut cartridge = Cartridge::new(PARTS, 12.0, 0.12, 200.0, 22.0);
         let (mut block, mut sensor) = (22.0, 22.0);

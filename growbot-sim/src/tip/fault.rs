@@ -11,7 +11,7 @@ pub enum TipFault {
     ThermistorShort,
     /// The ADC delivers no readings of the thermistor.
     ThermistorSilent,
-    /// The ADC delivers the same number for ever.
+    /// The ADC delivers the same reading of the thermistor until the fault is cleared.
     ThermistorFrozen,
     /// The thermistor's voltage stays constant, but still has the ADC's noise.
     ThermistorStuck,
@@ -19,7 +19,7 @@ pub enum TipFault {
     ThermistorDetached {
         /// Time constant with which the thermistor follows, s.
         tau_s: f64,
-        /// Fraction (0 to 1) of the nozzle's excess temperature over its surroundings that the thermistor gets.
+        /// Fraction (0 to 1) of the nozzle's temperature above the surroundings that the thermistor measures.
         share: f64,
     },
     /// A wire of the heater is cut: no power.
@@ -28,9 +28,9 @@ pub enum TipFault {
     PowerStageOn,
     /// The second switch in the heater's supply stays closed whatever its signal is.
     SecondSwitchClosed,
-    /// A draught multiplies the nozzle's loss.
+    /// A draught multiplies the nozzle's heat loss.
     Draught {
-        /// Factor by which the nozzle's loss exceeds the loss in still air.
+        /// Factor by which the nozzle's heat loss is multiplied.
         factor: f64,
     },
     /// The index sensor never detects its mark.
@@ -39,12 +39,12 @@ pub enum TipFault {
     IndexStuck,
     /// The head's motor slips once and misses some steps.
     HeadLosesSteps {
-        /// Number of steps.
+        /// Number of steps that the head misses or makes in addition.
         steps: u32,
     },
     /// The head's motor runs ahead once by some steps.
     HeadGainsSteps {
-        /// Number of steps.
+        /// Number of steps that the head misses or makes in addition.
         steps: u32,
     },
     /// The head is blocked and makes no step.
@@ -57,19 +57,19 @@ pub enum TipFault {
     DriverFault,
     /// The supply has dropped.
     SupplyLow {
-        /// Voltage of the supply, V.
+        /// Voltage of the supply while the fault is active, V.
         volts: f64,
     },
     /// The supply has risen.
     SupplyHigh {
-        /// Voltage of the supply, V.
+        /// Voltage of the supply while the fault is active, V.
         volts: f64,
     },
     /// The supply drops and recovers by itself.
     SupplyDip {
-        /// Voltage of the supply, V.
+        /// Voltage of the supply while the fault is active, V.
         volts: f64,
-        /// Duration, s.
+        /// Duration of the dip, s.
         seconds: f64,
     },
     /// The emergency stop is pressed.
@@ -152,19 +152,19 @@ impl Faults {
         self.0.push(fault);
     }
 
-    /// Removes the fault of the same kind.
+    /// Removes the active fault of the same kind as `fault`.
     pub fn remove(&mut self, fault: TipFault) {
         self.0.retain(|other| discriminant(other) != discriminant(&fault));
     }
 
-    /// Reports whether exactly this fault is active.
+    /// Returns true if exactly this fault, with the same values, is active.
     #[inline]
     #[must_use]
     pub fn has(&self, fault: TipFault) -> bool {
         !self.0.is_empty() && self.0.contains(&fault)
     }
 
-    /// Returns the faults in the order in which they were added.
+    /// Returns the active faults in the order in which they were added.
     pub fn iter(&self) -> impl Iterator<Item = TipFault> + '_ {
         self.0.iter().copied()
     }

@@ -15,15 +15,15 @@ pub(super) enum FeedResult {
     Blocked,
 }
 
-/// The filament. Lengths are feed steps.
+/// The filament between spool and nozzle. Lengths and positions are in feed steps.
 #[derive(Debug, Clone)]
 pub(super) struct SimulatedFilament {
     steps_per_mm: f64,
-    /// Half the distance from one rising edge of the encoder to the next. `None` without an encoder.
+    /// Half the length of filament from one rising edge of the encoder to the next. `None` without an encoder.
     half_pulse: Option<f64>,
-    /// Position of the filament by the steps of the feed motor.
+    /// Position of the filament: the feed steps that have moved it, forwards minus backwards.
     position: i64,
-    /// Distance by which the encoder was turned.
+    /// Length of filament by which the encoder has turned.
     turned: f64,
     /// Level of the encoder. It is read in each tick, but only changed by a step.
     level: bool,
@@ -36,7 +36,7 @@ pub(super) struct SimulatedFilament {
 }
 
 impl SimulatedFilament {
-    /// Creates a full spool.
+    /// Creates the filament of a full spool.
     pub fn new(robot: &Robot) -> Self {
         let description = robot.description();
         let steps_per_mm = description.feed.steps_per_mm;
@@ -55,12 +55,12 @@ impl SimulatedFilament {
         filament
     }
 
-    /// Sets the remaining length, mm.
+    /// Sets the remaining length of filament, mm.
     pub fn set_left(&mut self, mm: f64) {
         self.end = self.position + libm::rint(mm * self.steps_per_mm) as i64;
     }
 
-    /// Returns the remaining length, mm.
+    /// Returns the remaining length of filament, mm.
     pub fn left(&self) -> f64 {
         (self.end - self.position) as f64 / self.steps_per_mm
     }
@@ -70,7 +70,7 @@ impl SimulatedFilament {
         self.position < self.end
     }
 
-    /// Reports whether a step forwards would push the filament out.
+    /// Reports whether a step forwards would push filament out of the nozzle, because no retracted filament is left.
     pub fn is_at_front(&self) -> bool {
         self.position == self.front
     }
@@ -81,8 +81,8 @@ impl SimulatedFilament {
         self.front = if free { i64::MAX } else { self.position };
     }
 
-    /// Moves the filament by a step of the feed. `seen` is the distance that the encoder turns if the step pushes it
-    /// out.
+    /// Moves the filament by a step of the feed. `seen` is the distance, in feed steps, by which the encoder turns if
+    /// the step pushes filament out of the nozzle.
     pub fn step(&mut self, forwards: bool, seen: f64) -> FeedResult {
         if !forwards {
             self.position -= 1;
@@ -116,13 +116,13 @@ impl SimulatedFilament {
         }
     }
 
-    /// Returns the distance by which the encoder was turned, steps.
+    /// Returns the length of filament by which the encoder has turned, feed steps.
     pub fn turned(&self) -> f64 {
         self.turned
     }
 
-    /// Returns a lower bound of the number of whole steps until the encoder's level may change, including the step of
-    /// the change.
+    /// Returns a lower bound of the number of whole steps of the feed until the encoder's level may change, including
+    /// the step of the change.
     pub fn steps_to_edge(&self) -> u32 {
         let [from, to] = self.level_span;
         if self.half_pulse.is_none() { u32::MAX } else { (self.turned - from).min(to - self.turned).max(1.0) as u32 }

@@ -3,7 +3,8 @@
 //!
 //! A loss of power during a write leaves the current byte with some of its bits programmed. During an erasure it leaves
 //! a mixture of the old content, noise, and erased bytes. Bits that were being programmed when power was lost may be
-//! weak. A test sets how they read at each start, until they are programmed again ([`Flash::weaken`]).
+//! weak. A test sets the values of weak bits with which they are read, until they are programmed again
+//! ([`Flash::weaken`]).
 //!
 //! (The firmware's own tests include this file too.)
 
@@ -15,10 +16,10 @@ use embedded_storage::nor_flash::{
     ErrorType, MultiwriteNorFlash, NorFlash, NorFlashErrorKind, ReadNorFlash, check_erase, check_read, check_write,
 };
 
-/// Bytes of an erase sector of the robot's board.
+/// Size of an erase sector of the flash of the robot's board, bytes.
 pub const SECTOR_BYTES: usize = 128 * 1024;
 
-/// The flash. All clones share the same content. Writes have a granularity of one word.
+/// The flash of a simulated board. All clones share the same content. Writes have a granularity of one word.
 #[derive(Debug, Clone)]
 pub struct Flash<const SECTOR: usize = SECTOR_BYTES>(Rc<RefCell<Cells>>);
 
@@ -28,13 +29,13 @@ struct Cells {
     erasures: Vec<u32>,
     /// Number of writes and erasures.
     writes: u64,
-    /// Number of bytes that are written or erased before power is lost. `None` without a limit.
+    /// Number of bytes that can still be written or erased before power is lost. `None` without a limit.
     bytes_left: Option<usize>,
     /// Seed of the noise that losses of power leave.
     seed: u64,
-    /// Weak bits: an offset, and the mask of the bytes from there on.
+    /// Mask of the weak bits: the offset of its first byte in the flash, and its bytes.
     weak: (usize, Vec<u8>),
-    /// Results of the next reads of all bytes from an offset on, one after the other, whatever the cells contain.
+    /// Overridden results of the next reads that begin at an offset: this offset, and the bytes of each read in order.
     flicker: (usize, Vec<Vec<u8>>),
 }
 
@@ -84,28 +85,30 @@ impl<const SECTOR: usize> Flash<SECTOR> {
         self.0.borrow().writes
     }
 
-    /// Returns the content.
+    /// Returns the content of the whole flash.
     #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         self.0.borrow().bytes.clone()
     }
 
-    /// Replaces the content.
+    /// Replaces the content of the whole flash.
     pub fn set_bytes(&self, bytes: &[u8]) {
         self.0.borrow_mut().bytes.copy_from_slice(bytes);
     }
 
-    /// Makes the bits of this mask weak, from this offset on. All other bits are no longer weak.
+    /// Makes the bits that are set in `mask` weak. The first byte of the mask applies to the byte of the flash at
+    /// `offset`. All other bits are no longer weak.
     pub fn weaken(&self, offset: usize, mask: &[u8]) {
         self.0.borrow_mut().weak = (offset, mask.to_vec());
     }
 
-    /// Makes the next reads that begin at this offset return these bytes, one after the other.
+    /// Makes the next reads that begin at this offset return these readings, one after the other.
     pub fn flicker(&self, offset: usize, readings: &[&[u8]]) {
         self.0.borrow_mut().flicker = (offset, readings.iter().map(|reading| reading.to_vec()).collect());
     }
 
-    /// Sets the values that the bits have that are still weak when they are read.
+    /// Sets the bits that are still weak to the corresponding bits of `reading`, which begins at the offset of the
+    /// mask.
     pub fn read_weak_as(&self, reading: &[u8]) {
         let cells = &mut *self.0.borrow_mut();
         let (offset, mask) = &cells.weak;

@@ -45,14 +45,15 @@ impl TipModel {
         }
     }
 
-    /// Advances the nozzle to the present tick if a slot of the nozzle's flow has ended.
+    /// Advances the nozzle to the present tick if the current time slot of the filament flow (a tenth of a second) has
+    /// ended.
     pub(super) fn sync_slot(&mut self) {
         if self.nozzle.slot_is_over(self.now) {
             self.sync();
         }
     }
 
-    /// Returns the inputs of the nozzle.
+    /// Returns the present inputs of the nozzle: heating power, heat loss, and the coupling of the thermistor.
     fn drive(&self) -> NozzleInputs {
         let description = self.robot.description();
         let heater = &description.heater;

@@ -1,21 +1,21 @@
-//! The index mark, in head steps.
+//! The mark that the head's index sensor detects once per turn.
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::robot::Robot;
 
-/// The index mark in head steps.
+/// The mark that the head's index sensor detects once per turn. Its position and width are in head steps.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct IndexMark {
-    /// Number of head steps in a turn.
+    /// Number of head steps per turn.
     pub steps_per_turn: u32,
-    /// Position of the beginning of the index mark, from the tip's x axis.
+    /// Position of the beginning of the mark, head steps from the tip's x axis.
     pub position: u32,
-    /// Width of the mark.
+    /// Width of the mark, head steps.
     pub width: u32,
 }
 
 impl IndexMark {
-    /// Returns the mark of a robot, rounded to the nearest step.
+    /// Returns the index mark of a robot, rounded to the nearest head step.
     #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
@@ -28,12 +28,13 @@ impl IndexMark {
         }
     }
 
-    /// Reports whether the mark is at a position of the head, steps.
+    /// Returns true if the mark covers the head position `head`, in steps from the tip's x axis.
     #[must_use]
     pub fn covers(&self, head: i64) -> bool {
         (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }
-    /// Returns the number of steps of the head from a position to the nearest edge of the mark.
+    /// Returns the smallest number of head steps, in either direction, from a position of the head to a change of the
+    /// index sensor's level.
     pub(super) fn steps_to_edge(&self, head: i64) -> u32 {
         let turn = i64::from(self.steps_per_turn);
         let width = i64::from(self.width);

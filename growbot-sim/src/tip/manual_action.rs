@@ -9,22 +9,22 @@ use super::{TipFault, TipModel};
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ManualAction {
-    /// Turns the head by this number of 64ths of a turn.
+    /// Turns the head counter-clockwise by this number of 64ths of a turn.
     TurnHead(i32),
-    /// Takes the filament out of its switch, or puts it back.
+    /// Takes the filament out of the filament switch (true), or puts it back (false).
     TakeFilament(bool),
-    /// Presses the emergency stop, or releases it.
+    /// Presses the emergency stop (true), or releases it (false).
     PressEmergencyStop(bool),
-    /// Disconnects the heater, or connects it.
+    /// Disconnects the heater (true), or connects it (false).
     DisconnectHeater(bool),
-    /// Takes the filament out of the nozzle, so that it moves freely, or lets it rest in the nozzle again.
+    /// Takes the filament out of the nozzle, so that it moves freely (true), or puts it back into the nozzle (false).
     FreeFilament(bool),
-    /// Lays the tip on its side, or sets it upright.
+    /// Lays the tip on its side (true), or sets it upright (false).
     LayDown(bool),
 }
 
 impl TipModel {
-    /// Performs a manual action. It treats the motors as released.
+    /// Performs a manual action on the tip, as if the motors were released.
     pub fn apply_action(&mut self, hand: ManualAction) {
         match hand {
             ManualAction::TurnHead(sixty_fourths) => {

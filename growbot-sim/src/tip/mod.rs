@@ -2,9 +2,10 @@
 //! sensors.
 //!
 //! The tip does not use plans or layers. Head and feed steps become plastic by angle, plastic becomes height and tilt,
-//! and these chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows. The index sensor passes
-//! its mark once a turn, the filament turns its encoder, and gravity turns as the body bends. Faults of a controller
-//! therefore appear in the body, as they would on a robot. Faults of a robot can be injected ([`TipFault`]).
+//! and layers of this height and tilt chain to a body (Eq 4). The nozzle warms and cools, and its thermistor follows.
+//! The index sensor passes its mark once a turn, the filament turns its encoder, and gravity turns as the body bends.
+//! Faults of a controller therefore appear in the body, as they would on a robot. Faults of a robot can be injected
+//! ([`TipFault`]).
 //!
 //! The clock of the tip is the board's: ticks of the step interrupt. The results do not depend on how often the tip is
 //! polled.
@@ -13,18 +14,18 @@
 //!
 //! The limits of the model are in the book's chapter "Limits" (`book/src/limits.md`).
 //!
-//! Filament that is retracted lays nothing, and when it is pushed forward again it first fills the space that it left.
-//! It does not move if it is fed against a cold nozzle.
+//! Retracted filament lays nothing. Filament that is pushed forward again first fills the space from which it was
+//! retracted. Filament that is fed against a cold nozzle does not move.
 //!
 //! | file | what |
 //! |---|---|
 //! | `plastic.rs` | plastic by angle, layers, the tip's frame |
 //! | `nozzle.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
-//! | `filament.rs` | the rest of the spool, and the encoder |
+//! | `filament.rs` | the filament between spool and nozzle, and the encoder that it turns |
 //! | `sensors.rs`, `noise.rs` | readings of a 12-bit ADC, the index sensor, the switches and the orientation sensor; noise is a function of seed, channel and tick |
-//! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, loss, room, supply, lag, noise |
-//! | `fault.rs` | faults: [`TipFault`], added and removed at any time by `inject` and `mend` |
-//! | `pins.rs` | the tip as a board's parts |
+//! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, heat loss, room temperature, supply, lag, noise |
+//! | `fault.rs` | faults: [`TipFault`], added and removed at any time by `inject` and `clear_fault` |
+//! | `pins.rs` | pins, ADC channels and sensors of a simulated board that are connected to the tip |
 
 mod cartridge;
 mod fault;
@@ -78,7 +79,7 @@ pub struct TipModel {
     heater: HeaterInput,
     fan: f64,
     nozzle: Nozzle,
-    /// Temperature to which the nozzle jumps when its heater is switched on, degrees Celsius. `None` for normal
+    /// Temperature to which the nozzle jumps when its heater first gets power, degrees Celsius. `None` for normal
     /// heating.
     warm_at_once: Option<f64>,
     /// True if the nozzle has jumped since the second switch was closed.
@@ -90,7 +91,8 @@ pub struct TipModel {
     filament: SimulatedFilament,
     plastic: Plastic,
     imperfection: ErrorModel,
-    /// Index of a layer, and how far each feed step in that layer turns the encoder, in feed steps.
+    /// Index of the current layer, and the distance by which each feed step in this layer turns the encoder, in feed
+    /// steps.
     seen_per_step: (u64, f64),
     /// Pose of the start of growth in the base's frame.
     start: Frame,
@@ -124,7 +126,7 @@ struct HeaterInput {
 }
 
 impl TipModel {
-    /// Creates a cold tip on an upright body. The head is `head_steps` from the tip's x axis.
+    /// Creates a cold tip on an upright body. The head is at the position `head_steps`, in steps from the tip's x axis.
     #[must_use]
     pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
         Self {
@@ -199,7 +201,7 @@ impl TipModel {
         }
     }
 
-    /// Makes a step pulse. A driver that is off does not move its motor.
+    /// Applies a step pulse to a motor's driver. A disabled driver does not move its motor.
     pub fn step(&mut self, motor: Motor) {
         let Axis { enabled, forwards } = *self.axis(motor);
         if !enabled {
@@ -258,7 +260,7 @@ impl TipModel {
         }
     }
 
-    /// Returns how far the encoder is turned by each feed step in the current layer, in feed steps.
+    /// Returns the distance by which each feed step in the current layer turns the encoder, in feed steps.
     fn seen_per_step(&mut self) -> f64 {
         let index = self.plastic.layer_index();
         if self.seen_per_step.0 != index {
@@ -277,7 +279,7 @@ impl TipModel {
         self.faults.has(TipFault::FilamentJam) || self.faults.has(TipFault::FilamentOut)
     }
 
-    /// Injects a fault. It replaces a fault of the same kind.
+    /// Injects a fault. The fault replaces an active fault of the same kind.
     pub fn inject(&mut self, fault: TipFault) {
         self.sync();
         match fault {
@@ -294,7 +296,7 @@ impl TipModel {
         self.faults.add(fault);
     }
 
-    /// Removes the fault of the same kind. Steps that the head has lost stay lost.
+    /// Removes the active fault of the same kind as `fault`. Steps that the head has lost stay lost.
     pub fn clear_fault(&mut self, fault: TipFault) {
         self.sync();
         if let TipFault::HeadLosesSteps { .. } | TipFault::HeadGainsSteps { .. } = fault {
@@ -354,7 +356,7 @@ impl TipModel {
         self.plastic.settled(&self.robot, &self.imperfection).get(from..).unwrap_or_default()
     }
 
-    /// Returns the frame of the tip.
+    /// Returns the pose of the tip in the base's frame.
     pub fn base_from_tip(&mut self) -> Frame {
         self.start * self.plastic.start_from_tip(&self.robot, &self.imperfection)
     }
@@ -365,14 +367,14 @@ impl TipModel {
         self.filament.left()
     }
 
-    /// Returns the net number of feed steps that were made with the motor held: the steps forwards minus the steps
-    /// backwards.
+    /// Returns the net number of feed steps that were made while the feed motor was enabled: the steps forwards minus
+    /// the steps backwards.
     #[must_use]
     pub fn feed_steps(&self) -> u64 {
         u64::try_from(self.feed_steps).unwrap_or(0)
     }
 
-    /// Returns the position of the feed, steps.
+    /// Returns the position of the feed motor, steps. It is negative after more steps backwards than forwards.
     #[must_use]
     pub fn feed_position(&self) -> i64 {
         self.feed_steps

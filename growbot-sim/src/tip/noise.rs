@@ -2,8 +2,8 @@
 
 use growbot_core::random::splitmix64;
 
-/// Returns noise of mean 0 and variance 1 on a channel at a tick. It is the sum of four uniform distributions, so it is
-/// never beyond 3.5.
+/// Returns noise of mean 0 and variance 1 on a channel at a tick. It is the sum of four uniform distributions, so its
+/// magnitude is never above 3.5.
 pub(super) fn noise(seed: u64, channel: u64, tick: u64) -> f64 {
     let bits = splitmix64(splitmix64(seed ^ (channel << 56)) ^ tick);
     let sum: f64 = (0..4).map(|part| (bits >> (16 * part) & 0xFFFF) as f64 / 65535.0 - 0.5).sum();

@@ -1,33 +1,35 @@
-//! The nozzle: a block of heat, and a thermistor that follows it.
+//! The nozzle: a heated block, and a thermistor that follows the block's temperature.
 //!
-//! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, with the flow Q of the filament that it heats, and
-//! `tau dS/dt = T_ambient + share (T - T_ambient) - S` for the thermistor.
+//! `C dT/dt = P - (K + c Q) (T - T_ambient)` for the block, and `tau dS/dt = T_ambient + share (T - T_ambient) - S` for
+//! the thermistor. T and S are the temperatures of block and thermistor, C is the heat capacity of the block, P the
+//! heating power, K the heat loss, and Q the flow of the heated filament with the heat capacity c.
 //!
-//! A copy of a robot may have a [`Cartridge`] instead, which is solved differently. The following applies to a nozzle
-//! without a [`Cartridge`].
+//! A copy of a robot may have a [`Cartridge`] instead, whose equations are solved differently. The following applies to
+//! a nozzle without a [`Cartridge`].
 //!
-//! Both are solved in closed form while power, loss and flow are constant. The flow is counted in slots of a tenth of a
-//! second. In each slot, the nozzle heats, evenly, the filament that was fed in the previous one. The heat is therefore
-//! exact, the result does not depend on the polling interval, and hours without flow are one step.
+//! Both equations are solved in closed form while power, loss and flow are constant. The flow is counted in time slots
+//! of a tenth of a second. In each slot, the nozzle evenly heats the filament that was fed in the previous slot. The
+//! total heat is therefore exact, the result does not depend on the polling interval, and hours without flow are
+//! computed in one step.
 
 use growbot_core::robot::{Heater, Robot};
 
 use super::Variation;
 use super::cartridge::{Cartridge, Load};
 
-/// Number of slots of the flow in a second.
+/// Number of time slots per second in which the flow of filament is counted.
 const SLOTS_PER_S: u64 = 10;
 
-/// Inputs of the nozzle while they are constant.
+/// Inputs of the nozzle, which are constant until they are set again.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct NozzleInputs {
     /// Power of the heater, W.
     pub power_w: f64,
-    /// Loss to the surroundings, W/K.
+    /// Heat loss to the surroundings, W/K.
     pub loss_w_per_k: f64,
     /// Time constant of the thermistor, s.
     pub lag_s: f64,
-    /// Fraction of the nozzle's excess temperature that the thermistor gets, 0 to 1.
+    /// Fraction of the block's temperature above the surroundings that the thermistor measures, 0 to 1.
     pub share: f64,
 }
 
@@ -36,19 +38,19 @@ pub(super) struct NozzleInputs {
 pub(super) struct Nozzle {
     ambient_c: f64,
     heat_capacity: f64,
-    /// The heater, if it is a separate part. `None` if the nozzle is one lump.
+    /// Heater cartridge. `None` if the heater and the block are simulated as one part.
     cartridge: Option<Cartridge>,
     tick_hz: f64,
-    /// Number of ticks in a slot of the flow.
+    /// Length of a time slot of the filament flow, ticks.
     slot: u64,
     /// Heat that a feed step removes for each degree above the surroundings, J/K.
     heat_of_step: f64,
-    /// Tick to which the following values refer.
+    /// Tick up to which the nozzle has been simulated.
     tick: u64,
     block: f64,
     sensor: f64,
     peak: f64,
-    /// Temperature of the block at the start of the slot.
+    /// Temperature of the block at the start of the current time slot, degrees Celsius.
     at_slot: f64,
     /// Number of feed steps whose filament is heated in the current slot: the feed steps of the previous slot.
     heated: f64,
@@ -85,7 +87,7 @@ impl Nozzle {
         }
     }
 
-    /// Returns the tick to which the temperatures refer.
+    /// Returns the tick up to which the nozzle has been simulated.
     pub fn tick(&self) -> u64 {
         self.tick
     }
@@ -119,7 +121,7 @@ impl Nozzle {
         self.peak = self.peak.max(celsius);
     }
 
-    /// Reports whether this tick is after the end of the current slot of the flow.
+    /// Returns true if this tick is after the end of the current time slot of the filament flow.
     pub fn slot_is_over(&self, tick: u64) -> bool {
         tick / self.slot > self.tick / self.slot
     }
@@ -129,7 +131,7 @@ impl Nozzle {
         self.fed += 1.0;
     }
 
-    /// Advances the time to a tick.
+    /// Advances the simulated time to the tick `until`, with constant inputs.
     pub fn advance(&mut self, until: u64, drive: &NozzleInputs) {
         while self.tick < until {
             let still = self.heated == 0.0 && self.fed == 0.0;
@@ -169,7 +171,8 @@ impl Nozzle {
     }
 }
 
-/// Cache of the latest decays. A board that is polled at even intervals uses the same few decays again and again.
+/// Cache of the most recently used [`Decay`]s. A board that is polled at even intervals uses the same few decays again
+/// and again.
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Decays {
     known: [Option<Decay>; 8],
@@ -197,13 +200,14 @@ struct Decay {
     lag_s: f64,
     drive_loss_w_per_k: f64,
     flow_w_per_k: f64,
-    /// Loss to the surroundings and to the filament, W/K.
+    /// Heat loss to the surroundings and to the filament, W/K.
     loss_w_per_k: f64,
-    /// Fraction of the block's temperature difference that remains. `sensor` is the fraction of the thermistor's own
-    /// difference that remains.
+    /// Fraction of the block's temperature difference from its steady state that remains. `sensor` is the fraction for
+    /// the thermistor.
     block: f64,
     sensor: f64,
-    /// Effect of the block's temperature difference on the thermistor in the time of the decay.
+    /// Temperature change of the thermistor per degree of the block's initial temperature difference from its steady
+    /// state.
     mixed: f64,
 }
 

@@ -1,7 +1,8 @@
-//! The tip as the parts of a board: pins, ADC channels and sensors, each of which the controller or the step engine
-//! takes.
+//! Pins, ADC channels and sensors of a simulated board, which connect the controller and the step engine to the
+//! simulated tip.
 //!
-//! Levels are logical, so that no part needs [`growbot_firmware::invertible_pin::InvertiblePin`].
+//! Levels are logical (an active signal is high), so that no part needs
+//! [`growbot_firmware::invertible_pin::InvertiblePin`].
 
 use std::cell::RefCell;
 use std::convert::Infallible;
@@ -13,7 +14,7 @@ use growbot_firmware::hal;
 
 use super::{Motor, TipModel};
 
-/// A tip that is shared by its pins.
+/// A simulated tip that is shared by the pins of a board.
 pub type SharedTip = Rc<RefCell<TipModel>>;
 
 /// STEP pin of a motor.
@@ -22,7 +23,7 @@ pub struct StepPin(pub Motor, pub SharedTip);
 /// DIR pin of a motor: high turns the head counter-clockwise and pushes filament out.
 pub struct DirectionPin(pub Motor, pub SharedTip);
 
-/// ENABLE pin of a motor: high holds the motor.
+/// ENABLE pin of a motor: high energises the motor.
 pub struct EnablePin(pub Motor, pub SharedTip);
 
 /// An input with two levels, which is read from the tip.
@@ -40,7 +41,7 @@ pub struct HeaterEnable(pub SharedTip);
 /// The output for the fan.
 pub struct FanPwm(pub SharedTip);
 
-/// A channel of the ADC.
+/// A channel of the simulated ADC.
 pub struct SimulatedAdc {
     tip: SharedTip,
     sample: fn(&mut TipModel) -> Option<u16>,
@@ -129,7 +130,8 @@ impl OutputPin for StepPin {
         Ok(())
     }
 
-    /// Makes a step. The engine raises a pin only after it has lowered it, so each call is an edge.
+    /// Applies a step pulse to the motor's driver. The engine raises a pin only after it has lowered it, so each call
+    /// is an edge.
     fn set_high(&mut self) -> Result<(), Infallible> {
         self.1.borrow_mut().step(self.0);
         Ok(())

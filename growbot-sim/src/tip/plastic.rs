@@ -1,4 +1,4 @@
-//! Plastic by angle, layer by layer.
+//! The plastic that the tip lays, summed over the angle of the head for each layer.
 //!
 //! Between two feed steps one step's volume flows, evenly in time, and is laid along the positions of the head in that
 //! time. Over a sweep of the head the sum gives the mean height and the first harmonic the tilt: `h = sum`,
@@ -25,8 +25,8 @@ struct Moments {
 }
 
 impl Moments {
-    /// Reports whether the whole amount lies on the tip's x axis. Such an amount is the edge of a layer and not a
-    /// layer.
+    /// Returns true if the whole amount lies on the tip's x axis. Such plastic is the edge of a layer, and not a layer
+    /// by itself.
     fn is_edge(&self) -> bool {
         // On the x axis, `cosine` and `sum` are sums of the same numbers, so they are equal to the last bit.
         self.cosine >= self.sum
@@ -97,7 +97,7 @@ impl SettledBody {
 #[derive(Debug, Clone)]
 pub(super) struct Plastic {
     steps_per_turn: i64,
-    /// Cosine and sine of each head step.
+    /// Cosine and sine of the head's angle at each step of a turn.
     directions: Vec<(f64, f64)>,
     /// Position of the head in its turn, steps from the tip's x axis, below `directions.len()`.
     head: usize,
@@ -200,13 +200,14 @@ impl Plastic {
         self.head == 0
     }
 
-    /// Reports whether the sweep is a whole layer, because it is longer than the rest that lost steps may leave.
+    /// Returns true if the current sweep is long enough to be a layer: at least half a turn. Shorter sweeps result from
+    /// lost steps.
     fn sweep_is_whole(&self) -> bool {
         self.swept >= self.steps_per_turn / 2
     }
 
-    /// Records the time for which the head has stood. On the tip's x axis one layer ends and the next begins, so half
-    /// of the time counts for each of the two layers.
+    /// Records the time for which the head has been at its present position. On the tip's x axis one layer ends and the
+    /// next begins, so half of the time counts for each of the two layers.
     fn stand(&mut self, tick: u64) {
         let time = tick.saturating_sub(self.stepped) as f64;
         self.stepped = self.stepped.max(tick);
@@ -264,8 +265,9 @@ impl Plastic {
         self.swept_layers
     }
 
-    /// Returns the layers as they came out, including the one in progress. Their twist is contained in the deposition
-    /// angles of the following layers, so the layers chain to the same body although the returned layers have no twist.
+    /// Returns the layers as they were really laid, including the one in progress. Their twist is contained in the
+    /// deposition angles of the following layers, so the layers chain to the same body although the returned layers
+    /// have no twist.
     pub fn layers(&self, robot: &Robot, imperfection: &ErrorModel) -> Vec<Layer> {
         let mut layers = LayerAssembler::default();
         let mut all: Vec<Moments> = self.laid.iter().filter_map(|ring| layers.next(ring)).collect();
@@ -280,7 +282,7 @@ impl Plastic {
         settled.came_out
     }
 
-    /// Returns the layers of [`Self::layer_count`] that can no longer change.
+    /// Returns the layers whose plastic can no longer change.
     pub fn settled(&mut self, robot: &Robot, imperfection: &ErrorModel) -> &[Layer] {
         // Only the last two rings still change. An edge at the very end may belong to the layer before it.
         let settled = &mut self.settled;
@@ -294,7 +296,7 @@ impl Plastic {
         &settled.came_out
     }
 
-    /// Returns `start_from_tip`: the tip's frame in the frame of the start of growth, including the layer in progress.
+    /// Returns the pose of the tip in the frame of the start of growth, including the layer in progress.
     pub fn start_from_tip(&mut self, robot: &Robot, imperfection: &ErrorModel) -> Frame {
         // Only the last two rings still change.
         let grown = &mut self.grown;

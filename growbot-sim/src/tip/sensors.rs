@@ -18,14 +18,14 @@ enum SensorChannel {
 /// Constant readings of a thermistor that no longer follows the temperature, because of a fault.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct StuckReading {
-    /// Converted reading of the ADC.
+    /// Reading of the ADC at the beginning of the fault.
     pub number: u16,
-    /// Voltage in counts of the ADC, before rounding.
+    /// Voltage of the thermistor at the beginning of the fault, in counts of the ADC before noise and rounding.
     pub counts: f64,
 }
 
-/// Distance of the filament switch before the feed, mm. Two layers of robot A use less filament. So the robot can
-/// finish the layers in its step engine after the filament's end has passed the switch.
+/// Length of filament from the filament switch to the feed, mm. Two layers of robot A use less filament. So the robot
+/// can finish the layers in its step engine after the filament's end has passed the switch.
 const SWITCH_AHEAD_MM: f64 = 200.0;
 
 impl TipModel {
@@ -70,7 +70,7 @@ impl TipModel {
         Some(self.convert(self.supply_v() / supply.full_scale_v * f64::from(FULL_SCALE), SensorChannel::Supply))
     }
 
-    /// Converts a voltage, given in counts, like the 12-bit ADC, with noise.
+    /// Converts a voltage, given in counts, to a reading of the 12-bit ADC, with noise.
     fn convert(&self, counts: f64, channel: SensorChannel) -> u16 {
         let noisy = counts + self.variation.noise_counts * noise(self.variation.seed, channel as u64, self.now);
         libm::rint(noisy).clamp(0.0, f64::from(FULL_SCALE)) as u16
@@ -130,8 +130,8 @@ impl TipModel {
         ((self.filament.left() - SWITCH_AHEAD_MM).abs() * steps_per_mm).max(1.0) as u32
     }
 
-    /// Returns how far the filament has turned the encoder so far, in feed-motor steps, and how far each further feed
-    /// step turns it during this layer.
+    /// Returns the length of filament by which the encoder has turned so far, and the length by which each further feed
+    /// step of the current layer turns it. Both are in feed steps.
     pub fn encoder_mapping(&mut self) -> (f64, f64) {
         (self.filament.turned(), self.seen_per_step())
     }
@@ -156,8 +156,9 @@ impl TipModel {
         self.faults.has(TipFault::EmergencyStop)
     }
 
-    /// Returns gravity in the tip's frame, thousandths of the earth's, upwards as a resting accelerometer measures it.
-    /// `None` if the sensor does not respond.
+    /// Returns the reading of the orientation sensor: a vector in the tip's frame that points upwards, as a resting
+    /// accelerometer measures gravity, in thousandths of the earth's gravity. Returns `None` if the sensor does not
+    /// respond.
     pub fn gravity(&mut self) -> Option<[i16; 3]> {
         if self.faults.has(TipFault::OrientationSilent) {
             return None;
@@ -174,8 +175,8 @@ impl TipModel {
     }
 }
 
-/// Returns the number of feed steps from one rising edge of a robot's filament encoder to the next, in 1/256. 0 without
-/// an encoder.
+/// Returns the number of feed steps from one rising edge of a robot's filament encoder to the next, in units of 1/256
+/// step. Returns 0 for a robot without an encoder.
 #[must_use]
 pub fn encoder_pitch(robot: &Robot) -> u32 {
     let description = robot.description();

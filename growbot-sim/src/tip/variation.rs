@@ -9,10 +9,10 @@ pub struct Variation {
     pub power: f64,
     /// Factor of the nozzle's heat capacity relative to the description.
     pub heat_capacity: f64,
-    /// Factor of the nozzle's loss relative to the description.
+    /// Factor of the nozzle's heat loss relative to the description.
     pub loss: f64,
-    /// Parameters of a nozzle in parts, with the thermistor 104GT-2. `None` for one lump of heat with a thermistor that
-    /// follows its equation.
+    /// Parameters of a nozzle whose cartridge and block are simulated separately, with the thermistor 104GT-2. `None`
+    /// for a nozzle with one temperature, whose thermistor follows the equation of the description.
     pub parts: Option<CartridgeParameters>,
     /// Temperature of the surroundings, degrees Celsius.
     pub ambient_c: f64,
@@ -27,7 +27,7 @@ pub struct Variation {
 }
 
 impl Default for Variation {
-    /// Creates the robot as described, in a room of 22 degrees Celsius.
+    /// Returns the parameters of a robot that matches its description, in a room at 22 degrees Celsius.
     fn default() -> Self {
         Self {
             power: 1.0,

@@ -1,4 +1,4 @@
-//! A line to a simulated board that is disturbed at chosen frames of a growth.
+//! A connection to a simulated board that is disturbed at chosen frames of a growth.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -12,19 +12,19 @@ use growbot_core::link::message::{
 };
 use growbot_sim::port::sim::Sim;
 
-/// A board that a test shares with the line to it.
+/// A simulated board that a test shares with the connection to it.
 pub type Board = Rc<RefCell<Sim>>;
 
-/// Event at one frame of the line.
+/// Disturbance at one frame of the connection.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Disturbance {
-    /// The frame is lost.
+    /// The whole frame is lost.
     Lost,
-    /// The frame arrives twice.
+    /// Two copies of the frame arrive.
     Doubled,
     /// The frame arrives after the next one in its direction.
     Swapped,
-    /// The second half of the frame is lost, so the rest is joined to the next one.
+    /// The second half of the frame is lost, so its first half is joined to the next frame.
     Cut,
     /// Delayed frames of a session that was closed before the growth arrive before the frame.
     OldSession,
@@ -36,17 +36,18 @@ pub enum Disturbance {
     PowerLoss,
     /// The host's program is killed.
     HostKilled,
-    /// Another host takes the board over and leaves.
+    /// Another host takes the board over and ends its session.
     OtherLeaves,
-    /// Another host takes the board over and falls silent.
+    /// Another host takes the board over and then sends nothing more.
     OtherFallsSilent,
-    /// Another host takes the board over, requests the job and leaves.
+    /// Another host takes the board over, requests to resume the job, and ends its session.
     OtherResumes,
-    /// Another host takes the board over, stops it and leaves.
+    /// Another host takes the board over, stops it, and ends its session.
     OtherStops,
-    /// Another host stops the board, resumes the job without starting it, and leaves the board in `Idle`.
+    /// Another host takes the board over, stops it, resumes the job without starting it, and ends its session, which
+    /// leaves the board in `Idle`.
     OtherLeavesIdle,
-    /// Another host stops the board, resumes the job, starts it and leaves.
+    /// Another host takes the board over, stops it, resumes and starts the job, and ends its session.
     OtherRestarts,
 }
 
@@ -70,7 +71,7 @@ impl Disturbance {
         Self::OtherRestarts,
     ];
 
-    /// Reports whether only the line is disturbed, which the host must overcome.
+    /// Returns true if only the connection is disturbed. The host must overcome such a disturbance.
     pub fn is_of_line(self) -> bool {
         matches!(self, Self::Lost | Self::Doubled | Self::Swapped | Self::Cut | Self::OldSession)
     }
@@ -80,51 +81,52 @@ impl Disturbance {
         matches!(self, Self::WatchdogReset | Self::PinReset | Self::PowerLoss)
     }
 
-    /// Reports whether another host takes the board.
+    /// Returns true if another host takes the board over.
     pub fn is_other_host(self) -> bool {
         !(self.is_of_line() || self.is_reset() || self == Self::HostKilled)
     }
 
-    /// Reports whether another host ends the growth, unless it is done.
+    /// Returns true if another host stops the growth.
     pub fn is_stop(self) -> bool {
         matches!(self, Self::OtherStops | Self::OtherLeavesIdle)
     }
 }
 
-/// Direction of a frame.
+/// Direction of a frame on the connection.
 #[derive(Clone, Copy)]
 enum Direction {
     ToBoard,
     ToHost,
 }
 
-/// Message of a port whose host was killed.
+/// Error message of a connection whose host was killed.
 pub const KILLED: &str = "the host was killed";
-/// Message of a port on which a growth took too long.
+/// Error message of a connection on which a growth took too long.
 pub const ENDLESS: &str = "the growth is followed for ever";
 
-/// A line that is disturbed at chosen frames, counted from 0 in both directions.
+/// A connection that is disturbed at chosen frames. Frames are counted from 0 in both directions together.
 pub struct DisturbedLine {
     board: Board,
     plan_id: u64,
     silence: HostSilencePolicy,
     disturbances: Vec<(usize, Disturbance)>,
     frames: usize,
-    /// Number of visits of other hosts so far.
+    /// Number of times that another host has taken the board over.
     visits: u32,
-    /// Time on the board's clock after which the line fails.
+    /// Time on the board's clock after which the connection fails.
     limit: Duration,
     is_killed: bool,
-    /// Frames that are held back until after the next one, to the board and to the host.
+    /// Frame that is held back until the next frame has passed, for each [`Direction`].
     held: [Option<Vec<u8>>; 2],
-    /// Start of a frame from the board.
+    /// Received bytes of an incomplete frame from the board.
     partial: Vec<u8>,
     to_host: VecDeque<u8>,
     old_frames: [Vec<u8>; 2],
 }
 
 impl DisturbedLine {
-    /// Creates a line to a board on which a growth of this plan follows. Other hosts start it with `silence`.
+    /// Creates a connection to a board for a growth of the plan `plan_id`. Other hosts that start the growth use the
+    /// setting `silence`.
     pub fn new(
         board: &Board,
         plan_id: u64,
@@ -178,7 +180,7 @@ impl DisturbedLine {
         Ok(arriving.concat())
     }
 
-    /// Another host takes the board over.
+    /// Lets another host take the board over and send the requests of `disturbance`.
     fn visit(&mut self, disturbance: Disturbance) {
         self.visits += 1;
         let mut board = self.board.borrow_mut();
@@ -249,7 +251,7 @@ impl Port for DisturbedLine {
     }
 }
 
-/// Opens a session by force and sends requests in it. Returns the bytes that were sent.
+/// Takes the board over with a new session and sends requests in this session. Returns the bytes that were sent.
 fn converse(board: &mut Sim, session: u32, requests: &[Message]) -> Vec<u8> {
     let host = HostName::from_slice(b"another host").expect("it is short");
     let hello = Message::Hello(Hello { schema: SCHEMA_HASH, host, take_over: true });
@@ -264,8 +266,8 @@ fn converse(board: &mut Sim, session: u32, requests: &[Message]) -> Vec<u8> {
     sent
 }
 
-/// Runs a session that ends before the growth. Returns its bytes to the board, with requests that would end a growth,
-/// and those to the host.
+/// Runs a session that ends before the growth. Returns the bytes that were sent to the board, which contain requests
+/// that would end a growth, and the bytes that were sent to the host.
 fn closed_session(board: &Board) -> [Vec<u8>; 2] {
     let mut board = board.borrow_mut();
     // A board at its start takes no job until it has tested its sensors.

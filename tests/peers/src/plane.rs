@@ -11,7 +11,7 @@ use serde::Serialize;
 /// Names of the planners.
 pub const PLANNERS: [&str; 3] = ["growbot", "dubins_paths", "dubins"];
 
-/// The struct of the C library's header.
+/// The path as the C library's header defines it.
 #[repr(C)]
 #[derive(Default)]
 struct CPath {
@@ -28,7 +28,7 @@ unsafe extern "C" {
     fn dubins_shortest_path(path: *mut CPath, start: *const f64, goal: *const f64, radius: f64) -> c_int;
 }
 
-/// A path: its path type and the length of each segment.
+/// A path: its path type, and the length of each segment, radii.
 #[derive(Serialize)]
 pub struct Path {
     word: &'static str,

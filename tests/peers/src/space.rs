@@ -25,7 +25,7 @@ pub fn planners() -> Vec<&'static str> {
     PLANNERS.iter().map(|(name, _)| *name).collect()
 }
 
-/// A reported path: its length, and the distance of its end from the goal.
+/// A path: its length, radii, and the distance of its end from the goal, radii or radians, whichever is larger.
 #[derive(Serialize)]
 pub struct Found {
     length: f64,

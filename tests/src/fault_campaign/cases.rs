@@ -38,7 +38,7 @@ impl Onset {
         }
     }
 
-    /// Returns true if the head is already homed.
+    /// Returns true if the head has been homed before this onset.
     const fn is_homed(self) -> bool {
         !matches!(self, Self::Boot | Self::Heating)
     }
@@ -51,7 +51,7 @@ pub enum Expected {
     Codes(&'static [Fault]),
     /// The state emergency stop.
     EmergencyStop,
-    /// The fault does no harm by itself, and the growth continues to its end. The next growth ends by any of these
+    /// The fault does no harm by itself, and the growth continues to its end. The next growth ends with any of these
     /// codes.
     AtNextStart(&'static [Fault]),
     /// The fault does no harm by itself, and the growth continues to its end.

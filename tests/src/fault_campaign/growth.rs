@@ -10,13 +10,13 @@ use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;
 use growbot_core::random::Rng;
 
-/// Layers of the job. Half of them are sent before it pauses.
+/// Number of layers of the job. Half of them are sent at first, and the growth pauses until the others are sent.
 const LAYERS: u32 = 6;
 /// Time from a fault in a pause until the other layers are sent, s.
 const HELD_ON: f64 = 45.0;
-/// Max time until a fault of such a growth is noticed, s.
+/// Max time until the board notices a fault, s.
 const PATIENCE: f64 = 900.0;
-/// Degrees by which the nozzle may exceed the robot's max temperature.
+/// Number of degrees Celsius by which the nozzle may exceed the robot's max temperature.
 pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 
 /// Result of a growth with a fault.
@@ -24,7 +24,7 @@ pub const ALLOWED_ABOVE_MAX: f64 = 5.0;
 pub struct Observation {
     /// Time from the fault until everything was switched off, s. `None` if the growth continued to its end.
     pub after_s: Option<f64>,
-    /// Latched fault.
+    /// Fault that the board has latched. `None` without one.
     pub fault: Option<Fault>,
     /// State at the end.
     pub state: State,
@@ -160,7 +160,8 @@ fn has_ended(rig: &Rig) -> bool {
     matches!(rig.state(), State::Fault | State::EmergencyStop | State::Done | State::Parked)
 }
 
-/// Brings a growth to the moment of a fault. `at` (0 to 1) is the position within the phase.
+/// Brings a growth to the moment of a fault. `at` (0 to 1) is the position of this moment within the growth's phase
+/// `onset`.
 fn bring_to(rig: &mut Rig, robot: &Robot, onset: Onset, at: f64) -> Result<(), ClientError> {
     rig.connect()?;
     rig.begin(LAYERS)?;

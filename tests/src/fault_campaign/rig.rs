@@ -18,7 +18,7 @@ use growbot_sim::tip::Variation;
 
 use growbot_core::random::Rng;
 
-/// Name of the job.
+/// Identifier of the job's plan.
 const PLAN: u64 = 1;
 
 /// A simulated robot with a host on its link.

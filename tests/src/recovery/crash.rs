@@ -25,9 +25,9 @@ pub enum Interruption {
     Board,
     /// The board loses power.
     Power,
-    /// The board is reset during the layer that follows.
+    /// The board is reset in the middle of the next layer.
     BoardInLayer,
-    /// The board loses power during the layer that follows.
+    /// The board loses power in the middle of the next layer.
     PowerInLayer,
 }
 
@@ -44,7 +44,8 @@ pub struct Recovery {
     pub found: Status,
     /// Layers as built, at the end.
     pub as_built: Vec<Option<LayerBytes>>,
-    /// Feed steps in excess of an undisturbed growth: the part that was laid of the interrupted layer.
+    /// Number of feed steps in excess of an undisturbed growth. They come from the interrupted layer, a part of which
+    /// is laid twice.
     pub more_feed_steps: i64,
 }
 
@@ -120,7 +121,7 @@ fn grow_until(
     grown
 }
 
-/// Connects another host, which clears a fault and resumes.
+/// Connects another host, which clears a fault and resumes. Returns the status that it found, and the growth.
 fn reconnect_and_resume(
     job: &Job,
     board: &Board,

@@ -33,7 +33,7 @@ pub fn robot() -> Robot {
     Robot::new(description).expect("the motors are quick enough")
 }
 
-/// Start and end of a body, with a bend of some layers between them.
+/// A body that consists of one bend: its start, its goal and its path.
 pub struct Body {
     start: Pose,
     goal: Pose,
@@ -65,7 +65,7 @@ impl Body {
 /// A simulated robot that a test shares with its port.
 pub type Board = Rc<RefCell<Sim>>;
 
-/// Returns a robot whose controller polls late, as drawn from this seed.
+/// Returns a simulated robot whose controller is polled at irregular times, drawn with this seed.
 fn late_board(job: &Job, seed: u64) -> Board {
     let mut sim = Sim::new(job.robot.clone());
     sim.poll_late(seed);
@@ -103,7 +103,7 @@ impl ReferenceGrowth {
 
 /// A port that a test can cut.
 pub struct CuttablePort<P> {
-    /// The port behind it.
+    /// Port that is used while it is not cut.
     pub port: P,
     /// True while the port is cut.
     pub cut: Rc<Cell<bool>>,

@@ -36,7 +36,8 @@ pub struct Row {
     pub seconds: f64,
 }
 
-/// Runs this many jobs, spread over all kinds of line, on all cores.
+/// Runs this many jobs, spread over all kinds of line, on all cores. Returns for each kind the probabilities of
+/// [`LOSSES`] and [`FLIPS`], and the results.
 ///
 /// # Panics
 /// Panics if the undisturbed growth fails.

@@ -44,12 +44,12 @@ pub struct Found {
     pub best: Option<Curve>,
     /// Number of starts that led to the shortest curve.
     pub hits: usize,
-    /// Angles and lengths of the solutions whose line has a negative length. They are not curves, but if the line is
-    /// short, a helicoidal arc is close by.
+    /// Angle of the first arc, length of the line and angle of the last arc, for each solution whose line has a
+    /// negative length. Such a solution is not a curve, but if the line is short, a helicoidal arc is close by.
     pub backwards: Vec<[f64; 3]>,
 }
 
-/// Searches from `starts` random starts.
+/// Searches for curves of an arc, a line and an arc from `starts` random starts.
 pub fn search(problem: &Problem, starts: usize, random: &mut Rng) -> Found {
     let mut all = Found::default();
     for _ in 0..starts {

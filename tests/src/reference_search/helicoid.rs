@@ -26,7 +26,7 @@ struct Precision {
 
 const ROUGH: Precision = Precision { error: 1e-8, difference: 1e-4, arrived: 1e-5 };
 const FINE: Precision = Precision { error: 1e-14, difference: 1e-6, arrived: 1e-11 };
-/// Max backward length of a line that has a helicoidal arc close by, radii.
+/// Max absolute value of a line's negative length for which helicoidal arcs near it are searched, radii.
 const LONGEST_LINE: f64 = 1.0;
 /// Difference of lengths, radii. A chain that is shorter than the best curve by more than this shows that a better
 /// curve exists. The margin is needed because chains do not end exactly at the goal.
@@ -39,7 +39,7 @@ const MAX_STEPS: usize = 20_000;
 /// rounding errors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Helicoid {
-    /// The anchor, and the tangent there.
+    /// Position of the anchor, and the tangent there.
     pub anchor: Tip,
     /// The vector m at the anchor. It is perpendicular to the tangent, and the curve bends about it there.
     pub m: Vector3<f64>,
@@ -51,7 +51,7 @@ pub struct Helicoid {
     pub after: f64,
 }
 
-/// Position and tangent.
+/// State of an integration: position and tangent.
 type State = Vector6<f64>;
 
 fn tip(state: &State) -> Tip {
@@ -119,7 +119,7 @@ fn walk(m0: &Vector3<f64>, p: &Vector3<f64>, from: State, length: f64, error: f6
     None
 }
 
-/// (m0 x, m0 y, p x, p y, p z, length).
+/// Unknowns of a search for a helicoidal arc: m0 x, m0 y, p x, p y, p z, and the length.
 type Unknowns = Vector6<f64>;
 
 impl Helicoid {
@@ -139,13 +139,13 @@ impl Helicoid {
         Unknowns::new(m.x, m.y, self.p.x, self.p.y, self.p.z, self.length())
     }
 
-    /// Arc length, radii.
+    /// Returns the arc length, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.before + self.after
     }
 
-    /// Returns the start and the end of the curve, integrated from its anchor.
+    /// Returns the start and the end of the curve, integrated from its anchor. `None` if the integration fails.
     #[must_use]
     pub fn ends(&self) -> Option<(Tip, Tip)> {
         Some((self.walk(-self.before)?, self.walk(self.after)?))
@@ -190,8 +190,8 @@ impl Helicoid {
     }
 }
 
-/// Returns the curve from the origin along z to the goal that is closest to a start. `None` if the search fails or the
-/// curve is longer than `longest`.
+/// Searches from a start for a helicoidal arc that leads from the origin along z to the goal. `None` if the search
+/// fails or the curve is longer than `longest`.
 fn shoot(problem: &Problem, start: &Helicoid, longest: f64, precision: &Precision) -> Option<Helicoid> {
     let goal = state(&Tip { position: problem.goal, tangent: problem.tangent });
     let residual = |at: &Unknowns| {
@@ -249,7 +249,8 @@ impl Narrow {
         (Vector3::new(size, 0.0, 0.0), Vector3::new(sin, 0.0, cos))
     }
 
-    /// Returns the first and the last tip.
+    /// Returns the tips at the start and at the end of the arc, relative to the narrow point. `None` if the
+    /// integration fails.
     fn ends(&self, error: f64) -> Option<(Tip, Tip)> {
         let (m, p) = self.m_and_p();
         let narrow = state(&Tip::start());
@@ -281,7 +282,8 @@ impl Narrow {
         Self { log_size, skew, before, after: length - before }
     }
 
-    /// Returns a random arc near an arc, a line and an arc, with a short line of negative length.
+    /// Returns a random helicoidal arc near a curve of an arc, a line and an arc whose line has a short negative
+    /// length.
     fn near([first, line, last]: &[f64; 3], random: &mut Rng) -> Self {
         Self {
             log_size: 2.0 * libm::log(-line) + random.uniform_between(-4.0, 4.0),
@@ -329,7 +331,8 @@ impl Narrow {
         is_admitted.then_some(narrow)
     }
 
-    /// Searches first by the shape, then exactly.
+    /// Returns a helicoidal arc to the goal, searched from this arc: first by the shape, then exactly. `None` if the
+    /// search fails.
     fn arrive(&self, problem: &Problem, longest: f64) -> Option<Helicoid> {
         let rough = self.shoot_shape(problem, longest + 1e-4)?;
         rough.shoot_placed(problem, longest + 1e-9)?.placed(problem, FINE.error)
@@ -419,15 +422,15 @@ pub struct Effort {
 /// Result of a search.
 #[derive(Debug, Clone, Copy)]
 pub struct Found {
-    /// The shortest curve.
+    /// The shortest curve. `None` if none was found.
     pub best: Option<Helicoid>,
-    /// Number of shots from random curves that led to it.
+    /// Number of shots from random curves that led to the shortest curve.
     pub by_shots: usize,
-    /// Number of starts near an arc, a line and an arc with a line of negative length that led to it.
+    /// Number of starts near an arc, a line and an arc with a line of negative length that led to the shortest curve.
     pub by_lines: usize,
-    /// Number of shortened chains that led to it.
+    /// Number of shortened chains that led to the shortest curve.
     pub by_chains: usize,
-    /// Rounds searched.
+    /// Number of rounds that were searched.
     pub rounds: usize,
     /// Number of curves that were rejected because integrating them by the other method did not confirm that they
     /// arrive.

@@ -43,7 +43,7 @@ impl Problem {
     }
 }
 
-/// Position, radii, and unit tangent.
+/// A point of a curve: its position and its unit tangent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tip {
     /// Position, radii.
@@ -171,9 +171,9 @@ pub struct Best {
     pub helicoids: helicoid::Found,
 }
 
-/// Searches the shortest curve.
+/// Searches for the shortest curve to the goal.
 ///
-/// Panics if nothing was found. More starts for arc, line, arc correct this.
+/// Panics if nothing was found. A greater `csc_starts` corrects this.
 pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Rng) -> Best {
     let csc::Found { best: csc, hits: csc_hits, backwards } = csc::search(problem, effort.csc_starts, random);
     let planar = planar::shortest(problem);

@@ -49,7 +49,8 @@ fn turn(from: f64, to: f64, side: f64) -> f64 {
     if angle < 0.0 { angle + TAU } else { angle }
 }
 
-/// Returns the path types as (name, [side and angle, or 0 and length]). Angles are not corrected for rounding.
+/// Returns the paths of all path types that exist: name, and for each segment the side and the angle of an arc, or 0
+/// and the length of a line. Angles are not corrected for rounding.
 fn words(goal: &Vector2<f64>, goal_heading: f64) -> Vec<(&'static str, [(f64, f64); 3])> {
     let mut words = Vec::new();
     for (name, first, last) in [("LSL", LEFT, LEFT), ("RSR", RIGHT, RIGHT), ("LSR", LEFT, RIGHT), ("RSL", RIGHT, LEFT)]

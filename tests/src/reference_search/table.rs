@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use super::{Piece, Problem, Tip, across};
 use growbot_core::random::Rng;
 
-/// Cases of one kind.
+/// Kind of cases in the table. A case is a goal with a direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Stratum {
     /// Goals at 0.2 to 3 radii.
@@ -45,8 +45,8 @@ impl Stratum {
         }
     }
 
-    /// Returns the case with a number. Distances are distributed uniformly, and so are directions on the sphere or
-    /// circle.
+    /// Returns the case with this number, drawn with this seed. Distances are distributed uniformly, and so are
+    /// directions on the sphere or circle.
     #[must_use]
     pub fn case(self, seed: u64, number: u64) -> Problem {
         let mut random = Rng::new(&[seed, self as u64, number]);
@@ -95,7 +95,8 @@ fn in_a_plane(number: u64, random: &mut Rng) -> Problem {
     Problem { goal: direction() * distance, tangent: direction() }
 }
 
-/// Cases on the edge of a plane or circle: x and z of the goal, x and z of the direction there.
+/// Special cases in one plane, such as goals straight ahead, straight behind or on a turning circle: x and z of the
+/// goal (radii), x and z of the direction there.
 const SPECIAL: [[f64; 4]; 12] = [
     [0.0, 5.0, 0.0, 1.0],
     [0.0, -5.0, 0.0, 1.0],

@@ -1,22 +1,22 @@
-//! A line with faults: any port behind a wire that loses, corrupts, duplicates and reorders data, at random from a
-//! seed.
+//! Simulated faults of a connection, for tests: a [`FaultyPort`] loses, corrupts, duplicates and reorders the bytes of
+//! any other port, at random from a seed.
 //!
-//! The traffic is processed in pieces. A piece ends in a zero byte, as frames do, or has the length of the longest
-//! frame. Each direction draws its own random numbers, one for each fault and piece. The same seed and the same traffic
-//! therefore give the same faults.
+//! The bytes are processed in frames. Here, a frame is any bytes up to a zero byte, or as many bytes as the longest
+//! frame has. Each direction draws its own random numbers, one for each fault and frame. The same seed and the same
+//! bytes therefore give the same faults.
 //!
-//! | fault | what happens to a piece |
+//! | fault | effect on a frame |
 //! |---|---|
-//! | `drop` | it is lost |
+//! | `drop` | the frame is lost |
 //! | `flip` | one bit of a byte is inverted; the probability is per byte, including the ending zero |
-//! | `dup` | it arrives twice |
-//! | `reorder` | it arrives after the next one; without a next one it stays in transit |
-//! | `truncate` | its tail is lost, with the ending zero, so that the next one is joined to the rest |
-//! | `stall` | it and all that follows, both ways, is delayed by the given time |
-//! | `reset` | the line is cut: it, what is in transit both ways, and what is sent within a second is lost |
+//! | `dup` | the frame arrives twice |
+//! | `reorder` | the frame arrives after the next frame, and not before there is one |
+//! | `truncate` | its last bytes are lost, with the ending zero, so that its rest is joined to the next frame |
+//! | `stall` | the frame and all later ones, in both directions, are delayed by the given time |
+//! | `reset` | a cut: all undelivered frames in both directions, and all frames of the next second, are lost |
 //!
-//! Time is measured by the timeouts that are waited for, also on the virtual clock of `sim`. Runs on `sim` therefore
-//! repeat to the byte. `Faulty::tally` counts the faults of the traffic.
+//! Time is the sum of the timeouts of `receive`, also on the virtual clock of a simulated board. Runs with a simulated
+//! board are therefore repeatable to the byte. [`FaultyPort::tally`] returns the number of each fault so far.
 
 mod spec;
 
@@ -29,57 +29,57 @@ pub use self::spec::{FaultSpec, FaultSpecError};
 use super::{Port, PortError};
 use growbot_core::random::splitmix64;
 
-/// Time for which the line stays cut.
+/// Duration of a cut, in which all bytes are lost.
 const CUT: Duration = Duration::from_secs(1);
-/// Step in which the remaining time of a stall or cut is counted.
+/// Step in which the remaining time of a stall or a cut is counted down.
 const STEP: Duration = Duration::from_millis(10);
-/// Maximum number of bytes that may arrive and be lost before a wait ends without bytes.
+/// Maximum number of bytes that `receive` may read and lose to faults before it returns without bytes.
 const MAX_SWALLOWED: usize = 1 << 16;
 
-/// Counts of the faults of a wire so far, both directions together.
+/// Numbers of the faults of a [`FaultyPort`] so far, both directions together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct FaultCounts {
-    /// Frames that entered the wire, including those that were lost. The other counts call a frame a piece.
+    /// Number of frames that were sent, including those that were lost.
     pub frames: u64,
-    /// Pieces that were lost by `drop`.
+    /// Number of frames that the fault `drop` has lost.
     pub dropped: u64,
-    /// Bytes of which a bit was inverted.
+    /// Number of bytes of which a bit was inverted.
     pub flipped: u64,
-    /// Pieces that were sent twice.
+    /// Number of frames that arrived twice.
     pub doubled: u64,
-    /// Pieces that arrived after the next one.
+    /// Number of frames that arrived after the next frame.
     pub reordered: u64,
-    /// Pieces that lost their tails.
+    /// Number of frames that lost their last bytes.
     pub truncated: u64,
     /// Number of stalls.
     pub stalls: u64,
-    /// Number of cuts of the line.
+    /// Number of cuts of the connection.
     pub resets: u64,
-    /// Pieces that were lost because the line was cut.
+    /// Number of frames that were lost in cuts of the connection.
     pub cut_off: u64,
 }
 
-/// A port behind a wire with faults.
+/// A port whose bytes are subject to simulated faults.
 ///
-/// To read the counts while a client uses the port, put it into an `Rc<RefCell<_>>`, which is a port too.
+/// To call [`Self::tally`] while a client uses the port, put the port into an `Rc<RefCell<_>>`, which is a port too.
 pub struct FaultyPort<P> {
     port: P,
     spec: FaultSpec,
     tally: FaultCounts,
     to_board: FaultyChannel,
     from_board: FaultyChannel,
-    /// Remaining time of a stall, in which nothing passes the wire.
+    /// Remaining time of a stall, in which no bytes arrive. Zero without a stall.
     stalled: Duration,
-    /// Remaining time of a cut, in which everything on the wire is lost.
+    /// Remaining time of a cut, in which all bytes are lost. Zero without a cut.
     cut: Duration,
 }
 
-/// One direction of the wire.
+/// State of one direction of a [`FaultyPort`].
 struct FaultyChannel {
     draws: Draws,
-    /// The received beginning of an incomplete piece.
+    /// Bytes of an incomplete frame.
     begun: Vec<u8>,
-    /// A piece that is delivered after the next one.
+    /// Frame that is delivered after the next frame. `None` without one.
     kept_back: Option<Vec<u8>>,
     /// Bytes to which the faults have been applied and which wait to be delivered.
     through: VecDeque<u8>,
@@ -92,7 +92,7 @@ enum LinkDirection {
 }
 
 impl<P: Port> FaultyPort<P> {
-    /// Puts a wire with these faults before a port.
+    /// Adds these faults to a port.
     pub fn new(port: P, spec: FaultSpec) -> Self {
         Self {
             port,
@@ -105,12 +105,12 @@ impl<P: Port> FaultyPort<P> {
         }
     }
 
-    /// Returns the counts of the faults so far.
+    /// Returns the number of each fault so far.
     pub fn tally(&self) -> FaultCounts {
         self.tally
     }
 
-    /// Returns the port behind the wire.
+    /// Returns the port without faults, to which this port sends.
     pub fn port(&mut self) -> &mut P {
         &mut self.port
     }
@@ -122,7 +122,7 @@ impl<P: Port> FaultyPort<P> {
         }
     }
 
-    /// Adds bytes to the wire.
+    /// Divides sent or received bytes into frames, and applies the faults to each complete frame.
     fn take(&mut self, direction: LinkDirection, bytes: &[u8]) {
         for byte in bytes {
             let wire = self.wire(direction);
@@ -134,7 +134,7 @@ impl<P: Port> FaultyPort<P> {
         }
     }
 
-    /// Applies the faults to a piece and passes on the bytes that remain.
+    /// Applies the faults to a frame and queues the remaining bytes for delivery.
     fn carry(&mut self, direction: LinkDirection, mut piece: Vec<u8>) {
         let spec = self.spec;
         let draws = &mut self.wire(direction).draws;
@@ -190,7 +190,7 @@ impl<P: Port> FaultyPort<P> {
         }
     }
 
-    /// Sends the bytes that have passed the faults to the board, unless the wire is stalled.
+    /// Sends the queued bytes to the board, unless there is a stall.
     fn deliver(&mut self) -> Result<(), PortError> {
         if !self.stalled.is_zero() || self.to_board.through.is_empty() {
             return Ok(());
@@ -243,7 +243,7 @@ impl<P: Port> Port for FaultyPort<P> {
         self.port.has_comparable_clock()
     }
 
-    /// Returns a port without faults, because faults are for tests.
+    /// Returns the emergency port of the port without faults.
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
         self.port.emergency_port()
     }
@@ -259,7 +259,7 @@ impl FaultyChannel {
         }
     }
 
-    /// Drops all bytes in transit.
+    /// Drops all bytes that are not delivered yet.
     fn clear(&mut self) {
         self.begun.clear();
         self.kept_back = None;
@@ -285,7 +285,7 @@ impl Draws {
 mod tests {
     use super::*;
 
-    /// Returns the bytes that it is sent. Its clock advances only during waits without bytes.
+    /// A port that returns the bytes that were sent to it. Its clock advances only during waits without bytes.
     #[derive(Default)]
     struct LoopBack {
         bytes: VecDeque<u8>,
@@ -342,7 +342,7 @@ mod tests {
         (all, port.tally())
     }
 
-    /// Asserts that a count fits this number of tries at this probability, within 4.5 standard deviations.
+    /// Asserts that a count is within 4.5 standard deviations of its mean for this number of tries at this probability.
     fn assert_rate(count: u64, tries: u64, chance: f64) {
         let mean = tries as f64 * chance;
         let deviation = (mean * (1.0 - chance)).sqrt();
@@ -364,12 +364,13 @@ mod tests {
         assert_eq!(bytes.len() as u64, 10 * (u64::from(n) - tally.dropped));
 
         let (_, tally) = run("dup=0.05", n);
-        // A piece that is doubled on the first way counts as two on the way back.
+        // A frame that was doubled on the way to the board counts as two frames on the way back.
         assert_rate(tally.doubled, tally.frames, 0.05);
         let (_, tally) = run("truncate=2%", n);
         assert_rate(tally.truncated, tally.frames, 0.02);
         let (_, tally) = run("flip=1e-3", n);
-        // A flipped zero no longer ends its piece, and other flips end one, but the number of bytes stays the same.
+        // A flipped zero byte joins two frames, and a byte that is flipped to zero divides one, but the number of bytes
+        // stays the same.
         assert_rate(tally.flipped, 2 * 10 * u64::from(n), 1e-3);
         let (_, tally) = run("stall=500ms@3%", 2_000);
         assert_rate(tally.stalls, tally.frames, 0.03);
@@ -389,7 +390,7 @@ mod tests {
     #[test]
     fn adjacent_frames_are_swapped() {
         let mut port = faulty("reorder=100%");
-        // Both are swapped on the way to the board and once more on the way back.
+        // Two frames are swapped on the way to the board and once more on the way back.
         for number in 0..4 {
             port.send(&frame(number)).unwrap();
         }
@@ -417,7 +418,7 @@ mod tests {
             assert_eq!(port.receive(&mut buffer, Duration::from_millis(500)).unwrap(), 0);
         }
         assert!(port.port().bytes.is_empty());
-        // The board receives it here, and its response stalls again.
+        // The board receives the frame here, and its response causes another stall.
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 0);
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 10);
         assert_eq!((&buffer[..10], port.tally().stalls), (&frame(1)[..], 2));

@@ -1,4 +1,4 @@
-//! Text form of the faults of a wire: `drop=1%,flip=1e-4,stall=2s@0.1%,seed=7`.
+//! Text form of the simulated faults of a connection: `drop=1%,flip=1e-4,stall=2s@0.1%,seed=7`.
 
 use std::str::FromStr;
 use std::time::Duration;
@@ -7,9 +7,9 @@ use super::STEP;
 use crate::pose_text::parse_number;
 use crate::suggest::did_you_mean;
 
-/// Default probability of a fault.
+/// Probability of a fault that is given without a value.
 const CHANCE: f64 = 0.01;
-/// Maximum time of a stall, s.
+/// Maximum duration of a stall, s.
 const LONGEST_STALL_S: f64 = 3600.0;
 
 const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall", "reset", "seed"];
@@ -17,13 +17,13 @@ const NAMES: [&str; 8] = ["drop", "flip", "dup", "reorder", "truncate", "stall",
 /// Error of parsing a fault specification.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FaultSpecError {
-    /// The fault is unknown.
+    /// The name of a fault is unknown.
     #[error(
         "unknown fault {name:?}{}: give one or more of {}, separated by commas",
         did_you_mean(.name, NAMES), NAMES.join(", ")
     )]
     Unknown {
-        /// Name in the text.
+        /// Name that the text contains.
         name: String,
     },
     /// A fault is given twice.
@@ -32,7 +32,7 @@ pub enum FaultSpecError {
         /// Name of the fault.
         name: &'static str,
     },
-    /// A fault needs a value.
+    /// A fault is given without the value that it needs.
     #[error("{name} has no value: write it like {example}")]
     NoValue {
         /// Name of the fault.
@@ -40,56 +40,57 @@ pub enum FaultSpecError {
         /// Example of a value.
         example: &'static str,
     },
-    /// The probability is not between 0 and 1.
+    /// The value of a fault is not a probability between 0 and 1.
     #[error("{name} is {text:?}, which is not a probability: give 0% to 100%, or 0 to 1")]
     Chance {
         /// Name of the fault.
         name: &'static str,
-        /// Value in the text.
+        /// Value that the text contains.
         text: String,
     },
-    /// The value is not a valid time of a stall.
+    /// The value of `stall` is not a valid duration.
     #[error(
         "stall is {text:?}, which is not a time: give 0.01s to {LONGEST_STALL_S}s, for example 2s, or 500ms@0.1% for \
          500 ms at 0.1 % of the frames"
     )]
     Time {
-        /// Value in the text.
+        /// Value that the text contains.
         text: String,
     },
-    /// The value is not a valid seed.
+    /// The value of `seed` is not a valid seed.
     #[error("seed is {text:?}, which is not a seed: give a whole number from 0 to {}", u64::MAX)]
     Seed {
-        /// Value in the text.
+        /// Value that the text contains.
         text: String,
     },
 }
 
-/// Probabilities of the faults, from 0 to 1, for each piece, or for each byte in `flip`.
+/// Probabilities of simulated faults of a connection, from 0 to 1, for each frame (`flip`: for each byte).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultSpec {
-    /// Probability that a piece is lost.
+    /// Probability that a frame is lost.
     pub drop: f64,
     /// Probability that one bit of a byte is inverted.
     pub flip: f64,
-    /// Probability that a piece arrives twice.
+    /// Probability that a frame arrives twice.
     pub dup: f64,
-    /// Probability that a piece arrives after the next one.
+    /// Probability that a frame arrives after the next frame.
     pub reorder: f64,
-    /// Probability that a piece loses its tail.
+    /// Probability that a frame loses its last bytes, including the zero byte at its end.
     pub truncate: f64,
-    /// Probability of a stall, in which nothing passes for [`FaultSpec::stall_for`].
+    /// Probability that a frame starts a stall, in which no bytes arrive in either direction for
+    /// [`FaultSpec::stall_for`].
     pub stall: f64,
     /// Duration of a stall.
     pub stall_for: Duration,
-    /// Probability that the line is cut for a second.
+    /// Probability that a frame starts a cut, in which all bytes are lost in both directions for a second.
     pub reset: f64,
     /// Seed of the random faults.
     pub seed: u64,
 }
 
 impl Default for FaultSpec {
-    /// Creates a wire without faults.
+    /// Creates the specification of a connection without faults.
     fn default() -> Self {
         Self {
             drop: 0.0,
@@ -143,7 +144,7 @@ impl FromStr for FaultSpec {
                     spec.stall_for = stall_time(time)?;
                     spec.stall = chance_or_default(name, odds)?;
                 }
-                // Only the last of the names is left.
+                // `seed`, the only remaining name.
                 _ => {
                     let text = value.ok_or(FaultSpecError::NoValue { name, example: "seed=7" })?;
                     spec.seed = text.parse().map_err(|_| FaultSpecError::Seed { text: text.to_owned() })?;

@@ -1,18 +1,18 @@
-//! Requests of a host by their effect: those after which a board may heat or move, and all others.
+//! Requests of a host, sorted by their effect: those after which a board may heat or move, and all others.
 
 use super::{
     Amend, AppendLayers, BeginJob, Cancel, Configure, Empty, Hello, Maintain, MaintenanceTask, Message, PlanRequest,
     ReadLayers, Resume, Start, Tune,
 };
 
-/// A request after which the board may heat or move, or may be commanded to.
+/// A request after which the board may heat or move, or may accept another request to heat or move.
 #[derive(Debug, Clone, PartialEq)]
 pub enum EnergizingRequest {
     /// Starts or continues the job.
     Start(Start),
     /// Heats, and finds the heater's gains.
     Tune(Tune),
-    /// Leaves a fault or an emergency stop.
+    /// Leaves the state `Fault` or `EmergencyStop`.
     ClearFault(Empty),
     /// Heats, feeds or turns without a job.
     Maintain(Maintain),
@@ -31,8 +31,8 @@ impl From<EnergizingRequest> for Message {
 
 macro_rules! passive_requests {
     ($($name:ident($body:ty),)*) => {
-        /// A request that heats and moves nothing. Layers belong here, because they move only a robot that a `Start`
-        /// has heated. [`Message`] describes each request.
+        /// A request that makes the board neither heat nor move. Requests that send layers belong here, because the
+        /// board lays layers only after a `Start`. [`Message`] describes each request.
         #[derive(Debug, Clone, PartialEq)]
         #[expect(missing_docs, reason = "Message describes each variant")]
         pub enum PassiveRequest {
@@ -72,11 +72,11 @@ passive_requests! {
     Configure(Configure),
 }
 
-/// Effect of a message.
+/// A message, sorted by its effect on the board.
 #[derive(Debug, Clone, PartialEq)]
 #[expect(clippy::large_enum_variant, reason = "a message is as large")]
 pub enum Effect {
-    /// A request that heats and moves nothing.
+    /// A request that makes the board neither heat nor move.
     Passive(PassiveRequest),
     /// A request after which the board may heat or move.
     Energizing(EnergizingRequest),
@@ -85,7 +85,8 @@ pub enum Effect {
 }
 
 impl Message {
-    /// Sorts the message by its effect. The match has no default, so a new message does not compile until it is sorted.
+    /// Returns the message, sorted by its effect. The match has no default, so a new message does not compile until it
+    /// is sorted.
     #[must_use]
     pub fn effect(self) -> Effect {
         match self {

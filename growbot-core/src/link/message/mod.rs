@@ -1,9 +1,9 @@
 //! The messages of the link, and the table of their kinds.
 //!
-//! A message is its kind (in the frame's header) and its body in postcard form. Both sides first compare
-//! [`SCHEMA_HASH`], which covers every kind and every type below. So a board and a host with different messages refuse
-//! each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`] stays
-//! the same, so that every host can request the identity of a board.
+//! A message consists of its kind (in the frame's header) and its body in postcard form. Both sides first compare
+//! [`SCHEMA_HASH`], which covers every kind and every type of a body. So a board and a host with different messages
+//! refuse each other. The bodies of `Hello`, `Status` and `Refused` do not change while [`super::frame::FRAME_VERSION`]
+//! stays the same, so that every host can request the identity of a board.
 
 mod effect;
 mod requests;
@@ -23,15 +23,15 @@ pub use super::reset_cause::ResetCause;
 pub use super::state::State;
 use crate::layer_bytes::LayerBytes;
 
-/// Max number of layers in one `Layers`, `Amend` or `StoredLayers`.
+/// Max number of layers in one `AppendLayers`, `Amend` or `StoredLayers`.
 pub const MAX_LAYERS_PER_MESSAGE: usize = 16;
-/// Layers of one message.
+/// The layers that one message carries.
 pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS_PER_MESSAGE>;
 
 /// Max number of bytes of a robot description in one `Configure`.
 pub const MAX_DESCRIPTION_PART: usize = 192;
 
-/// A message without a body.
+/// Body of a message that carries no data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Empty {}
 
@@ -52,12 +52,12 @@ pub enum MessageError {
     },
 }
 
-/// The first kind of the board's messages. The kinds of the host's messages are lower.
+/// Lowest kind of the messages that a board sends. The kinds of the messages that a host sends are lower.
 const FIRST_BOARD_KIND: u8 = 0x40;
 
 macro_rules! messages {
     ($($(#[$doc:meta])* $kind:literal $name:ident($body:ident),)*) => {
-        /// Every message, by kind.
+        /// A message of the link.
         #[derive(Debug, Clone, PartialEq)]
         pub enum Message {
             $($(#[$doc])* $name($body),)*
@@ -70,7 +70,7 @@ macro_rules! messages {
                 match self { $(Self::$name(_) => $kind,)* }
             }
 
-            /// Encodes the body.
+            /// Encodes the body of the message in postcard form.
             ///
             /// # Errors
             /// Returns an error if the body does not fit in a frame. Every message of this protocol fits.
@@ -98,7 +98,7 @@ macro_rules! messages {
                 encoded.map(|bytes| &*bytes).map_err(|_| MessageError::Body { kind: self.kind() })
             }
 
-            /// Decodes a body, up to its last byte.
+            /// Decodes the body of a message of this kind. The message must use all bytes of the body.
             ///
             /// # Errors
             /// Returns an error if the kind is unknown or the body does not match it.
@@ -125,7 +125,7 @@ macro_rules! messages {
                 }
             }
 
-            /// All kinds with the names of their messages, in the order of the table.
+            /// The kinds of all messages, with the names of the messages, in ascending order.
             pub const KINDS: &[(u8, &str)] = &[$(($kind, stringify!($name)),)*];
         }
 
@@ -155,43 +155,45 @@ messages! {
     // Host to board.
     /// Opens a session. The response is `BoardInfo`, or `Refused` with the board's schema hash.
     0x01 Hello(Hello),
-    /// Requests the board's status. The response is `Status`, in any session.
+    /// Requests the board's status. The response is `Status`. The request is accepted in any session.
     0x02 GetStatus(Empty),
     /// Begins a job. The response is `Accepted` or `Refused`.
     0x03 BeginJob(BeginJob),
-    /// Sends layers of the job. The response is `Accepted` or `Refused`.
+    /// Sends the next layers of the job. The response is `Accepted` or `Refused`.
     0x04 AppendLayers(AppendLayers),
     /// Starts or continues the job. The response is `Accepted` or `Refused`.
     0x05 Start(Start),
-    /// Stops immediately, in any state. The response is `Accepted`.
+    /// Stops heater and motors immediately, in any state. The response is `Accepted`.
     0x06 Stop(Empty),
     /// Leaves `Fault` or `EmergencyStop` if the cause is gone. The response is `Accepted` or `Refused`.
     0x07 ClearFault(Empty),
-    /// Requests that the board plans. The response is `Planned` or `Refused`.
+    /// Requests that the board plans a path and stores its layers as a job. The response is `Planned` or `Refused`.
     0x08 Plan(PlanRequest),
     /// Requests layers that the board stores. The response is `StoredLayers`.
     0x09 ReadLayers(ReadLayers),
-    /// Pauses after the present layer, until `Start` continues the job. The response is `Accepted` or `Refused`.
+    /// Pauses the job after the present layer, until `Start` continues it. The response is `Accepted` or `Refused`.
     0x0A Pause(Empty),
-    /// Finds the heater's gains. The response is `Accepted` or `Refused`, and the event `Tuned` ends the tuning.
+    /// Heats the nozzle to find the gains of the heater's controller. The response is `Accepted` or `Refused`, and the
+    /// event `Tuned` ends the tuning.
     0x0B Tune(Tune),
-    /// Requests the latest fault. The response is `LatestFault`, in any session.
+    /// Requests the record of the latest fault. The response is `LatestFault`. The request is accepted in any session.
     0x0C GetLatestFault(Empty),
-    /// Requests the sensors' readings. The response is `SensorReadings`, in any session.
+    /// Requests the readings of the sensors. The response is `SensorReadings`. The request is accepted in any session.
     0x0D GetSensorReadings(Empty),
-    /// Acknowledges events. The board does not respond.
+    /// Acknowledges all events up to the number `ack` in the frame's header. The board does not respond.
     0x0E Ack(Empty),
     /// Resumes the job that the board stores. The response is `Accepted` or `Refused`.
     0x0F Resume(Resume),
-    /// Replaces layers of the job. The response is `Accepted` or `Refused`.
+    /// Replaces the layers of the job from an index on. The response is `Accepted` or `Refused`.
     0x10 Amend(Amend),
     /// Cancels the job. The response is `Accepted` or `Refused`.
     0x11 Cancel(Cancel),
-    /// Requests the board's identity without opening a session. The response is `BoardInfo`, in any session.
+    /// Requests the board's identity without opening a session. The response is `BoardInfo`. The request is accepted in
+    /// any session.
     0x12 GetBoardInfo(Empty),
-    /// Closes the session, so that another host need not wait. The board does not respond.
+    /// Closes the session, so that another host can open one immediately. The board does not respond.
     0x13 Goodbye(Empty),
-    /// Requests a report of the board's start. The response is `BootReport`, in any session.
+    /// Requests a report of the board's start. The response is `BootReport`. The request is accepted in any session.
     0x14 GetBootReport(Empty),
     /// Maintenance: heats, feeds or turns without a job. The response is `Accepted` or `Refused`.
     0x15 Maintain(Maintain),
@@ -219,13 +221,14 @@ messages! {
     0x49 BootReport(BootReport),
     /// Responds to `Configure`.
     0x4A Configured(Configured),
-    /// Event: a layer is laid.
+    /// Event: the board has laid a layer.
     0x50 LayerLaid(LayerLaid),
-    /// Event: the state changed.
+    /// Event: the state of the board has changed.
     0x51 StateChanged(StateChanged),
-    /// Event: the heater's gains are found.
+    /// Event: the gains of the heater's controller have been found.
     0x52 Tuned(Tuned),
-    /// Acknowledges an emergency stop that came over the link. Sent in session 0, outside the event sequence.
+    /// Acknowledges an emergency stop that came over the link. The board sends this message in session 0, without a
+    /// sequence number.
     0x53 EmergencyStopAck(Empty),
 }
 

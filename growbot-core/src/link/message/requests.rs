@@ -11,8 +11,8 @@ use crate::pose::{Pose, PoseError};
 /// Name of a host: program, process, machine. It is UTF-8, which the board does not check.
 pub type HostName = Vec<u8, 32>;
 
-/// Opens a session. The board refuses if another host owns it, unless that host has stopped sending or `take_over` is
-/// set.
+/// Opens a session. The board refuses the request if another host owns the board, unless this other host has stopped
+/// sending or `take_over` is set.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Hello {
     /// The host's [`SCHEMA_HASH`](super::SCHEMA_HASH).
@@ -23,7 +23,7 @@ pub struct Hello {
     pub take_over: bool,
 }
 
-/// Begins a job. The board deletes the previous job. Repeating the request changes nothing.
+/// Begins a job. The board deletes the previous job. If the same request is repeated, the board changes nothing.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BeginJob {
     /// Identifier of the job: the hash of the plan's layers ([`crate::job::JobSummary`]).
@@ -49,14 +49,14 @@ pub struct Resume {
     pub reported_layers: u32,
 }
 
-/// Sends layers. The board ignores layers that it already has.
+/// Sends layers of the job. The board ignores layers that it has received before.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct AppendLayers {
     /// Identifier of the job.
     pub plan_id: u64,
-    /// Index of the first of these layers, counted from 0.
+    /// Index in the job of the first layer in this message, counted from 0.
     pub first: u32,
-    /// The layers.
+    /// The layers of this message.
     pub layers: LayerBatch,
 }
 
@@ -72,7 +72,7 @@ pub struct Amend {
     pub first_replaced: u32,
     /// Number of layers of the amended plan.
     pub layers: u32,
-    /// The first of the new layers.
+    /// The first layers that replace the previous ones. More of them follow with `AppendLayers`.
     pub first_layers: LayerBatch,
 }
 
@@ -82,7 +82,7 @@ pub enum HostSilencePolicy {
     /// Pauses after the present layer.
     #[default]
     Pause,
-    /// Continues to the last layer that the board has.
+    /// Continues to lay the layers that the board has received.
     Continue,
 }
 
@@ -160,16 +160,16 @@ pub enum MaintenanceTask {
     },
     /// Switches heater and motors off.
     CoolDown,
-    /// Finds the index mark.
+    /// Turns the head until it finds its index mark.
     Home,
     /// Turns the head.
     Rotate {
-        /// Angle of the rotation, hundredths of a degree, up to a turn to either side.
+        /// Angle of the rotation, hundredths of a degree, positive counter-clockwise, up to a turn to either side.
         centi_deg: i32,
     },
     /// Moves filament: forwards to load or purge, backwards to unload.
     Feed {
-        /// Length of the motion, um.
+        /// Length of filament to move, um. Positive is forwards.
         um: i32,
     },
     /// Allows head and feed to move with the heater off and the nozzle at any temperature, until `CoolDown` or
@@ -177,9 +177,9 @@ pub enum MaintenanceTask {
     DryRun,
 }
 
-/// Sends a part of a robot description that replaces the board's. The parts follow each other in order. After the last
-/// part the board checks the description as it checks a robot file, and writes it to flash. Then it responds and
-/// restarts with the new description.
+/// Sends a part of a robot description that replaces the description of the board. The parts follow each other in
+/// order. After the last part the board checks the description as it checks a robot file, and writes it to flash. Then
+/// it responds and restarts with the new description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Configure {
     /// Hash of the description ([`crate::robot::Robot::hash`]).
@@ -187,9 +187,9 @@ pub struct Configure {
     /// Number of bytes of the whole description, with the version of its encoding
     /// ([`crate::robot::Robot::encode_for_board`]).
     pub length: u16,
-    /// Index of the first of these bytes in the description, counted from 0.
+    /// Position of this part in the encoded description: the index of its first byte, counted from 0.
     pub offset: u16,
-    /// The bytes.
+    /// The bytes of this part.
     pub bytes: Vec<u8, MAX_DESCRIPTION_PART>,
 }
 
@@ -200,11 +200,11 @@ pub struct ReadLayers {
     pub first: u32,
 }
 
-/// Finds the gains of the heater's controller at a temperature, by oscillating the nozzle round it. The board only
-/// reports the gains, by the event `Tuned`. It continues to control the heater with the gains of the robot's
-/// description.
+/// Finds the gains of the heater's controller at a temperature, round which the board makes the nozzle oscillate. The
+/// board only reports the gains, with the event `Tuned`. It continues to control the heater with the gains of the
+/// robot's description.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tune {
-    /// Temperature of the tuning, hundredths of a degree Celsius.
+    /// Temperature round which the nozzle oscillates, hundredths of a degree Celsius.
     pub target_centi_c: i32,
 }

@@ -26,7 +26,7 @@ pub enum Refusal {
     },
     /// The host has not opened this session with `Hello`.
     NoSession,
-    /// The job is for another robot.
+    /// The job was planned for another robot than that of the board.
     RobotMismatch {
         /// Hash of the board's robot.
         board: u64,
@@ -36,7 +36,7 @@ pub enum Refusal {
         /// Identifier of the plan that the board stores, 0 if there is none.
         board: u64,
     },
-    /// The layers do not continue the layers that the board has.
+    /// The layers do not follow immediately after the layers that the board has received.
     OutOfOrder {
         /// Index of the layer that the board expects.
         expected: u32,
@@ -55,7 +55,7 @@ pub enum Refusal {
     },
     /// The cause of the fault still exists.
     FaultRemains {
-        /// The fault.
+        /// Fault whose cause still exists.
         fault: Fault,
     },
     /// The board found no plan for these poses and this radius, because a number is not finite or out of range, or
@@ -77,9 +77,9 @@ pub enum Refusal {
     },
     /// The emergency stop is still pressed.
     EmergencyStop,
-    /// Another host owns the board. [`BoardInfo::owner`] is its name.
+    /// Another host owns the board. [`BoardInfo::owner`] contains the name of this host.
     OwnedByOtherHost {
-        /// Time since the last frame of that host, ms.
+        /// Time since the last frame of the host that owns the board, ms.
         silent_ms: u32,
     },
     /// The board has begun one of the layers to be replaced.
@@ -87,7 +87,7 @@ pub enum Refusal {
         /// Index of the first layer that can still be replaced.
         first: u32,
     },
-    /// The nozzle is too hot to erase the journal, which stops the processor for seconds.
+    /// The nozzle is too hot for the board to erase its journal, which stops the processor for seconds.
     NozzleTooHot {
         /// Temperature below which the nozzle must cool, hundredths of a degree Celsius.
         below: i32,
@@ -112,9 +112,9 @@ pub enum Refusal {
     StillMoving,
     /// The filament switch detects no filament.
     NoFilament,
-    /// The board has no robot description, so it only communicates.
+    /// The board has no robot description, so it only communicates and refuses to heat or move.
     NotConfigured,
-    /// The board stores a job that is not complete and would be lost with the old description.
+    /// The board stores a job that is not complete, and that a new description would delete.
     JobNotDone {
         /// Identifier of the job.
         plan_id: u64,
@@ -128,7 +128,8 @@ pub enum Refusal {
     DescriptionNotStored,
 }
 
-/// Defect of a robot description. A host can find the field by checking the description with the same code.
+/// Defect of a robot description that a board has received. A host can find the defective field by checking the
+/// description with the same code.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum DescriptionError {
     /// The version of the encoding is not the one that the board reads.
@@ -138,28 +139,28 @@ pub enum DescriptionError {
     },
     /// The bytes are not a description.
     Unreadable,
-    /// The hash of the description is not that of the request.
+    /// The hash of the received description differs from the hash in the request.
     HashMismatch {
-        /// Hash of the description.
+        /// Hash of the received description.
         found: u64,
     },
     /// The description is too long.
     TooLong,
-    /// A number is not finite, or out of its range or that of the board.
+    /// A number is not finite, out of its range, or beyond a limit of the board.
     Number,
     /// The name is not a valid name of a robot.
     Name,
-    /// The thermistor has no equation, or two.
+    /// The description gives no equation for the thermistor, or two equations.
     Thermistor,
     /// A pin cannot have the function that the description gives it.
     Pins,
-    /// A stepper driver cannot have these settings.
+    /// A stepper driver cannot have the settings in the description.
     Drivers,
     /// The description is for another kind of board.
     BoardMismatch {
-        /// Kind of board in the description.
+        /// Kind of board for which the description is.
         asked: BoardKind,
-        /// Kind of the board.
+        /// Kind of the board that received the description.
         board: BoardKind,
     },
 }
@@ -184,7 +185,7 @@ impl From<RobotError> for DescriptionError {
 pub struct BoardInfo {
     /// The board's [`SCHEMA_HASH`](super::SCHEMA_HASH).
     pub schema_hash: u64,
-    /// Number that differs at each start of the board.
+    /// Number of the board's present start, which differs from start to start.
     pub boot_id: u32,
     /// Cause of the board's latest start.
     pub reset_cause: ResetCause,
@@ -198,7 +199,7 @@ pub struct BoardInfo {
     pub layer_capacity: u32,
     /// Status of the board.
     pub status: Status,
-    /// Name of the host that owns the board.
+    /// Name of the host that owns the board. `None` if no host owns it.
     pub owner: Option<HostName>,
 }
 
@@ -213,20 +214,21 @@ pub struct Status {
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. During the proof test of the second switch, that switch is open.
+    /// Duty of the heater's power stage, 0 to 65,535 for 0 to 100 %. In the proof test of the heater's second switch,
+    /// this switch is open, so the heater has no power whatever the duty is.
     pub duty: u16,
     /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
     /// Number of layers of the job.
     pub layer_count: u32,
-    /// Index of the next layer that the board expects.
+    /// Index of the next layer that the board expects to receive.
     pub next_layer: u32,
-    /// Number of layers laid.
+    /// Number of layers of the job that have been laid.
     pub layers_laid: u32,
-    /// Progress of the layer that a stop, a fault, a reset or a loss of power interrupted, if any. The index of that
-    /// layer is `laid`.
+    /// Progress of the layer that a stop, a fault, a reset or a loss of power interrupted. The index of this layer is
+    /// `layers_laid`. `None` if no layer was interrupted.
     pub interrupted: Option<InterruptedLayer>,
-    /// Reason why the board pauses. It is valid in `Paused` and `Parked`.
+    /// Reason why the board pauses. The field has a meaning only in the states `Paused` and `Parked`.
     pub pause_cause: PauseCause,
     /// True if the job can be resumed after a reset or a loss of power.
     pub is_resumable: bool,
@@ -234,19 +236,20 @@ pub struct Status {
     pub uptime_ms: u64,
 }
 
-/// Number of the 64 sectors of an interrupted layer that were made, between two bounds.
+/// Lower and upper bound on the number of sectors of an interrupted layer, of 64, that were printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct InterruptedLayer {
-    /// Min number of sectors made. 0 if the progress is unknown.
+    /// Min number of sectors that were printed. 0 if the progress is unknown.
     pub min: u8,
-    /// Max number of sectors made. 64 if the progress is unknown.
+    /// Max number of sectors that were printed. 64 if the progress is unknown.
     pub max: u8,
 }
 
 /// Reason why a board pauses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub enum PauseCause {
-    /// The board has laid every layer that it has. The field also has this value while the board does not pause.
+    /// The board has laid all layers that it has received. The field also has this value while the board does not
+    /// pause.
     #[default]
     LayersExhausted,
     /// A host requested the pause.
@@ -272,7 +275,7 @@ impl PauseCause {
 pub struct Accepted {
     /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
-    /// Index of the next layer that the board expects.
+    /// Index of the next layer that the board expects to receive.
     pub next: u32,
     /// Number of further layers that the board can store now.
     pub free_layers: u32,
@@ -301,9 +304,9 @@ pub struct RefusalResponse {
 /// Summary of a plan that the board has made.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Planned {
-    /// Identifier of the job: the hash of the layers' bytes.
+    /// Identifier of the job: the hash of the robot's hash and of the bytes of all layers.
     pub plan_id: u64,
-    /// Hash of the layers in full precision.
+    /// Hash of alpha, height and tilt of all layers as `f64` ([`crate::job::JobSummary::exact_hash`]).
     pub exact_hash: u64,
     /// Number of layers.
     pub layers: u32,
@@ -311,28 +314,28 @@ pub struct Planned {
     pub length: f64,
 }
 
-/// Layers that the board stores, read by a host.
+/// Response with layers that the board stores.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct StoredLayers {
-    /// Index of the first layer.
+    /// Index in the job of the first layer in this message.
     pub first: u32,
-    /// The layers. There are fewer than [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) at the end of the
-    /// stored layers.
+    /// The stored layers from this index on. There are fewer than
+    /// [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) only at the end of the stored layers.
     pub layers: LayerBatch,
 }
 
-/// Event: a layer is laid.
+/// Event: the board has laid a layer.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct LayerLaid {
     /// Identifier of the job.
     pub plan_id: u64,
     /// Index of the layer.
     pub index: u32,
-    /// The layer as built, computed from the steps made. `None` if the layer was interrupted and skipped, or if the
-    /// journal could not be written.
+    /// The layer as built, computed from the motor steps that were made. `None` if the layer was interrupted and
+    /// skipped, or if the journal could not be written.
     pub as_built: Option<LayerBytes>,
-    /// Readings of the sensors when the layer was laid. The board retains them for its latest layers only, and loses
-    /// them at a reset.
+    /// Readings of the sensors when the layer was laid. `None` if the board no longer has them, because it keeps them
+    /// only for its latest layers and loses them at a reset.
     pub readings: Option<LayerReadings>,
 }
 
@@ -342,7 +345,8 @@ pub struct LayerLaid {
 pub struct LayerReadings {
     /// Pulses of the filament's encoder since the board started ([`SensorReadings::filament_pulses`]).
     pub filament_pulses: Option<u32>,
-    /// Gravity in the tip's frame, thousandths of the earth's ([`SensorReadings::gravity_milli_g`]).
+    /// Acceleration that a resting accelerometer measures, in the tip's frame, thousandths of standard gravity
+    /// ([`SensorReadings::gravity_milli_g`]).
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
@@ -360,16 +364,16 @@ pub struct StateChanged {
 pub struct Gains {
     /// Proportional gain, duty (0 to 1) per degree.
     pub kp: f64,
-    /// Integral gain, duty per degree and second.
+    /// Integral gain, duty per degree and per second.
     pub ki: f64,
-    /// Derivative gain, duty per degree a second.
+    /// Derivative gain, duty per (degree per second).
     pub kd: f64,
 }
 
-/// Event: a `Tune` has ended and found the gains.
+/// Event: the tuning that a `Tune` requested has found the gains.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Tuned {
-    /// The gains.
+    /// Gains that were found.
     pub gains: Gains,
     /// Period of the temperature's oscillation, s.
     pub period_s: f64,
@@ -388,17 +392,16 @@ pub struct SensorReadings {
     /// True if the filament switch detects filament.
     pub filament_present: Option<bool>,
     /// Pulses of the filament's encoder since the board started: forward pulses minus backward pulses, modulo 2^32.
-    /// Filament that is retracted and pushed forward again does not count, but filament that has gone into the body
-    /// does.
+    /// Filament that is retracted and pushed forward again contributes nothing in total.
     pub filament_pulses: Option<u32>,
     /// True if a stepper driver reports a fault.
     pub driver_fault: Option<bool>,
-    /// Problem that a stepper driver reports over its UART. `None` if all drivers are well, or if they have no UART.
+    /// Problem that a stepper driver reports over its UART. `None` if all drivers work, or if they have no UART.
     pub driver_problem: Option<DriverReport>,
     /// True if the emergency stop is pressed.
     pub emergency_stop: Option<bool>,
-    /// Gravity in the tip's frame, thousandths of the earth's. The vector points upwards, as a resting accelerometer
-    /// measures it.
+    /// Acceleration that a resting accelerometer measures, in the tip's frame, thousandths of standard gravity. The
+    /// vector points upwards, opposite to gravity.
     pub gravity_milli_g: Option<[i16; 3]>,
 }
 
@@ -407,7 +410,7 @@ pub struct SensorReadings {
 pub struct FaultRecord {
     /// The fault. `None` for the emergency stop.
     pub fault: Option<Fault>,
-    /// True if the fault has been cleared since.
+    /// True if the fault has been cleared since it occurred.
     pub cleared: bool,
     /// State of the board when the fault occurred.
     pub state: State,
@@ -417,15 +420,17 @@ pub struct FaultRecord {
     pub temperature_centi_c: Option<i32>,
     /// Target temperature of the nozzle, hundredths of a degree Celsius. `None` if the heater is off.
     pub target_centi_c: Option<i32>,
-    /// Duty of the power stage, 0 to 65,535. During the proof test of the second switch, that switch is open.
+    /// Duty of the heater's power stage, 0 to 65,535 for 0 to 100 %. In the proof test of the heater's second switch,
+    /// this switch is open, so the heater has no power whatever the duty is.
     pub duty: u16,
-    /// Readings of the other sensors.
+    /// Readings of the sensors other than the thermistor, at the time of the fault.
     pub sensors: SensorReadings,
     /// Identifier of the job, 0 if there is none.
     pub plan_id: u64,
-    /// Number of layers laid.
+    /// Number of layers of the job that had been laid.
     pub laid: u32,
-    /// Number of layers begun. If a layer was interrupted, it is one more than the number of layers laid.
+    /// Number of layers of the job that had been begun. If the fault interrupted a layer, it is one more than the
+    /// number of layers laid.
     pub layers_begun: u32,
 }
 
@@ -436,32 +441,33 @@ pub struct LatestFault {
     pub record: Option<FaultRecord>,
 }
 
-/// The result of the image's check at the board's start, and the latest crash.
+/// Response about the board's start: the result of the check of its firmware image, and the latest crash.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct BootReport {
-    /// Result of the check of the firmware's image at this start.
+    /// Result of the check of the firmware image at this start.
     pub image: ImageCheck,
-    /// The latest crash. Retained memory stores it through resets, until the next crash or a loss of power. `None`
-    /// without a crash. [`CrashRecord`](crate::link::crash::CrashRecord) decodes the words.
+    /// Record of the latest crash, which [`CrashRecord`](crate::link::crash::CrashRecord) decodes. It is kept in memory
+    /// that is retained through resets, until the next crash or a loss of power. `None` without a crash.
     pub crash: Option<CrashWords>,
 }
 
-/// The result of the check of the firmware's image when the board started.
+/// The result of the check of the firmware image when the board started. The check compares the image with its seal, a
+/// CRC-32C that is stored in the image after linking.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub enum ImageCheck {
-    /// The image was never sealed, so the board could not check it.
+    /// The image has no seal, so the board could not check it.
     Unsealed,
-    /// The image agrees with its seal.
+    /// The image matches the CRC in its seal.
     Valid {
         /// CRC-32C of the image.
         crc: u32,
     },
-    /// The firmware image is damaged: its CRC differs from the one stored in it, or what is stored is not valid. The
-    /// board refuses to heat.
+    /// The image is damaged: its CRC differs from the one in its seal, or the seal is not valid. The board refuses to
+    /// heat.
     Corrupt {
-        /// CRC-32C in the seal of the image.
+        /// CRC-32C that the seal of the image contains.
         sealed: u32,
-        /// CRC-32C of the image as found. It equals `sealed` if the seal itself is not valid.
+        /// CRC-32C that the board has computed of the image. It equals `sealed` if the seal itself is not valid.
         found: u32,
     },
 }

@@ -1,4 +1,5 @@
-//! Special paths that the search for roots does not find: arcs of no length or of half a turn, and lines that cross.
+//! Special paths that the search for roots of the polynomial does not find: paths with an arc of no length or of half a
+//! turn, and paths whose lines along the start's and the goal's direction cross.
 
 use core::f64::consts::{PI, TAU};
 
@@ -9,16 +10,19 @@ use super::{Csc, CscSearch, MAX_NEWTON_START_ERROR, cosine, in_tip};
 use crate::shortest::{MAX_GOAL_ERROR, PathProblem, any_perpendicular, axes_after};
 use crate::trigonometry;
 
-/// Max error at the goal, radii and radians, of a single arc that nearly leads to the goal.
+/// Max error at the goal, radii and radians, at which a single arc counts as nearly leading to the goal.
 const SHORT: f64 = 4e-3;
-/// Max cosine of half the angle between the planes of two half turns.
+/// Max cosine of half the angle between the planes of two half turns. A larger cosine is reduced to this value, because
+/// Newton's method would not leave a common plane.
 const APART: f64 = 0.999_98;
-/// Max angle between half a turn and the arc beside a line that is longer than [`FAR`], radians.
+/// Max difference between half a turn and the angle of an arc, radians, if the line beside the arc is longer than
+/// [`FAR`].
 const LITTLE: f64 = 0.02;
 
 impl CscSearch<'_> {
-    /// Finds the paths for which the lines through start and goal cross, or nearly cross. Then the plane of the last
-    /// arc is undetermined. The corners of both arcs coincide, and the line leaves the plane on one side or the other.
+    /// Finds the paths to a goal for which the line along the start's direction and the line along the goal's direction
+    /// cross, or nearly cross. For such a goal, the polynomial does not determine the plane of the last arc. The
+    /// corners of both arcs coincide, and the path's line leaves the plane on one side or the other.
     #[inline(never)]
     pub(super) fn crossing_lines(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
@@ -58,8 +62,8 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Finds lines along the start or the goal, forwards or backwards, at which a root has no bracket. There one arc
-    /// has no length or is half a turn, and its plane is free.
+    /// Finds the paths whose line is parallel to the start's or the goal's direction. One arc of such a path has no
+    /// length or is half a turn, so its plane is undetermined, and the polynomial does not change its sign at the root.
     #[inline(never)]
     pub(super) fn special_lines(&mut self) {
         self.one_arc();
@@ -98,11 +102,11 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Finds the paths if one arc nearly leads to the goal. The line is short, and the other arc is short too, or
-    /// nearly a whole turn.
+    /// Finds the paths to a goal that a single arc nearly reaches. The line of such a path is short, and its other arc
+    /// is short too, or nearly a whole turn.
     ///
-    /// If the other arc turns in the plane of the long arc, the long arc compensates for that turn, to first order. So
-    /// the code tries several angles of the other arc, and Newton's method finds the rest.
+    /// If the other arc turns in the plane of the long arc, the long arc compensates for this turn, to first order. So
+    /// the code tries several angles of the other arc, and Newton's method corrects the remaining numbers.
     #[inline(never)]
     fn almost_one_arc(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
@@ -171,8 +175,8 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Finds the paths in which both arcs are half turns. The angle between the planes of the arcs depends on the
-    /// distance of the goal from the line along the start's direction.
+    /// Finds the paths in which both arcs are half turns. The distance of the goal from the line along the start's
+    /// direction determines the angle between the planes of the arcs.
     fn two_half_turns(&mut self) {
         let PathProblem { goal, direction, .. } = *self.problem;
         let across = 0.25 * trigonometry::hypot(goal.x, goal.y);
@@ -196,14 +200,15 @@ impl CscSearch<'_> {
     }
 }
 
-/// An arc of about half a turn: its angle, and the direction in which it bends.
+/// An arc of about half a turn: its angle (radians), and the direction in which it bends.
 struct HalfTurn {
     angle: f64,
     towards: Vector3<f64>,
 }
 
-/// Returns arcs of about half a turn that move the path by `across`, before or after a line of this length. A long line
-/// also contributes, in the direction of the arc or in the opposite one.
+/// Returns the arcs of about half a turn that displace the end of the path by `across` (radii), before or after a line
+/// of length `straight` (radii). If the line is long, an arc that differs slightly from half a turn turns the line, and
+/// the line contributes to the displacement.
 fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item = HalfTurn> {
     let size = across.norm();
     [across, -across].into_iter().zip([size, -size]).filter_map(move |(towards, size)| {
@@ -214,9 +219,9 @@ fn about_half_turns(across: Vector3<f64>, straight: f64) -> impl Iterator<Item =
     })
 }
 
-/// An arc from one direction to another.
+/// An arc of radius 1 that turns the tip from one direction to another.
 struct ArcBetween {
-    /// Sine of the smaller angle between the directions. `cos` is its cosine.
+    /// Sine of the smaller angle between the two directions. `cos` is the cosine of this angle.
     sin: f64,
     cos: f64,
     is_long: bool,
@@ -231,8 +236,8 @@ impl ArcBetween {
     }
 }
 
-/// Returns the two arcs from one direction to another: one turns by the smaller angle, the other by the larger angle.
-/// If the directions determine no plane, any plane is used.
+/// Returns the two arcs that turn the tip from one direction to another: the first turns by the smaller angle, the
+/// second by the larger angle. If the directions determine no plane, any plane is used.
 fn arcs_between(from: &Vector3<f64>, to: &Vector3<f64>) -> [ArcBetween; 2] {
     let cos = from.dot(to);
     let across = to - from * cos;

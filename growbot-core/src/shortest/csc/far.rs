@@ -1,8 +1,9 @@
 //! Goals so far away that the polynomial consists of rounding errors only. For such goals the direction of the path's
 //! line is found by iteration.
 //!
-//! `p - tau (t0 + u) - sigma (u + t1)` is the line, `u` its direction, and `tau` and `sigma` follow from `u`. Each
-//! round reduces the error by a factor of about the distance.
+//! With the goal's position `p`, the directions `t0` at the start and `t1` at the goal, and the direction `u` of the
+//! line, the line is the vector `p - tau (t0 + u) - sigma (u + t1)`. `tau` and `sigma` follow from `u`. Each iteration
+//! reduces the error by a factor of about the distance.
 
 use core::f64::consts::TAU;
 
@@ -10,16 +11,17 @@ use nalgebra::Vector3;
 
 use super::{CscLine, CscSearch, any_perpendicular};
 
-/// Distance beyond which a goal counts as far, radii. Such a goal has four paths, and the direction of each line hardly
-/// depends on its arcs.
+/// Distance beyond which a goal counts as far, radii. There are four paths to such a goal, and the direction of each
+/// path's line hardly depends on its arcs.
 pub(super) const FAR: f64 = 100.0;
-/// Number of paths of a far goal.
+/// Number of paths of arc, line and arc to a goal that is further than [`FAR`].
 const PATHS: usize = 4;
 /// Max number of iterations. Each iteration reduces the error by a factor of about the distance.
 const MAX_ROUNDS: u32 = 12;
 
 impl CscSearch<'_> {
-    /// Finds the paths of each of the four sign pairs, for goals beyond [`FAR`] of which fewer paths are known.
+    /// Finds the four paths to a goal further than [`FAR`], if fewer are known. Each of the two arcs of a path is
+    /// shorter or longer than half a turn, which gives four combinations.
     #[inline(never)]
     pub(super) fn far(&mut self) {
         if self.problem.goal.norm() < FAR || self.paths.len() >= PATHS {

@@ -12,13 +12,15 @@ use heapless::Vec;
 
 use super::polynomial::{CscPolynomial, DEGREE};
 
-/// Coefficients of a polynomial, or its Bernstein coefficients.
+/// The coefficients of the polynomial in powers of `x`, or in Bernstein form.
 type Coefficients<T> = [T; DEGREE + 1];
 
-/// Rounding error of a value, as a fraction of the magnitudes of its summands: nine roundings of half an ulp. With it,
-/// laid paths of all kinds are found (`tests/constructed_csc_paths.rs`).
+/// Bound of the rounding error of the polynomial's value, as a fraction of the sum of the magnitudes of its summands:
+/// nine roundings of half an ulp. With this bound, the search finds constructed paths of all kinds
+/// (`tests/constructed_csc_paths.rs`).
 const ROUNDING: f64 = 2e-15;
-/// Rounding error of a halving in single precision, as a fraction of the largest coefficient: an ulp and a half.
+/// Bound of the rounding error by which a halving of an interval changes its Bernstein coefficients in single
+/// precision, as a fraction of the largest coefficient: an ulp and a half.
 const ROUNDING_F32: f32 = 1.0e-7;
 /// Max number of halvings of an interval in single precision. After more halvings the rounding error would exceed the
 /// values.
@@ -27,9 +29,9 @@ const DEPTH_F32: u32 = 7;
 const DEPTH: u32 = 24;
 /// Step size at which the refinement of a root ends, because Newton's method refines the whole path afterwards.
 const REFINED: f64 = 3e-8;
-/// Max number of steps for a root or an extreme.
+/// Max number of iterations of the search for a root or an extreme in an interval.
 const MAX_STEPS: u32 = 60;
-/// `1 / C(10, k)`.
+/// Inverses of the binomial coefficients, `1 / C(10, k)` for `k` from 0 to 10.
 const INVERSE_BINOMIALS: Coefficients<f64> = [
     1.0,
     1.0 / 10.0,
@@ -44,27 +46,27 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
     1.0,
 ];
 
-/// A root, or a place where rounding leaves open whether there are two roots, one or none.
+/// A root of the polynomial, or a point at which rounding leaves open whether there are two roots, one or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Root {
-    /// `|tau|`, or the inverse of `|tau|`.
+    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] was created with `inverse`.
     pub x: f64,
-    /// True if the sign certainly changes here.
+    /// True if the polynomial certainly changes its sign at this root. False if rounding leaves that open.
     pub certain: bool,
 }
 
-/// A polynomial in `x` on `[0, 1]`, which is one of the four parts of the range of `tau`.
+/// The polynomial on one of the four parts of the range of `tau`, written as a polynomial in `x` on `[0, 1]`.
 pub(super) struct Part {
     coefficients: Coefficients<f64>,
     magnitudes: Coefficients<f32>,
 }
 
-/// An interval.
+/// An interval of `x`.
 #[derive(Clone, Copy)]
 struct Interval {
     from: f64,
     to: f64,
-    /// Number of halvings that have led to the interval.
+    /// Number of halvings of `[0, 1]` that have led to this interval.
     depth: u32,
 }
 
@@ -79,17 +81,17 @@ impl Interval {
     }
 }
 
-/// An interval, and the Bernstein coefficients there in single precision.
+/// An interval, and the Bernstein coefficients of the polynomial on it in single precision.
 #[derive(Clone, Copy)]
 struct Rough {
     interval: Interval,
     bernstein: Coefficients<f32>,
-    /// Bound of the rounding error of each coefficient.
+    /// Bound of the rounding error of each Bernstein coefficient.
     noise: f32,
 }
 
 impl Rough {
-    /// Returns both halves, by de Casteljau's algorithm.
+    /// Returns both halves of the interval with their Bernstein coefficients, by de Casteljau's algorithm.
     #[inline(never)]
     fn halves(&self) -> [Self; 2] {
         let max = self.bernstein.iter().fold(0.0f32, |max, b| max.max(b.abs()));
@@ -110,16 +112,17 @@ impl Rough {
     }
 }
 
-/// Result of the signs in an interval.
+/// Number of roots in an interval, as far as the signs of the Bernstein coefficients determine it.
 enum Found {
     Nothing,
-    /// One root, with different signs at the ends.
+    /// One root. The polynomial has different signs at the ends of the interval.
     One,
     Open,
 }
 
 impl Part {
-    /// Creates the part with `x = |tau|`, or `x = 1 / |tau|` if `inverse`, for positive or negative `tau`.
+    /// Creates the polynomial in `x = |tau|`, or in `x = 1 / |tau|` if `inverse`. It covers positive `tau` if
+    /// `positive`, and negative `tau` otherwise.
     pub fn of(form: &CscPolynomial, positive: bool, inverse: bool) -> Self {
         let CscPolynomial { mut coefficients, mut magnitudes } = *form;
         if !positive {
@@ -155,7 +158,7 @@ impl Part {
         }
     }
 
-    /// Returns the whole part in single precision.
+    /// Returns the interval `[0, 1]` with its Bernstein coefficients in single precision.
     #[inline(never)]
     fn rough(&self) -> Rough {
         let interval = Interval { from: 0.0, to: 1.0, depth: 0 };
@@ -164,7 +167,7 @@ impl Part {
         Rough { interval, bernstein, noise: self.noise(1.0) as f32 + ROUNDING_F32 * max }
     }
 
-    /// Calls `found` with each root in an interval, in double precision.
+    /// Calls `found` with each root in an interval, in ascending order. The roots are isolated in double precision.
     #[inline(never)]
     fn roots_within(&self, interval: Interval, found: &mut dyn FnMut(Root)) {
         let mut waiting = Vec::<Interval, { DEPTH as usize + 1 }>::new();
@@ -178,7 +181,7 @@ impl Part {
         }
     }
 
-    /// Returns the Bernstein coefficients in an interval.
+    /// Returns the Bernstein coefficients of the polynomial on an interval.
     #[inline(never)]
     fn bernstein(&self, interval: &Interval) -> Coefficients<f64> {
         let mut b = self.coefficients;
@@ -208,13 +211,13 @@ impl Part {
         b
     }
 
-    /// Returns a bound of the rounding error at `x`.
+    /// Returns a bound of the rounding error of the polynomial's value at `x`.
     fn noise(&self, x: f64) -> f64 {
         let x = x as f32;
         ROUNDING * f64::from(self.magnitudes.iter().rev().fold(0.0f32, |sum, magnitude| sum * x + magnitude))
     }
 
-    /// Examines an interval and calls `found` with its roots. Reports whether the interval must be halved.
+    /// Examines an interval and calls `found` with its roots. Returns true if the interval must be halved instead.
     #[inline(never)]
     fn look(&self, interval: &Interval, found: &mut dyn FnMut(Root)) -> bool {
         let bernstein = self.bernstein(interval);
@@ -249,8 +252,9 @@ impl Part {
         false
     }
 
-    /// Finds the roots on both sides of the only extreme, if the extreme is beyond 0. Reports the extreme itself as a
-    /// root if rounding leaves that open.
+    /// Calls `found` with the two roots in an interval with one extreme, at whose ends the polynomial has the same
+    /// sign. If the extreme has the other sign, there is a root on each side of it. If rounding leaves the sign of the
+    /// extreme open, the extreme itself is reported as an uncertain root.
     fn two_roots(&self, interval: &Interval, negative: bool, found: &mut dyn FnMut(Root)) {
         let x = self.extreme(*interval, negative);
         let [value, ..] = self.jet(x);
@@ -273,8 +277,9 @@ impl Part {
         })
     }
 
-    /// Returns the extreme between two places with slopes of different signs. Ends earlier, at a place where the sign
-    /// has certainly changed.
+    /// Returns the position of the extreme in an interval at whose ends the slopes have different signs. `negative` is
+    /// true if the values at the ends are negative. The search ends early at a position where the value certainly has
+    /// the other sign.
     fn extreme(&self, mut interval: Interval, negative: bool) -> f64 {
         // If the values at the ends are negative, the extreme that can be beyond 0 is a maximum.
         let rising = negative;
@@ -299,7 +304,7 @@ impl Part {
         x
     }
 
-    /// Returns the root between two places of different signs.
+    /// Returns the root in an interval at whose ends the polynomial has different signs.
     #[inline(never)]
     fn root(&self, mut interval: Interval) -> Root {
         let [at_from, at_to] = [interval.from, interval.to].map(|x| self.value(x));
@@ -337,7 +342,8 @@ impl Part {
     }
 }
 
-/// Returns the result of the signs of Bernstein coefficients, each with an error of at most `noise`.
+/// Returns the number of roots in an interval, as far as the signs of its Bernstein coefficients determine it. Each
+/// coefficient has an error of at most `noise`.
 fn signs<T: Copy + PartialOrd + core::ops::Neg<Output = T> + Default>(bernstein: &Coefficients<T>, noise: T) -> Found {
     let zero = T::default();
     if bernstein.iter().any(|b| -noise <= *b && *b <= noise) {
@@ -350,7 +356,8 @@ fn signs<T: Copy + PartialOrd + core::ops::Neg<Output = T> + Default>(bernstein:
     }
 }
 
-/// Counts the sign changes of the differences.
+/// Returns the number of sign changes among the differences of successive Bernstein coefficients. It bounds the number
+/// of extremes.
 fn turns(bernstein: &Coefficients<f64>) -> usize {
     changes(bernstein.iter().zip(bernstein.iter().skip(1)).map(|(b, next)| next < b))
 }

@@ -12,10 +12,10 @@
 //! which requires that the line's direction `u` differs from `t0` by the angle `a`. `tau` is negative for arcs beyond
 //! half a turn. All roots of all four branches are roots of one polynomial in `tau` of degree 10:
 //!
-//! - `form.rs`: the polynomial, with bounds of its rounding;
-//! - `isolation.rs`: its real roots, each isolated, and the places where rounding leaves a root open;
+//! - `polynomial.rs`: the polynomial, with bounds of its rounding;
+//! - `isolation.rs`: the polynomial's real roots, each isolated, and the points at which rounding leaves a root open;
 //! - `tangents.rs`: the branches that fit at a root, and their paths;
-//! - `special.rs`: arcs of no length or of half a turn, where roots are double, and lines that cross, where the
+//! - `degenerate.rs`: arcs of no length or of half a turn, where roots are double, and lines that cross, where the
 //!   polynomial does not determine the line's plane;
 //! - `far.rs`: goals so far away that the polynomial consists of rounding errors only;
 //! - `polish.rs`: Newton's method, which moves the end of each path exactly to the goal.
@@ -38,32 +38,38 @@ mod tangents;
 /// A path of an arc, a straight line and an arc.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Csc {
-    /// Direction in which the first arc bends, in the frame of the tip at the start, radians.
+    /// Direction in which the first arc bends, as an angle in the deposition plane from the x axis of the tip at the
+    /// start, radians.
     pub first_bend_direction: f64,
     /// Angle of the first arc, radians.
     pub first_angle: f64,
-    /// Length of the line, radii.
+    /// Length of the straight line, radii.
     pub straight: f64,
-    /// Direction in which the last arc bends, in the frame of the tip at the end of the line, radians.
+    /// Direction in which the last arc bends, as an angle in the deposition plane from the x axis of the tip at the end
+    /// of the line, radians.
     pub last_bend_direction: f64,
     /// Angle of the last arc, radians.
     pub last_angle: f64,
 }
 
-/// Distance of the goal below which there may be overlapping paths with a helicoidal arc beside them, radii. Trial:
-/// with 2 and 3 there are 22 and 14 misses of `tests/best_known.csv`, and with 8 as many as with 3.9.
+/// Max distance of a goal, radii, for which paths with overlapping arcs are collected, because a helicoidal arc may be
+/// close to such a path. With 2 and 3 as limits, the search returns a longer path than the best known one for 22 and 14
+/// of the goals in `tests/best_known.csv`. With 8 the results are as good as with 3.9.
 const NEAR: f64 = 3.9;
-/// Max number of paths that are retained. A goal has up to seven paths of this kind.
+/// Max number of paths of arc, line and arc that are retained. There are up to seven to one goal.
 pub const MAX_PATHS: usize = 8;
-/// Max number of overlapping paths that are retained. There are up to seven roots.
+/// Max number of paths with overlapping arcs that are retained. There are at most seven, one for each root of the
+/// polynomial.
 const MAX_OVERLAPPING: usize = 8;
-/// Max overlap of two arcs, radii. Trial: with 0.3 there are 12 misses, with 3 as many as with 1.
+/// Max overlap of the two arcs of a path that is retained, radii. With 0.3, the search returns a longer path than the
+/// best known one for 12 of the goals in `tests/best_known.csv`. With 3 the results are as good as with 1.
 const MAX_OVERLAP: f64 = 1.0;
-/// Max error at the goal of a path that Newton's method refines, radii. Trial: 0.001 and 0.2 give as many misses as
-/// 0.05.
+/// Max error at the goal of a path that Newton's method refines, radii. With 0.001 and with 0.2, the search finds the
+/// best known path for as many goals in `tests/best_known.csv` as with 0.05.
 const MAX_NEWTON_START_ERROR: f64 = 0.05;
-/// Max difference of each number for two paths to count as one. Trial: with 1e-4 there are 13 misses, with 1e-10 as
-/// many as with 1e-7.
+/// Max difference of the lengths and angles of two paths that count as one path, radii and radians. With 1e-4, the
+/// search returns a longer path than the best known one for 13 of the goals in `tests/best_known.csv`. With 1e-10 the
+/// results are as good as with 1e-7.
 const SAME: f64 = 1e-7;
 
 impl Csc {
@@ -86,10 +92,11 @@ fn cosine(tau: f64) -> f64 {
     (1.0 - tau * tau) / (1.0 + tau * tau)
 }
 
-/// Paths whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually close to such a path.
+/// Paths of arc, line and arc whose line has a negative length, so that the arcs overlap. A helicoidal arc is usually
+/// close to such a path.
 pub(super) type OverlappingPaths = Vec<Csc, MAX_OVERLAPPING>;
 
-/// Returns all paths of this kind, shortest first.
+/// Returns all paths of arc, line and arc to the goal, shortest first.
 #[must_use]
 pub fn paths(problem: &PathProblem) -> Vec<Csc, MAX_PATHS> {
     let (mut paths, mut overlapping) = (Vec::new(), Vec::new());
@@ -97,7 +104,8 @@ pub fn paths(problem: &PathProblem) -> Vec<Csc, MAX_PATHS> {
     paths
 }
 
-/// Finds all paths of this kind, shortest first, and the overlapping ones. `keep_alive` is called a few times.
+/// Adds all paths of arc, line and arc to `paths`, shortest first, and the paths whose arcs overlap to `overlapping`.
+/// Calls `keep_alive` a few times.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn search(
     problem: &PathProblem,
@@ -119,7 +127,8 @@ struct CscSearch<'a> {
 }
 
 impl CscSearch<'_> {
-    /// Inserts a path in order of length if it ends at the goal, after Newton's method if necessary.
+    /// Moves the end of a path exactly to the goal by Newton's method, if necessary, and inserts the path in order of
+    /// length. The path is dropped if the method does not converge, or if the path is already in the list.
     #[inline(never)]
     fn keep(&mut self, path: Csc) {
         let Some(path) = self.problem.polished(path) else { return };
@@ -132,14 +141,14 @@ impl CscSearch<'_> {
 
 /// The line of a path, and the arcs before and after it.
 struct CscLine {
-    /// Direction of the line.
+    /// Direction of the line, a unit vector.
     u: Vector3<f64>,
-    /// `tau` of the first arc. Negative if the arc is more than half a turn.
+    /// `tan(a/2)` for the angle `a` of the first arc. Negative if the arc is more than half a turn.
     tau: f64,
     straight: f64,
     /// Direction in which the last arc bends, a unit vector perpendicular to `u`.
     towards: Vector3<f64>,
-    /// Angle of the last arc.
+    /// Angle of the last arc, radians.
     last_angle: f64,
 }
 
@@ -169,7 +178,7 @@ impl CscLine {
     }
 }
 
-/// Returns the angle of a direction in the deposition plane of a tip with these axes.
+/// Returns the angle from the x axis, radians, that a direction has in the deposition plane of a tip with these axes.
 fn in_tip(axes: &Matrix3<f64>, towards: &Vector3<f64>) -> f64 {
     let local = axes.transpose() * towards;
     libm::atan2(local.y, local.x)

@@ -1,5 +1,5 @@
-//! Newton's method on the five numbers of a path, which moves its end exactly to the goal. It is regular for arcs of 0
-//! and of whole turns.
+//! Newton's method on the five numbers of a path, which moves the path's end exactly to the goal. The method is regular
+//! for arcs of 0 and of whole turns.
 //!
 //! An arc of angle `a` that bends in the direction `n` is a point in a plane with the polar coordinates `a` and `n`. So
 //! its direction is undetermined if the angle is 0 or a whole turn. The unknowns are therefore the change of `a`, and
@@ -18,15 +18,17 @@ use crate::trigonometry;
 const MAX_ROUNDS: u32 = 24;
 /// Max amount by which rounding errors may make the length of a line negative, radii.
 const ROUNDING: f64 = 1e-9;
-/// Max negative length of a line whose sign is reversed once, radii. Near a fold two paths are close, and one of them
-/// may have a line that is long enough.
+/// Max amount by which the length of a line may be negative, radii, for its sign to be reversed once. Near a fold of
+/// the solutions two paths are close, and one of them may have a line of positive length.
 const REFLECTED: f64 = 1e-4;
-/// Max size of a Newton step. Instead of a longer step, the smallest step that corrects the error is made, damped.
+/// Max size of a Newton step, radii and radians. If the step is longer, it is replaced by the damped least-squares
+/// step, the smallest step that corrects the error.
 const LONG_STEP: f64 = 0.3;
-/// Angle from 0 or from a whole turn within which an arc is treated as a point in a plane, radians.
+/// Max difference (radians) of an arc's angle from 0 or from a whole turn at which the arc is treated as a point in
+/// polar coordinates.
 const POLAR: f64 = 0.5;
 
-/// Treatment of a line whose length came out slightly negative.
+/// Treatment of a line for which Newton's method gives a slightly negative length.
 #[derive(Clone, Copy, PartialEq)]
 enum ShortLineCase {
     Any,
@@ -47,8 +49,8 @@ struct PolishStep {
 }
 
 impl PathProblem {
-    /// Returns a path that ends at the goal to within [`MAX_GOAL_ERROR`], after Newton's method if necessary. `None` if
-    /// the method does not converge.
+    /// Returns a path close to `path` that ends at the goal to within [`MAX_GOAL_ERROR`], after Newton's method if
+    /// necessary. `None` if the method does not converge.
     pub(super) fn polished(&self, mut path: Csc) -> Option<Csc> {
         let mut line = ShortLineCase::Any;
         for _ in 0..MAX_ROUNDS {
@@ -110,14 +112,14 @@ impl PathProblem {
         Some(PolishStep { first_across, first, straight, last_across, last })
     }
 
-    /// Returns the vector of an offset and of a change of direction, the latter in the two axes perpendicular to the
-    /// goal's direction.
+    /// Returns an offset (three numbers) and a change of direction (two numbers) as one vector. The two numbers are the
+    /// components along the two axes perpendicular to the goal's direction.
     pub(in crate::shortest) fn column(&self, offset: &Vector3<f64>, turned: &Vector3<f64>) -> Vector5<f64> {
         let [e1, e2] = &self.across;
         Vector5::new(offset.x, offset.y, offset.z, turned.dot(e1), turned.dot(e2))
     }
 
-    /// Returns the error at the goal of the end of a path.
+    /// Returns the differences of position and direction between the goal and the end of a path.
     fn residual(&self, chain: &Chain) -> Vector5<f64> {
         // If the direction is opposite to the goal's, its components perpendicular to the goal's direction would be
         // small too.
@@ -125,7 +127,7 @@ impl PathProblem {
         self.column(&(self.goal - chain.end), &direction)
     }
 
-    /// Returns the derivatives of the end with respect to the five unknowns.
+    /// Returns the derivatives of the position and direction at the path's end with respect to the five unknowns.
     fn jacobian(&self, chain: &Chain) -> Matrix5<f64> {
         let Chain { axis, edge, first_half, u, corner, side, last_half, end, direction } = chain;
         let [last_half_sin, last_half_cos] = last_half;
@@ -139,7 +141,8 @@ impl PathProblem {
     }
 }
 
-/// Returns a path with its five numbers changed. Its length changes by the sum of the three changes of length.
+/// Returns the path after a Newton step. The length of the whole path changes by the sum of the changes of both angles
+/// and of the line.
 fn changed(path: Csc, change: &PolishStep) -> Csc {
     let length = path.length() + change.first + change.straight + change.last;
     let (first_towards, first) =
@@ -166,13 +169,15 @@ fn arc_changed(towards: f64, angle: f64, across: f64, change: f64) -> (f64, f64)
     }
 }
 
-/// Positions, axes and directions at the joints between the arcs and the line of a path.
+/// Positions (radii), axes and directions at the joints between the arcs and the line of a path. `a` is the angle of
+/// the first arc, `n` the direction in which it bends, and `b` the angle of the last arc.
 struct Chain {
     /// Axis about which the first arc turns.
     axis: Vector3<f64>,
-    /// Axis about which the first arc turns for a change across `n`: `z sin(a/2) - n cos(a/2)`.
+    /// Axis about which the first arc turns if it is displaced across its bend direction `n`: `z sin(a/2) - n
+    /// cos(a/2)`.
     edge: Vector3<f64>,
-    /// `sin(a/2)`.
+    /// `sin(a/2)` for the angle `a` of the first arc.
     first_half: f64,
     /// Direction of the line.
     u: Vector3<f64>,
@@ -180,7 +185,7 @@ struct Chain {
     corner: Vector3<f64>,
     /// Axis about which the last arc turns.
     side: Vector3<f64>,
-    /// `sin(b/2)` and `cos(b/2)`.
+    /// `sin(b/2)` and `cos(b/2)` for the angle `b` of the last arc.
     last_half: [f64; 2],
     /// Position of the end of the path.
     end: Vector3<f64>,

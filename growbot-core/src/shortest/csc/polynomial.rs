@@ -1,4 +1,4 @@
-//! A polynomial whose roots are all paths of this kind.
+//! The polynomial whose real roots give all paths of an arc, a line and an arc.
 //!
 //! The two arcs have the angles `a` and `b`, with `tau = tan(a/2)` and `sigma = tan(b/2)`. Their tangents meet in the
 //! corners `tau t0` and `p - sigma t1`, and the line between the corners has the length `l = s + tau + sigma`. The
@@ -16,18 +16,18 @@ use nalgebra::Vector3;
 
 /// Degree of the polynomial.
 pub(super) const DEGREE: usize = 10;
-/// Coefficients before the division by the factor of degree 4.
+/// Number of coefficients of the polynomial before the division by the factor of degree 4.
 const SIZE: usize = DEGREE + 5;
 
 /// A polynomial in `tau`, coefficients in ascending order.
 pub(super) struct CscPolynomial {
-    /// The coefficients, in units of the largest magnitude.
+    /// The coefficients, divided by the largest of the magnitudes.
     pub coefficients: [f64; DEGREE + 1],
-    /// Sum of the magnitudes of each coefficient's summands.
+    /// For each coefficient, the sum of the magnitudes of its summands, divided by the largest of these sums.
     pub magnitudes: [f32; DEGREE + 1],
 }
 
-/// A coefficient, and the sum of the magnitudes of its summands.
+/// A coefficient of a polynomial, and the sum of the magnitudes of its summands.
 #[derive(Clone, Copy)]
 struct Term {
     value: f64,
@@ -36,7 +36,7 @@ struct Term {
 
 const NOTHING: Term = Term { value: 0.0, magnitude: 0.0 };
 
-/// Coefficients in ascending order, up to the last that may differ from 0.
+/// A polynomial: its coefficients in ascending order, of which only the first `count` may differ from 0.
 #[derive(Clone, Copy)]
 struct Polynomial {
     terms: [Term; SIZE],
@@ -46,7 +46,7 @@ struct Polynomial {
 impl Polynomial {
     const ZERO: Self = Self { terms: [NOTHING; SIZE], count: 0 };
 
-    /// Creates a polynomial from sums of numbers, one sum for each coefficient.
+    /// Creates a polynomial in which each coefficient is the sum of two numbers.
     #[inline(never)]
     fn of(sums: &[[f64; 2]]) -> Self {
         let mut new = Self::ZERO;
@@ -57,7 +57,7 @@ impl Polynomial {
         new
     }
 
-    /// Adds `factor a b`.
+    /// Adds the product of a number and two polynomials, `factor * a * b`.
     #[inline(never)]
     fn add(&mut self, factor: f64, a: &Self, b: &Self) {
         self.count = self.count.max((a.count + b.count).saturating_sub(1));
@@ -82,8 +82,8 @@ impl Polynomial {
 }
 
 impl CscPolynomial {
-    /// Returns the polynomial of a goal at `p` (radii) in the direction `d` (a unit vector), as seen from a tip at the
-    /// origin that grows along z.
+    /// Returns the polynomial for a goal at `p` (radii) with the direction `d` (a unit vector), as seen from a tip at
+    /// the origin that grows along z.
     #[inline(never)]
     pub fn of(p: &Vector3<f64>, d: &Vector3<f64>) -> Self {
         let mut both = Polynomial::ZERO;
@@ -92,7 +92,7 @@ impl CscPolynomial {
     }
 }
 
-/// Computes the polynomial of degree 14.
+/// Adds the polynomial of degree 14, before its division, to `all`.
 #[inline(never)]
 fn numerator(p: &Vector3<f64>, d: &Vector3<f64>, all: &mut Polynomial) {
     let (z, c) = (p.z, d.z);
@@ -145,7 +145,8 @@ fn numerator(p: &Vector3<f64>, d: &Vector3<f64>, all: &mut Polynomial) {
     all.add(1.0, &big_l, &part);
 }
 
-/// Divides twice by `(1 + c) - (1 - c) t^2`, from the end at which the division is stable.
+/// Returns the polynomial after two divisions by `(1 + c) - (1 - c) t^2`. Each division begins at the end at which it
+/// is stable.
 #[inline(never)]
 fn divided(terms: &mut [Term; SIZE], c: f64) -> CscPolynomial {
     if c < 0.0 {
@@ -218,7 +219,7 @@ mod tests {
         a.iter().map(|a| a * factor).collect()
     }
 
-    /// Returns the determinant, by expansion along the first row.
+    /// Returns the determinant of a matrix of polynomials, by expansion along the first row.
     fn determinant(rows: &[Vec<Exact>]) -> Exact {
         let [first, rest @ ..] = rows else { return exact(&[1]) };
         let mut sum = Vec::new();
@@ -249,8 +250,8 @@ mod tests {
         quotient
     }
 
-    /// Returns the polynomial of degree 10 of a goal at `p` in the direction `d`: the two equations of tangency with
-    /// sigma eliminated.
+    /// Returns the polynomial of degree 10 for a goal at `p` with the direction `d`, derived from the two equations of
+    /// tangency by elimination of sigma.
     fn derived(p: &[BigRational; 3], d: &[BigRational; 3]) -> Exact {
         let [x, y, z] = p;
         let [dx, dy, c] = d;

@@ -9,21 +9,22 @@ use super::isolation::{Part, Root};
 use super::polynomial::CscPolynomial;
 use super::{CscLine, CscSearch, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
-/// Max residual with which a branch counts as a path, if it is certain that the polynomial has this root.
+/// Max residual of a branch that counts as a path at a root that the polynomial certainly has.
 const FITS: f64 = 1e-6;
-/// Max residual with which a branch counts as a path, if rounding leaves open whether the polynomial has this root.
+/// Max residual of a branch that counts as a path at a root that rounding leaves open.
 const MAY_FIT: f64 = 1e-2;
-/// A branch whose residual is at most this multiple of the best branch's residual counts as a path in any case.
+/// Max ratio of a branch's residual to that of the best branch at the same root. Within this ratio the branch counts as
+/// a path in any case.
 const NEARLY_BEST: f64 = 4.0;
-/// Max amount by which rounding may make the squared length of a tangent negative, if the corner is close to its
-/// circle.
+/// Max amount by which rounding may make the squared length of a tangent negative (radii squared), if the corner is
+/// close to the circle.
 const INSIDE: f64 = 1e-4;
 
-/// A tangent from the corner to the goal's circles.
+/// One of the four tangents from the corner of the first arc to the two circles that end in the goal.
 #[derive(Clone, Copy)]
 struct Branch {
-    /// True if the circle's centre is on the side of `across` from the line along the goal's direction. False if it is
-    /// on the opposite side.
+    /// True if the centre of the circle is on the same side of the line along the goal's direction as the corner
+    /// ([`Corner::across`]). False if it is on the opposite side.
     towards: bool,
     /// True if the path follows the tangent forwards, false if backwards.
     forwards: bool,
@@ -36,29 +37,32 @@ const BRANCHES: [Branch; 4] = [
     Branch { towards: false, forwards: false },
 ];
 
-/// Returns a number or its negative. A multiplication by 1 or -1 would be slow on the microcontroller.
+/// Returns the number if `positive`, and its negative otherwise. A multiplication by 1 or -1 would be slow on the
+/// microcontroller.
 fn signed(positive: bool, number: f64) -> f64 {
     if positive { number } else { -number }
 }
 
-/// Values that are common to the four branches at one corner.
+/// Values that are common to the four branches at one corner. The corner is the point in which the tangents at both
+/// ends of the first arc meet.
 struct Corner {
-    /// Component along the goal's direction of the vector from the corner to the goal.
+    /// Component of the vector from the corner to the goal along the goal's direction, radii.
     along: f64,
-    /// Distance of the corner from the line along the goal's direction.
+    /// Distance of the corner from the line along the goal's direction, radii.
     distance: f64,
-    /// Unit vector from the line along the goal's direction to the corner.
+    /// Unit vector from the line along the goal's direction to the corner, perpendicular to the line.
     across: Vector3<f64>,
 }
 
-/// One of the goal's circles, with values that are common to both tangents from the corner to it.
+/// One of the two circles that end in the goal, with values that are common to both tangents from the corner to it.
 #[derive(Clone, Copy)]
 struct Circle {
     towards: bool,
-    /// Position of the centre relative to the corner, in the axes (direction, across).
+    /// Position of the centre relative to the corner, radii: `x` along the goal's direction, `y` along
+    /// [`Corner::across`].
     x: f64,
     y: f64,
-    /// Length of the tangents from the corner to the circle.
+    /// Length of the tangents from the corner to the circle, radii.
     length: f64,
     /// Inverse square of the distance from the corner to the centre.
     scale: f64,
@@ -76,7 +80,8 @@ impl Circle {
         Some(Self { towards, x, y, length: libm::sqrt(squared), scale: 1.0 / (squared + 1.0) })
     }
 
-    /// Returns the direction of a tangent, in (direction, across), and its signed length.
+    /// Returns the components of a tangent's direction along the goal's direction and along [`Corner::across`], and the
+    /// tangent's signed length (radii).
     fn line(&self, forwards: bool) -> (f64, f64, f64) {
         let &Self { towards, x, y, scale, .. } = self;
         let length = signed(forwards, self.length);
@@ -94,13 +99,14 @@ impl CscSearch<'_> {
         Corner { along, distance, across: off / distance.max(f64::MIN_POSITIVE) }
     }
 
-    /// Returns `h / (1 + tau^2)`, which is `f - cos(a)`. The division keeps the value finite and the roots unchanged.
+    /// Returns the residual of a branch, `h / (1 + tau^2) = f - cos(a)`, where `h` and `f` are those of the module
+    /// `csc`. The division by `1 + tau^2` keeps the value finite and the roots unchanged.
     fn misfit_at(&self, corner: &Corner, circle: &Circle, forwards: bool, cosine: f64) -> f64 {
         let (cos, sin, _) = circle.line(forwards);
         cos * self.problem.direction.z + sin * corner.across.z - cosine
     }
 
-    /// Inserts the paths that belong to the roots of the polynomial.
+    /// Finds the roots of the polynomial, and inserts the paths that belong to them.
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
         let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
@@ -133,7 +139,8 @@ impl CscSearch<'_> {
         }
     }
 
-    /// Inserts the path of one branch at a root, if the path's line is not too short.
+    /// Inserts the path of one branch at a root. A path whose line is too short is dropped, and a path whose arcs
+    /// overlap is also inserted into the list of overlapping paths.
     fn consider(&mut self, branch: Branch, tau: f64) {
         let corner = self.corner(tau);
         let Some(circle) = Circle::new(&corner, branch.towards) else { return };

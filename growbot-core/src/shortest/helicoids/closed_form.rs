@@ -20,14 +20,14 @@ use nalgebra::Vector3;
 
 use crate::float::PortableFloat;
 
-/// Number of nodes that are computed side by side.
+/// Number of nodes of Gauss' formula that are computed side by side.
 const LANES: usize = 4;
 
-/// A float with nodes of Gauss' formula for its precision.
+/// A float type with the nodes of Gauss' integration formula that suffice for its precision.
 pub(super) trait Nodes: PortableFloat {
-    /// Nodes and weights on `[0, 1]`.
+    /// Nodes and weights of Gauss' formula on `[0, 1]`, in groups of [`LANES`].
     const NODES: &'static [([Self; LANES], [Self; LANES])];
-    /// Max width in `v` of a panel to which the formula is applied.
+    /// Max width, in the variable `v`, of a panel to which the formula is applied.
     const PANEL: Self;
 }
 
@@ -76,17 +76,17 @@ impl Nodes for f32 {
     ];
 }
 
-/// Max of [`Curve::kappa`].
+/// Max of [`ClosedFormCurve::kappa`].
 const MAX_KAPPA: f64 = 2.0;
-/// Max steps of Newton's method for the max of `|m|`.
+/// Max number of steps of Newton's method that computes the max of `|m|`.
 const MAX_STEPS: u32 = 40;
 
-/// A whole curve, in units of the radius.
+/// A whole helicoidal curve in closed form. The unit of length is the radius.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ClosedFormCurve<T> {
     /// `nu`, the min of `|m|`.
     min: T,
-    /// `rho2 - nu`.
+    /// Difference between the max and the min of `|m|`, `rho2 - nu`.
     pub(super) swing: T,
     alpha: T,
     beta: T,
@@ -94,48 +94,50 @@ pub(super) struct ClosedFormCurve<T> {
     pub(super) force: T,
     /// `b / P`: the component of `m` along `p`.
     along: T,
-    /// `nu - b/P`, without cancellation.
+    /// Difference `nu - b/P`, computed without cancellation.
     gap: T,
-    /// `kappa`, the scale of the nodes' distance near the neck.
+    /// `kappa`, the scale of the distance between nodes near the neck.
     kappa: T,
 }
 
-/// A point of a curve.
+/// A point of a helicoidal curve, in the axes of `p`.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CurvePoint<T> {
-    /// Length from the neck, radii.
+    /// Length along the curve from the neck, radii.
     pub length: T,
-    /// `d length / d psi`.
+    /// Derivative of the length with respect to the phase `psi`, radii per radian.
     pub rate: T,
     /// Angle about `p` from the neck, radians.
     pub angle: T,
-    /// Position along `p`, from the neck.
+    /// Position along `p`, from the neck, radii.
     pub height: T,
-    /// Position across `p` and across the component of `m` there.
+    /// Position along the axis perpendicular to `p` and `m`, radii.
     pub across: T,
-    /// Direction, in the components along the component of `m` across `p`, across both, and along `p`.
+    /// Direction of growth, as components along three axes: the part of `m` that is perpendicular to `p`, the axis
+    /// perpendicular to `p` and `m`, and `p`.
     pub direction: [T; 3],
-    /// `m`, in the same axes. Its middle component is 0.
+    /// The vector `m`, as components along the three axes of `direction`. The middle component is 0.
     pub m: [T; 3],
-    /// `|m|`.
+    /// Length of `m`.
     pub rho: T,
-    /// `rho rho'`.
+    /// Product of `|m|` and its rate of change along the curve, `rho rho'`.
     turning: T,
     /// Angle by which `w` has turned about the tip since the neck, radians.
     pub bend: T,
 }
 
-/// Factors of the integrands, at one phase.
+/// Factors of the integrands of length, height and angles, at one phase.
 struct Integrand<T> {
     rho: T,
-    /// `rho^2 - b^2/P^2`.
+    /// Square of the distance of `m` from the third axis, `rho^2 - b^2/P^2`.
     off_axis: T,
-    /// `sqrt(rho^2 + alpha rho + beta)`.
+    /// The square root `sqrt(rho^2 + alpha rho + beta)`.
     root: T,
 }
 
 impl<T: Nodes> ClosedFormCurve<T> {
-    /// Creates the curve with these numbers at the neck: `|m|`, and the component of `p` along `m`, at least 0.
+    /// Creates the curve from two numbers at its neck: `min` is `|m|`, and `twist` is the component of `p` along `m`,
+    /// at least 0.
     #[inline(never)]
     pub fn new(min: T, twist: T) -> Self {
         let [zero, one, two] = [0.0, 1.0, 2.0].map(T::literal);
@@ -182,7 +184,7 @@ impl<T: Nodes> ClosedFormCurve<T> {
         T::literal(2.0) * sine * (T::literal(1.0) + sine * sine / T::literal(6.0))
     }
 
-    /// Returns the factors of the integrands at half of a phase of at most pi.
+    /// Returns the factors of the integrands at a phase. The argument is half of the phase, which is at most pi.
     fn integrand(&self, half: T) -> Integrand<T> {
         let sine = half.sine_of_quarter();
         let above = self.swing * sine * sine;
@@ -218,7 +220,8 @@ impl<T: Nodes> ClosedFormCurve<T> {
         total.map(|sum| sum * scale)
     }
 
-    /// Adds the nodes of a panel, lane by lane, for processors that compute several at once.
+    /// Adds the values of the integrands at [`LANES`] nodes of a panel to the sums. Each lane has its own sums, for
+    /// processors that compute several lanes at once.
     fn add_nodes(
         &self,
         sums: &mut [[T; LANES]; 4],
@@ -249,7 +252,7 @@ impl<T: Nodes> ClosedFormCurve<T> {
         }
     }
 
-    /// Returns the points at two phases. Phases before the neck are negative.
+    /// Returns the points of the curve at two phases. Phases before the neck are negative.
     #[inline(never)]
     pub fn points(&self, phases: [T; 2]) -> [CurvePoint<T>; 2] {
         let pi = T::literal(PI);
@@ -258,13 +261,13 @@ impl<T: Nodes> ClosedFormCurve<T> {
         phases.map(|phase| self.point(phase, &to_max))
     }
 
-    /// Returns `p` at a point, in the components along `w = m / |m|`, across `w` and the direction, and along the
-    /// direction.
+    /// Returns the vector `p` at a point, as components along three axes: `w = m / |m|`, the axis perpendicular to `w`
+    /// and the direction of growth, and the direction of growth.
     pub fn p(&self, point: &CurvePoint<T>) -> [T; 3] {
         [self.along * self.force / point.rho, point.turning / point.rho, T::literal(1.0) - point.rho]
     }
 
-    /// Returns the point at a phase, given the integrals to the max.
+    /// Returns the point of the curve at a phase. `to_max` holds the integrals from the neck to the max of `|m|`.
     fn point(&self, phase: T, to_max: &[T; 4]) -> CurvePoint<T> {
         let [zero, one, two] = [0.0, 1.0, 2.0].map(T::literal);
         let pi = T::literal(PI);
@@ -297,7 +300,7 @@ impl<T: Nodes> ClosedFormCurve<T> {
 }
 
 impl<T: PortableFloat> CurvePoint<T> {
-    /// Converts components along the component of `m` across `p`, across both and along `p` to the axes of the curve.
+    /// Converts components along the three axes of the field `direction` to the axes of the curve.
     fn turned(angle: T, [along_m, across, along_p]: [T; 3]) -> Vector3<T> {
         let (sin, cos) = angle.sine_cosine();
         Vector3::new(cos * along_m - sin * across, sin * along_m + cos * across, along_p)
@@ -322,7 +325,7 @@ mod tests {
     use crate::helicoid::{Helicoid, HelicoidIntegrator};
     use proptest::prelude::*;
 
-    /// Generates logarithms of the two numbers at the neck, and a phase.
+    /// Generates the logarithms of the two numbers at the neck, and a phase.
     fn curve() -> impl Strategy<Value = (f64, f64, f64)> {
         (-9.0..1.2, -4.0..1.9, 0.02..8.0).prop_filter("the neck is the max", |(min, twist, _)| {
             let min = libm::exp(*min);

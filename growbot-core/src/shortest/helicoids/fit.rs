@@ -8,7 +8,7 @@ use super::seed::Seed;
 use crate::float::PortableFloat;
 use crate::shortest::PathProblem;
 
-/// Desired end of an arc, as seen from its start.
+/// Desired end of an arc, in the frame of the tip at the arc's start. The position is in radii.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct FitGoal<T> {
     pub(super) position: Vector3<T>,
@@ -16,7 +16,7 @@ pub(super) struct FitGoal<T> {
 }
 
 impl<T: PortableFloat> FitGoal<T> {
-    /// Returns the goal of a problem, and its mirror image.
+    /// Returns the goal of a problem, and the mirror image of this goal.
     pub(super) fn both(problem: &PathProblem) -> [Self; 2] {
         [1.0, -1.0].map(|side| {
             let turned = |v: &Vector3<f64>| Vector3::new(T::literal(v.x), T::literal(side * v.y), T::literal(v.z));
@@ -25,8 +25,8 @@ impl<T: PortableFloat> FitGoal<T> {
     }
 }
 
-/// Returns `curve_from_start`, the axes of a start that grows along the curve, with the roll that minimises the
-/// distance of the goal from the end.
+/// Returns `curve_from_start`: the axes of the tip at the start of the arc, in the axes of the curve. Of all rolls of
+/// the tip, it has the one that minimises the residual between the end of the arc and the goal.
 pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &HybridPoint<T>, end: &HybridPoint<T>) -> Matrix3<T> {
     let (zero, one) = (T::literal(0.0), T::literal(1.0));
     let z = start.direction;
@@ -47,7 +47,7 @@ pub(super) fn axes<T: PortableFloat>(goal: &FitGoal<T>, start: &HybridPoint<T>, 
     unrolled * Matrix3::new(cos, -sin, zero, sin, cos, zero, zero, zero, one)
 }
 
-/// An arc placed between the start and the goal of the problem.
+/// An arc that is placed at the start of the problem, with its residual at the goal.
 pub(super) struct Fit<T: PortableFloat> {
     pub(super) start: HybridPoint<T>,
     pub(super) end: HybridPoint<T>,
@@ -64,7 +64,7 @@ impl<T: Precision> Fit<T> {
         Self { start, end, axes, misfit: misfit(goal, &start, &end, &axes) }
     }
 
-    /// Returns the square of the residual.
+    /// Returns the square of the norm of the residual.
     pub(super) fn square(&self) -> T {
         self.misfit.norm_squared()
     }
@@ -111,7 +111,8 @@ fn stacked<T: PortableFloat>(offset: &Vector3<T>, turned: &Vector3<T>) -> Vector
     Vector6::new(offset.x, offset.y, offset.z, turned.x, turned.y, turned.z)
 }
 
-/// Returns the residual: the offset of the arc's end from the goal, and the difference of the directions.
+/// Returns the residual: the offset of the arc's end from the goal (radii), and the difference between the two
+/// directions.
 fn misfit<T: PortableFloat>(
     goal: &FitGoal<T>,
     start: &HybridPoint<T>,

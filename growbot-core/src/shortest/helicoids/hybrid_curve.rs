@@ -1,9 +1,9 @@
-//! The course of an arc: on its curve near the necks, and on circles between them.
+//! Arcs with narrow necks. Such an arc follows its helicoidal curve near the necks, and circles between them.
 //!
-//! Away from a narrow neck the curve is nearly a circle, but it is sensitive there. A tip that comes from far away
+//! Away from a narrow neck the curve is nearly a circle, but its course is sensitive. A tip that comes from far away
 //! passes the neck in a direction that depends on the last digits of its start. So the arc follows the curve only near
-//! such a neck, and elsewhere the circles that touch the curve. The length increases by less than 1e-6 radii, because
-//! the plane of the bend would turn by only 0.003 radians more and the excess is of second order.
+//! a narrow neck. Elsewhere it follows the circles that touch the curve. The length increases by less than 1e-6 radii,
+//! because the plane of the bend would turn by only 0.003 radians more and the excess is of second order.
 //!
 //! If `p` has a large component along `m`, the neck is long, but the curve is not sensitive, because the bend reverses.
 
@@ -14,22 +14,23 @@ use nalgebra::{Matrix3, Vector3};
 use super::closed_form::{ClosedFormCurve, CurvePoint, Nodes};
 use crate::float::PortableFloat;
 
-/// `|m|` at the end of a neck is the sum of two terms: this multiple of its min, and the term of [`TWISTED`].
+/// First of two terms whose sum is `|m|` at the end of a neck, as a multiple of the min of `|m|`. The second term is
+/// [`TWISTED`].
 const NARROW: f64 = 300.0;
-/// The other term of `|m|` at the end of a neck: this multiple of the square of the component of `p` along `m` at the
-/// neck.
+/// Second of two terms whose sum is `|m|` at the end of a neck, as a multiple of the square of the component of `p`
+/// along `m` at the neck. The first term is [`NARROW`].
 const TWISTED: f64 = 32.0;
 
-/// A point of an arc in the axes of its curve.
+/// A point of an arc, in the axes of the arc's curve. Lengths are in radii.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct HybridPoint<T: PortableFloat> {
     pub(super) position: Vector3<T>,
     pub(super) direction: Vector3<T>,
     /// The axis about which the tip turns, of any length.
     pub(super) axis: Vector3<T>,
-    /// Length from the neck, radii.
+    /// Length along the arc from the neck, radii.
     pub(super) length: T,
-    /// `d length / d phase`.
+    /// Derivative of the length with respect to the phase, radii per radian.
     pub(super) rate: T,
 }
 
@@ -39,12 +40,12 @@ impl<T: PortableFloat> HybridPoint<T> {
         Self { position: point.position(), direction: point.direction(), axis: point.axis(), length, rate }
     }
 
-    /// Returns the axis as a unit vector.
+    /// Returns the axis about which the tip turns, as a unit vector.
     pub(super) fn unit_axis(&self) -> Vector3<T> {
         self.axis / self.axis.norm_squared().root().max(T::literal(1e-30))
     }
 
-    /// Returns the point after this length of a circle. The length may be negative.
+    /// Returns the point after this length (radii) of the circle that touches the arc here. The length may be negative.
     fn on_circle(&self, length: T, rate: T) -> Self {
         let (sin, cos) = length.sine_cosine();
         let half = (T::literal(0.5) * length).sine_cosine().0;
@@ -58,13 +59,14 @@ impl<T: PortableFloat> HybridPoint<T> {
         }
     }
 
-    /// Returns the axis, the direction, and the direction perpendicular to both.
+    /// Returns three unit vectors as the columns of a matrix: the axis about which the tip turns, the direction of
+    /// growth, and the vector perpendicular to both.
     fn axes(&self) -> Matrix3<T> {
         let axis = self.unit_axis();
         Matrix3::from_columns(&[axis, self.direction, axis.cross(&self.direction)])
     }
 
-    /// Returns `other`, moved by the rigid motion that takes `from` to `self`.
+    /// Returns the point `other` after the rigid motion that moves the point `from` to this point.
     fn moved(&self, from: &Self, other: &Self) -> Self {
         let turn = self.axes() * from.axes().transpose();
         Self {
@@ -77,16 +79,17 @@ impl<T: PortableFloat> HybridPoint<T> {
     }
 }
 
-/// The course of a curve with circles between its necks, by phase. At a neck the phases are those of the curve, and on
-/// the circles they are proportional to the length.
+/// A curve whose parts between the necks are replaced by circles. At a neck the phase of a point is that of the curve,
+/// and on a circle it is proportional to the length.
 #[derive(Debug, Clone)]
 pub(super) struct HybridCurve<'a, T: PortableFloat> {
     curve: &'a ClosedFormCurve<T>,
-    /// Phase at which the neck ends.
+    /// Phase at which the neck ends, radians. The neck begins at the negative of this phase.
     near: T,
-    /// Points at the ends of the neck.
+    /// Points at the beginning and at the end of the neck.
     ends: [CurvePoint<T>; 2],
-    /// Length of the circle from this neck to the next, radii. `rate` is its length for a unit of phase.
+    /// Length of the circle from this neck to the next one, radii. `rate` is the length of circle for one radian of
+    /// phase.
     between: T,
     rate: T,
 }
@@ -104,7 +107,7 @@ impl<'a, T: Nodes> HybridCurve<'a, T> {
         HybridPoint::of(&self.curve.points([phase; 2])[0])
     }
 
-    /// Returns the point at a phase.
+    /// Returns the point of the arc at a phase.
     pub(super) fn point(&self, phase: T) -> HybridPoint<T> {
         let [before, after] = self.ends.each_ref().map(HybridPoint::of);
         let forward = phase >= T::literal(0.0);
@@ -144,18 +147,19 @@ impl<'a, T: Nodes> HybridCurve<'a, T> {
     }
 }
 
-/// A segment of an arc.
+/// Kind of a segment of an arc.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Stretch {
-    /// A part of the curve that begins at this point.
+    /// A part of the helicoidal curve that begins at this point.
     Curve(CurvePoint<f64>),
-    /// A circle.
+    /// A part of a circle.
     Circle,
 }
 
 impl HybridCurve<'_, f64> {
-    /// Calls `add` for all segments between two phases. The arguments are the kind of the segment, the angle by which
-    /// the axis has turned about the tip since the start, and the length.
+    /// Calls `add` for each segment between two phases, in order. Its arguments are the kind of the segment, the angle
+    /// (radians) by which the axis has turned about the tip between the start and the segment, and the length of the
+    /// segment (radii).
     pub(super) fn stretches(&self, start: f64, end: f64, add: &mut dyn FnMut(Stretch, f64, f64)) {
         let [before, after] = &self.ends;
         let mut turned = 0.0;

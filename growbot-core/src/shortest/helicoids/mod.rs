@@ -1,18 +1,19 @@
 //! Helicoidal arcs from one pose to another.
 //!
-//! `|m| + p . x'` is constant along such a curve and is scaled to 1, and `|m|` oscillates between a min and a max. The
-//! points with the min are the *necks*. The curve is symmetric there: half a turn about the direction of the bend maps
-//! the part after a neck to the part before it. Two numbers at the neck, `|m|` and the component of `p` along `m`,
-//! determine the whole curve. Two phases determine the beginning and the end of an arc of it.
+//! `|m| + p . x'` is constant along a helicoidal curve and is scaled to 1, and `|m|` oscillates between a min and a
+//! max. The points with the min are the *necks*. The curve is symmetric there: half a turn about the direction of the
+//! bend maps the part after a neck to the part before it. Two numbers at the neck, `|m|` (its *narrowness*) and the
+//! component of `p` along `m` (its *twist*), determine the whole curve. An arc is a part of the curve, whose beginning
+//! and end are given by two phases.
 //!
-//! - `joint.rs`: seeds from paths of arc, line and arc whose line has a negative length. A helicoidal arc with a narrow
-//!   neck replaces the joint.
+//! - `overlap_seeds.rs`: seeds from paths of arc, line and arc whose line has a negative length. A helicoidal arc with
+//!   a narrow neck replaces the joint between the two arcs.
 //! - `table.rs`: seeds from a table of arcs whose ends have nearly the same relative pose as start and goal.
 //! - `closed_form.rs`: the point of a curve at a phase.
-//! - `course.rs`: the point of a curve with circles between very narrow necks.
+//! - `hybrid_curve.rs`: the point of a curve with circles between very narrow necks.
 //! - `seed.rs`: the numbers that the search varies. `fit.rs`: the residual of an arc between start and goal.
 //! - `refine.rs`: Newton's method from a seed to the goal, first in single precision, then in double precision.
-//! - `neck.rs`: the segments of which an arc is grown.
+//! - `pieces.rs`: the segments of which an arc is grown.
 //!
 //! All seeds are refined roughly, and the arcs found are refined precisely, shortest first, until one reaches the goal.
 //! This search is not complete. docs/measurements.md reports how often it does not find the shortest path.
@@ -37,34 +38,34 @@ use fit::FitGoal;
 use refine::{Refinement, refine, refined_precisely};
 use seed::Seed;
 
-/// Max length of a helicoidal arc that is a shortest path, radii. The longest of 753 in `tests/best_known.csv` has
-/// 7.27.
+/// Max length of a helicoidal arc that is a shortest path, radii. The longest of 753 such arcs in
+/// `tests/best_known.csv` has 7.27.
 const MAX_LENGTH: f64 = 8.4;
-/// Max difference between the rough and the precise length of an arc, radii.
+/// Max difference between the length of an arc after the rough refinement and its precise length, radii.
 const ROUGH_LENGTH: f64 = 0.02;
-/// Max difference of the rough lengths (radii) of two arcs that count as one.
+/// Max difference between the lengths (radii) of two roughly refined arcs that count as one.
 const SAME_LENGTH: f64 = 2e-3;
-/// Max difference of the logarithms of the narrowness of two arcs that count as one.
+/// Max difference between the logarithms of `|m|` at the neck of two arcs that count as one.
 const SAME_NARROWNESS: f64 = 1.0;
-/// Max number of roughly refined arcs that are retained. They are the shortest.
+/// Max number of roughly refined arcs that are retained: the shortest ones.
 const MAX_ROUGH: usize = 12;
-/// Logarithm of the narrowness of the neck below which arcs are not refined roughly. In single precision they cannot be
-/// distinguished from arcs that meet in a corner.
+/// Min logarithm of `|m|` at the neck for a rough refinement. In single precision, an arc with a narrower neck cannot
+/// be distinguished from two arcs that meet in a corner.
 const TOO_NARROW: f64 = -13.0;
-/// Max residual (radii and radians) of an arc that does not reach the goal in single precision but is refined in double
-/// precision.
+/// Max residual (radii and radians) of an arc that does not converge in single precision but is refined further in
+/// double precision.
 const NEARLY: f32 = 0.05;
 
-/// A segment of a helicoidal arc.
+/// A segment of a helicoidal arc, as a curve and a length.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HelicoidPiece {
-    /// The curve, in the frame of the tip that starts the segment.
+    /// The curve, in the frame of the tip at the start of the segment, in radii.
     pub curve: Helicoid,
-    /// Length, radii.
+    /// Length of the segment, radii.
     pub length: f64,
 }
 
-/// A helicoidal arc.
+/// A helicoidal arc that leads from the start to the goal of a problem.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HelicoidalArc {
     seed: Seed<f64>,
@@ -74,16 +75,16 @@ pub struct HelicoidalArc {
 }
 
 impl HelicoidalArc {
-    /// Returns the length, radii.
+    /// Returns the length of the arc, radii.
     #[must_use]
     pub fn length(&self) -> f64 {
         self.length
     }
 }
 
-/// Returns the shortest helicoidal arc to the goal that is found and is shorter than `longest`. `overlapping` are paths
-/// of arc, line and arc whose line has a negative length. `keep_alive` is called every few milliseconds on a
-/// microcontroller.
+/// Returns the shortest helicoidal arc to the goal that the search finds. `None` if it finds no arc shorter than
+/// `longest` (radii). `overlapping` are paths of arc, line and arc whose line has a negative length. On a
+/// microcontroller, `keep_alive` is called every few milliseconds.
 #[inline(never)] // Keeps its stack frame out of the caller's.
 pub(super) fn shortest(
     problem: &PathProblem,
@@ -101,19 +102,20 @@ pub(super) fn shortest(
     arcs.shortest(problem, keep_alive)
 }
 
-/// An arc that was refined roughly.
+/// An arc to be refined precisely: the result of a rough refinement in single precision, or a seed that is too narrow
+/// for it.
 struct RoughArc {
     seed: Seed<f64>,
     length: f64,
     arrived: bool,
 }
 
-/// The arcs found so far.
+/// The arcs that the search has found so far and that are to be refined precisely.
 struct RoughArcs {
-    /// The goal, and its mirror image.
+    /// The goal of the problem, and the mirror image of this goal.
     goals: [FitGoal<f32>; 2],
     longest: f64,
-    /// The arcs, in order of length.
+    /// The arcs, shortest first.
     arcs: Vec<RoughArc, MAX_ROUGH>,
 }
 
@@ -122,7 +124,7 @@ impl RoughArcs {
         Self { goals: FitGoal::both(problem), longest, arcs: Vec::new() }
     }
 
-    /// Refines the seed of a path whose arcs overlap, and inserts the arc.
+    /// Refines the seed that belongs to a path with overlapping arcs, and inserts the resulting arc.
     #[inline(never)]
     fn add_joint(&mut self, path: &Csc, keep_alive: &mut dyn FnMut()) {
         let seed = overlap_seeds::seed(path);
@@ -133,7 +135,7 @@ impl RoughArcs {
         }
     }
 
-    /// Refines a seed roughly, and inserts the arc.
+    /// Refines a seed roughly, and inserts the resulting arc.
     #[inline(never)]
     fn add(&mut self, seed: &Seed<f32>, keep_alive: &mut dyn FnMut()) {
         let [goal, mirror_image] = &self.goals;
@@ -160,8 +162,8 @@ impl RoughArcs {
         }
     }
 
-    /// Refines the arcs precisely, shortest first, until the remaining ones are longer than the shortest that reaches
-    /// the goal.
+    /// Refines the arcs precisely, shortest first, and returns the shortest one that reaches the goal. `None` if none
+    /// reaches it.
     #[inline(never)]
     fn shortest(&self, problem: &PathProblem, keep_alive: &mut dyn FnMut()) -> Option<HelicoidalArc> {
         let [goal, mirror_image] = &FitGoal::both(problem);
@@ -182,14 +184,14 @@ impl RoughArcs {
     }
 }
 
-/// Relative pose of start and goal, in numbers that the roll does not change. Start and goal are in a canonical order,
-/// and the goal is on a canonical side.
+/// Relative pose of start and goal, as numbers that do not depend on the roll. Problems that differ by a mirror image,
+/// or by an exchange of start and goal, have the same numbers.
 #[derive(Debug, Clone, Copy)]
 struct Invariants {
     numbers: [f32; 5],
-    /// True if the goal is on the opposite side.
+    /// True if the numbers are those of the mirror image of the problem.
     mirrored: bool,
-    /// True if start and goal are exchanged.
+    /// True if the numbers are those of the problem with start and goal exchanged.
     reversed: bool,
 }
 
@@ -209,7 +211,7 @@ impl Invariants {
         Self { numbers: numbers.map(|number| number as f32), mirrored: side < 0.0, reversed: along_start < along_goal }
     }
 
-    /// Returns the square of the distance.
+    /// Returns the square of the distance between these numbers and the numbers of another problem.
     fn distance(&self, other: &[f32; 5]) -> f32 {
         self.numbers.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum()
     }

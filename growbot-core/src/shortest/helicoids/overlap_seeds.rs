@@ -8,8 +8,8 @@
 //! (r r')^2 nu = 2 r^2 (r - 1) + kappa^2 (r^2 - 1),   twist = kappa sqrt(nu)
 //! ```
 //!
-//! By integration over `r` from 1 on, the bend turns by `psi(kappa)` in total. It is longer than the bend of two arcs
-//! by `2 c(kappa) sqrt(nu)`, which is the overlap:
+//! By integration over `r` from 1 on, the bend turns by `psi(kappa)` in total. The bend of the helicoidal arc is longer
+//! than that of two arcs by `2 c(kappa) sqrt(nu)`, which is the overlap:
 //!
 //! ```text
 //! psi = 2 int (kappa / r^2) / sqrt(2 (r - 1) + kappa^2 (1 - 1/r^2)) dr
@@ -21,17 +21,19 @@ use super::seed::Seed;
 use crate::angle::wrap_signed;
 use crate::trigonometry;
 
-/// Min and max of the angle between the planes, radians. Beyond them, the formulas lead to necks outside of the range.
+/// Min and max of the angle between the planes of the two arcs, radians. Other angles are clamped to this range,
+/// because the formulas would lead to necks outside of the range of the search.
 const ANGLES: (f64, f64) = (0.02, 3.138);
 
-/// Returns `kappa` and `c` for an angle between two planes, to 5 and 12 % (`formulas_match_the_integrals`).
+/// Returns `kappa` and `c` for an angle between two planes, with errors of up to 5 and 12 %
+/// (`formulas_match_the_integrals`).
 fn kappa_and_c(angle: f64) -> (f64, f64) {
     let tangent = trigonometry::tan(0.5 * angle.clamp(ANGLES.0, ANGLES.1));
     let kappa = 0.9 * tangent * libm::exp(-0.42 * libm::log(1.0 + 0.229 * tangent));
     (kappa, kappa * kappa / libm::sqrt(kappa * kappa + 1.44))
 }
 
-/// Returns the seed of a path whose arcs overlap.
+/// Returns a seed for a helicoidal arc close to a path whose arcs overlap.
 pub(super) fn seed(path: &Csc) -> Seed<f64> {
     let turned = wrap_signed(path.last_bend_direction - path.first_bend_direction);
     let (kappa, c) = kappa_and_c(turned.abs());

@@ -2,8 +2,8 @@
 //!
 //! Growth into a narrow neck magnifies rounding errors, because the plane of the bend turns there within a short
 //! length. So the arc is cut at its necks. Each segment begins with the `m` and `p` of the closed form, so that no
-//! segment magnifies the error of the previous one. Very narrow necks lie between circles (`course.rs`), which are
-//! segments without `p`.
+//! segment magnifies the error of the previous one. Very narrow necks lie between circles (`hybrid_curve.rs`), which
+//! are segments without `p`.
 
 use core::f64::consts::TAU;
 
@@ -17,17 +17,17 @@ use super::{HelicoidPiece, HelicoidalArc};
 use crate::helicoid::Helicoid;
 use crate::trigonometry;
 
-/// Max number of segments.
+/// Max number of segments of a helicoidal arc.
 pub const MAX_PIECES: usize = crate::path::MAX_SEGMENTS;
-/// Max number of necks within an arc that may be the shortest. They are one turn of the phase apart.
+/// Max number of necks within an arc that may be the shortest path. Successive necks are one turn of the phase apart.
 const MAX_NECKS: usize = 2;
-/// Logarithm of the narrowness below which a neck divides its arc.
+/// Logarithm of `|m|` at a neck below which the arc is cut at this neck.
 const NARROW: f64 = -3.0;
-/// Min length of a segment, radii. Cuts that are closer to the ends are omitted.
+/// Min length of a segment, radii. Cuts that are closer to an end of the arc are omitted.
 const MIN_PIECE: f64 = 1e-6;
 
 impl HelicoidalArc {
-    /// Returns the segments in order.
+    /// Returns the segments of the arc, in order.
     #[must_use]
     #[inline(never)]
     pub fn pieces(&self) -> Vec<HelicoidPiece, MAX_PIECES> {
@@ -67,16 +67,16 @@ impl HelicoidalArc {
         add(end);
     }
 
-    /// Returns the circle of a piece. `turned` is the angle by which the axis has turned about the tip between the
-    /// start of the curve and the piece.
+    /// Returns the circle of a segment, in the frame of the tip at the start of the segment. `turned` is the angle
+    /// (radians) by which the axis of the bend has turned about the tip between the start of the arc and the segment.
     fn circle(&self, turned: f64) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let side = if self.seed.mirrored { -1.0 } else { 1.0 };
         Helicoid { m0: Vector3::new(side * cos, sin, 0.0), p: Vector3::zeros() }
     }
 
-    /// Returns the curve from a point on, in the frame of the tip there. `turned` is the angle by which the axis `w`,
-    /// about which the tip turns, has turned about the tip itself since the start.
+    /// Returns the curve from a point on, in the frame of the tip at this point. `turned` is the angle (radians) by
+    /// which the axis `w`, about which the tip turns, has itself turned about the tip since the start of the arc.
     fn in_tip(&self, curve: &ClosedFormCurve<f64>, turned: f64, point: &CurvePoint<f64>) -> Helicoid {
         let (sin, cos) = trigonometry::sin_cos(self.towards + turned);
         let (w, beside) = (Vector3::new(cos, sin, 0.0), Vector3::new(-sin, cos, 0.0));

@@ -1,7 +1,7 @@
 //! Refinement of a seed by Newton's method, or by the Levenberg-Marquardt method if Newton's method fails.
 //!
-//! The five unknowns are the logarithms of the two numbers at the neck, the lengths before and after the neck, and the
-//! roll.
+//! The five unknowns are the logarithms of the two numbers at the neck (narrowness and twist), the lengths before and
+//! after the neck, and the roll.
 
 use nalgebra::{Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
@@ -11,27 +11,30 @@ use super::seed::Seed;
 use crate::float::PortableFloat;
 use crate::linalg5::{self, Cholesky};
 
-/// Max number of dampings tried in one round.
+/// Max number of dampings that a step of the Levenberg-Marquardt method tries.
 const MAX_DAMPINGS: usize = 2;
 const MAX_HALVINGS: usize = 3;
-/// Max number of times that an arc is converted to another neck.
+/// Max number of refinements of one arc. After each of them, the phases of the arc may have to be counted from another
+/// neck.
 const MAX_VIEWS: u32 = 2;
-/// Max change of the logarithm of the narrowness of a very narrow neck in a step.
+/// Max change of the logarithm of `|m|` at a very narrow neck in one step.
 const MAX_NARROWER: f64 = 0.5;
 
 /// Parameters of the refinement of an arc in one precision.
 pub(super) trait Precision: Nodes {
-    /// Max number of rounds.
+    /// Max number of steps of the refinement.
     const ROUNDS: usize;
-    /// Max residual after these rounds, radii and radians.
+    /// Max residual of an arc that counts as converged, radii and radians.
     const MISFIT: Self;
-    /// Relative change of the numbers at the neck for the numerical derivative.
+    /// Relative change of the numbers at the neck by which their derivatives are computed numerically.
     const DERIVATIVE_STEP: Self;
-    /// True if the result is refined further. In that case circles are not worth their time.
+    /// True if another refinement follows. If so, the arc has no circles between its necks, because they would take too
+    /// much time.
     const IS_ROUGH: bool;
-    /// First damping.
+    /// Initial damping of the Levenberg-Marquardt method.
     const DAMPING: Self;
-    /// Fraction to which three rounds must reduce the square of the residual.
+    /// Max ratio of the square of the residual to its value three steps before. The refinement ends if the ratio is
+    /// larger.
     const FALL: Self;
 }
 
@@ -53,8 +56,8 @@ impl Precision for f64 {
     const FALL: Self = 1.0;
 }
 
-/// Returns Newton's step without forming squares, which would lose half of the digits. Near a circle there are few
-/// digits.
+/// Returns Newton's step. It is computed without the normal equations, whose squares would lose half of the digits,
+/// because near a circle few digits are significant. `None` if the derivatives are singular.
 #[inline(never)]
 fn newton<T: PortableFloat>(
     jacobian: &Matrix6x5<T>,
@@ -82,11 +85,12 @@ fn newton<T: PortableFloat>(
 pub(super) enum Refinement<T: PortableFloat> {
     /// The arc leads to the goal.
     Converged(Seed<T>, Fit<T>),
-    /// The method did not converge. The arc is the last one reached.
+    /// The method did not converge. The values are those of the last arc that it reached.
     NotConverged(Seed<T>, Fit<T>),
 }
 
-/// Refines a seed to the arc that leads to the goal, with the arc's phases counted from a neck.
+/// Refines a seed in double precision to the arc that leads to the goal, with phases that are counted from a neck.
+/// `None` if the refinement does not converge.
 pub(super) fn refined_precisely(
     goal: &FitGoal<f64>,
     seed: &Seed<f64>,
@@ -103,7 +107,7 @@ pub(super) fn refined_precisely(
     None
 }
 
-/// Refines a seed to the arc that leads to the goal.
+/// Refines a seed to the arc that leads to the goal, in the precision of `T`.
 #[inline(never)]
 pub(super) fn refine<T: Precision>(goal: &FitGoal<T>, seed: &Seed<T>, keep_alive: &mut dyn FnMut()) -> Refinement<T> {
     let mut seed = *seed;
@@ -142,8 +146,8 @@ pub(super) fn refine<T: Precision>(goal: &FitGoal<T>, seed: &Seed<T>, keep_alive
     Refinement::NotConverged(seed, fit)
 }
 
-/// Makes a step of Newton's method, damped by Deuflhard's natural monotonicity test. Also returns the fraction to which
-/// it has reduced the remaining step.
+/// Returns the arc after a step of Newton's method, damped by Deuflhard's natural monotonicity test. The third value is
+/// the size of the next step as a fraction of the size of this step. `None` if no damping passes the test.
 #[inline(never)]
 fn newton_step<T: Precision>(
     goal: &FitGoal<T>,
@@ -172,7 +176,7 @@ fn newton_step<T: Precision>(
     None
 }
 
-/// Makes a step of the Levenberg-Marquardt method.
+/// Returns the arc after a step of the Levenberg-Marquardt method. `None` if no damping reduces the residual.
 #[inline(never)]
 fn damped_step<T: Precision>(
     goal: &FitGoal<T>,
@@ -211,7 +215,7 @@ mod tests {
     use nalgebra::Rotation3;
     use proptest::prelude::*;
 
-    /// Returns the goal at the end of an arc.
+    /// Returns the goal at the end of an arc, and the length of the arc.
     fn goal_of(arc: &Seed<f64>) -> (FitGoal<f64>, f64) {
         let [start, end] = arc.ends(&arc.curve());
         let start_from_curve = Rotation3::rotation_between(&start.direction, &Vector3::z()).unwrap();

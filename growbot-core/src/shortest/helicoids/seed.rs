@@ -9,14 +9,15 @@ use super::fit::Fit;
 use super::hybrid_curve::{HybridCurve, HybridPoint};
 use super::refine::Precision;
 
-/// Logarithms of narrowness and twist below which a curve gets circles.
+/// Logarithms of `|m|` and of the component of `p` along `m`, both at the neck, below which the parts of a curve
+/// between its necks are replaced by circles.
 const CIRCLES: (f64, f64) = (-11.0, -4.0);
-/// Max distance beyond these limits to which a refinement may lead.
+/// Max distance beyond the limits [`CIRCLES`] to which a refinement may lead.
 const ACROSS: f64 = 2.0;
-/// Min of the logarithm of the narrowness.
+/// Min of the logarithm of `|m|` at the neck.
 const NARROWEST: f64 = -30.0;
 
-/// An arc that leads nearly to the goal.
+/// An arc that leads nearly to the goal. It is the start of a refinement, or its result.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Seed<T> {
     /// Logarithm of `|m|` at the neck.
@@ -25,11 +26,11 @@ pub(super) struct Seed<T> {
     pub(super) twist: T,
     /// True if the twist is negative, so that the curve is mirrored.
     pub(super) mirrored: bool,
-    /// Phase at which the arc begins.
+    /// Phase at which the arc begins, radians from the neck.
     pub(super) start: T,
-    /// Phase at which the arc ends.
+    /// Phase at which the arc ends, radians from the neck.
     pub(super) end: T,
-    /// True if the arc is a chain of circles between very narrow necks (`course.rs`).
+    /// True if the arc consists of circles between very narrow necks (`hybrid_curve.rs`).
     pub(super) uses_circles: bool,
 }
 
@@ -38,8 +39,8 @@ impl<T: Precision> Seed<T> {
         ClosedFormCurve::new(self.narrowness.exponential(), self.twist.exponential())
     }
 
-    /// Returns the arc after a step of the refinement, which changes narrowness, twist, and the lengths before and after
-    /// the neck.
+    /// Returns the arc after a step of the refinement. `step` holds the changes of narrowness and twist, and of the
+    /// lengths before and after the neck.
     pub(super) fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
         Self {
             narrowness: self.narrowness + step[0],
@@ -50,14 +51,15 @@ impl<T: Precision> Seed<T> {
         }
     }
 
-    /// Returns the change of the twist with the narrowness. Near a very narrow neck the arc depends on the twist as a
-    /// multiple of the square root of `|m|`, and hardly on `|m|` itself. Without this term the two would be nearly the
-    /// same unknown.
+    /// Returns the derivative of the twist with respect to the narrowness while the refinement changes the narrowness.
+    /// Near a very narrow neck the arc depends on the ratio of the twist to the square root of `|m|`, and hardly on
+    /// `|m|` itself. Without this term the two would be nearly the same unknown.
     pub(super) fn twist_by_narrowness(&self) -> T {
         T::literal(if self.uses_circles { 0.5 } else { 0.0 })
     }
 
-    /// Returns the norm of a step. The narrowness of a very narrow neck counts by its effect on the lengths.
+    /// Returns the norm of a step of the refinement. The change of a very narrow neck's narrowness is weighted by its
+    /// effect on the lengths.
     pub(super) fn size(&self, step: &Vector5<T>) -> T {
         let mut step = *step;
         if self.uses_circles {
@@ -66,7 +68,7 @@ impl<T: Precision> Seed<T> {
         step.norm_squared().root()
     }
 
-    /// Returns the ends of the arc on its curve.
+    /// Returns the start and the end of the arc, in the axes of its curve.
     pub(super) fn ends(&self, curve: &ClosedFormCurve<T>) -> [HybridPoint<T>; 2] {
         let phases = [self.start, self.end];
         if self.uses_circles && !T::IS_ROUGH {
@@ -109,7 +111,7 @@ impl Seed<f64> {
         self.curve().swing >= 0.0
     }
 
-    /// Returns the same arc with its phases counted from a neck.
+    /// Returns this arc with its phases counted from a neck.
     #[inline(never)]
     pub(super) fn seen_from_neck(&self) -> Self {
         let swing = self.curve().swing;
@@ -123,7 +125,8 @@ impl Seed<f64> {
         Self { narrowness: min, twist, start: self.start + shift, end: self.end + shift, ..*self }
     }
 
-    /// Returns the arc with circles between its necks, if they are very narrow.
+    /// Returns this arc with circles between its necks, if the necks are very narrow. Otherwise returns the arc
+    /// unchanged.
     #[inline(never)]
     pub(super) fn with_circles(&self) -> Self {
         if self.narrowness >= CIRCLES.0 || self.twist >= CIRCLES.1 {
@@ -134,7 +137,8 @@ impl Seed<f64> {
         self.between_lengths(&curve, start, end)
     }
 
-    /// Returns the arc of its curve with circles between two lengths, counted from the neck.
+    /// Returns the arc with circles between its necks that begins and ends at these lengths (radii), counted along the
+    /// curve from the neck.
     fn between_lengths(&self, curve: &ClosedFormCurve<f64>, start: f64, end: f64) -> Self {
         let course = HybridCurve::new(curve);
         Self { start: course.phase_after(start), end: course.phase_after(end), uses_circles: true, ..*self }

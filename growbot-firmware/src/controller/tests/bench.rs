@@ -1,4 +1,5 @@
-//! A bench: the controller, its step engine and a tip in lock step, and a host at the other end of the link.
+//! Test bench: the controller, its step engine and a simulated tip in lock step, and a host at the other end of the
+//! link.
 //!
 //! Conditions that must always hold are asserted in [`Bench::check`], after each poll and each tick.
 
@@ -32,13 +33,13 @@ use crate::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 use crate::testing::flash::Flash;
 use crate::testing::{FakePin, FakePins, FakePower, preemption};
 
-/// Number of the first session of the bench's host.
+/// Identifier before the first session of the bench's host. Each `hello` uses the next one.
 const SESSION: u32 = 7;
-/// Time between two polls, us.
+/// Time between two polls of the controller, us.
 const POLL_US: u64 = 10_000;
-/// Max time between two polls if they are late, us.
+/// Max time between two polls of the controller if they are late, us.
 const MAX_POLL_US: u64 = 20_000;
-/// Temperature of a nozzle that is hot within seconds.
+/// Temperature of a nozzle that is hot within seconds after the heater is switched on, degrees Celsius.
 pub const WARM: f64 = 190.0;
 
 pub struct Bench {
@@ -49,30 +50,31 @@ pub struct Bench {
     pub heater: HeaterWires,
     pub fed: FakeWatchdog,
     pub fan: FakePower,
-    /// Events in the order of their arrival, unless the host does not read.
+    /// Events of the board in the order of their arrival. None are read while `reads` is false.
     pub events: Vec<Message>,
-    /// Each request is sent twice, and both responses must be equal.
+    /// True if each request is sent twice. Both responses must then be equal.
     pub stutters: bool,
     pub reads: bool,
-    /// Session of the host.
+    /// Identifier of the host's session.
     pub session: u32,
-    /// The step interrupt runs.
+    /// True if the step interrupt runs.
     pub interrupt_runs: bool,
-    /// The main loop runs. Otherwise it hangs, and the controller is not polled.
+    /// True if the main loop runs. If false, the main loop hangs, and the controller is not polled.
     pub main_loop_runs: bool,
     engine: Rc<RefCell<TestEngine>>,
     handover: Rc<Mailbox>,
-    /// Draws the time between two polls. If `None`, the board also polls at once after each report.
+    /// Random source of the time between two polls. If `None`, polls are on time, and the board also polls at once
+    /// after each report.
     lateness: Option<Rng>,
     tick: u64,
     next_poll: u64,
-    /// Tick at which the host next shows that it is alive.
+    /// Tick after which the host next shows that it is alive.
     greets_at: u64,
     receiver: FrameDecoder,
     seq: u16,
-    /// Number of the latest event received.
+    /// Sequence number of the latest event that the host has received.
     latest_event: u16,
-    /// Number of emergency stops that the board has acknowledged.
+    /// Number of emergency stops that the board has acknowledged since they were last counted.
     stops_acknowledged: u32,
 }
 
@@ -97,19 +99,19 @@ impl Board for TestBoard {
     type Store = Box<LayerStore>;
 }
 
-/// Returns whether nothing may be warm or move in a state.
+/// Returns whether nothing may be warm or move in this state.
 pub fn at_rest(state: State) -> bool {
     !may_heat(state)
 }
 
 impl Bench {
-    /// Creates a board that has just been switched on, with its nozzle at this temperature.
+    /// Creates a bench whose board has just been switched on, with its nozzle at this temperature, degrees Celsius.
     pub fn new(robot: Robot, nozzle_c: f64) -> Self {
         let world = World::new(&robot, nozzle_c);
         Self::boot(robot, world, ResetCause::PowerOn)
     }
 
-    /// Resets the board. Its retained memory is kept.
+    /// Resets the board and opens a session. The retained memory and the flash of the board are kept.
     pub fn reset(self, cause: ResetCause) -> Self {
         let mut bench = Self::boot(self.robot, self.world, cause);
         bench.run(0.7);
@@ -117,7 +119,7 @@ impl Bench {
         bench
     }
 
-    /// Creates a board in this world that has just started.
+    /// Creates a bench in an existing world whose board has just started.
     pub fn boot(robot: Robot, world: Rc<World>, reset_cause: ResetCause) -> Self {
         let (pins, power, fed) = (FakePins::default(), FakePower::default(), FakeWatchdog::default());
         let fan = FakePower::default();
@@ -184,7 +186,7 @@ impl Bench {
         }
     }
 
-    /// Creates a board with an open session.
+    /// Creates a bench whose board is idle and has an open session.
     pub fn greeted(robot: Robot, nozzle_c: f64) -> Self {
         let mut bench = Self::new(robot, nozzle_c);
         bench.run_to(State::Idle, 1.0);
@@ -196,7 +198,7 @@ impl Bench {
         u64::from(self.robot.description().motion.tick_hz)
     }
 
-    /// Advances by some time.
+    /// Advances the simulation by some seconds.
     pub fn run(&mut self, seconds: f64) {
         let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
         while self.tick < until {
@@ -204,7 +206,7 @@ impl Bench {
         }
     }
 
-    /// Advances until a condition holds. Fails if that takes too long.
+    /// Advances the simulation until a condition holds. Panics if that takes longer than `seconds`.
     pub fn run_until(&mut self, seconds: f64, is_so: impl Fn(&Self) -> bool) {
         let until = self.tick + (seconds * self.tick_hz() as f64) as u64;
         while !is_so(self) {
@@ -217,7 +219,7 @@ impl Bench {
         self.run_until(seconds, |bench| bench.controller.state() == state);
     }
 
-    /// Runs one tick in which something happens, or all ticks without events up to the next poll.
+    /// Runs one tick in which something happens, or all ticks up to the next poll if nothing happens before.
     fn advance(&mut self, until: u64) {
         let quiet = u32::try_from(self.next_poll.min(until).saturating_sub(self.tick).max(1)).unwrap_or(u32::MAX);
         let quiet = if self.main_loop_runs { quiet } else { 1 };
@@ -259,7 +261,7 @@ impl Bench {
         self.tick * 1_000_000 / self.tick_hz()
     }
 
-    /// Polls the controller and reads the bytes that it sends.
+    /// Polls the controller and reads the bytes that the board sends.
     pub fn poll(&mut self) {
         self.controller.poll(self.now_us(), &self.handover);
         let us = self.lateness.as_mut().map_or(POLL_US, |random| random.below(MAX_POLL_US + 1));
@@ -289,7 +291,7 @@ impl Bench {
         }
     }
 
-    /// Sends raw bytes to the board.
+    /// Sends raw bytes from the host to the board.
     pub fn send(&mut self, bytes: &[u8]) {
         for byte in bytes {
             self.controller.receive(*byte, &self.handover);
@@ -297,8 +299,8 @@ impl Bench {
         }
     }
 
-    /// Reads all bytes that the board has sent. Returns the events, which are acknowledged, and the responses to this
-    /// request.
+    /// Reads all bytes that the board has sent. Returns the events, which are then acknowledged, and the responses to
+    /// the request with the sequence number `ack`.
     pub fn read(&mut self, ack: Option<u16>) -> (Vec<Message>, Vec<Message>) {
         let (mut events, mut answers) = (Vec::new(), Vec::new());
         while let Some(byte) = self.controller.next_tx_byte() {
@@ -329,7 +331,7 @@ impl Bench {
         self.send(&frame::encode(&header, &[]).unwrap());
     }
 
-    /// Sends a request of any kind and body, in any session, and returns the response.
+    /// Sends a request of any kind and body, in any session, and returns the board's response.
     pub fn ask_raw(&mut self, session: u32, kind: u8, body: &[u8]) -> Message {
         self.seq = next_seq(self.seq);
         let header = FrameHeader { kind, session, seq: self.seq, ack: self.latest_event };
@@ -357,7 +359,7 @@ impl Bench {
         self.ask_in(self.session, message)
     }
 
-    /// Sends a request that must be accepted.
+    /// Sends a request that the board must accept.
     pub fn accepted(&mut self, message: &Message) -> Accepted {
         match self.ask(message) {
             Message::Accepted(accepted) => accepted,
@@ -365,7 +367,8 @@ impl Bench {
         }
     }
 
-    /// Sends a request that must be refused, and returns the reason. State and status must not change.
+    /// Sends a request that the board must refuse, and returns the reason. The board's state and status must not
+    /// change.
     pub fn refused(&mut self, message: &Message) -> Refusal {
         let before = self.status();
         let answer = self.ask(message);
@@ -394,7 +397,7 @@ impl Bench {
         self.accepted(&begin(&self.robot, PLAN, layers as u32));
     }
 
-    /// Sends layers in batches, from this index on.
+    /// Sends layers in batches. `first` is the index of the first one.
     pub fn hand_over(&mut self, first: usize, layers: &[LayerBytes]) {
         for (batch, bytes) in layers.chunks(MAX_LAYERS_PER_MESSAGE).enumerate() {
             self.accepted(&batch_of(first + batch * MAX_LAYERS_PER_MESSAGE, bytes));
@@ -405,32 +408,32 @@ impl Bench {
         self.accepted(&start());
     }
 
-    /// Sends a job of these layers and starts it.
+    /// Sends a job of these layers to the board and starts it.
     pub fn grow(&mut self, layers: &[LayerBytes]) {
         self.begin(layers.len());
         self.hand_over(0, layers);
         self.start();
     }
 
-    /// Returns the layers that were reported as laid.
+    /// Returns the reports of all laid layers, in the order of their arrival.
     pub fn laid(&self) -> Vec<LayerLaid> {
         let laid = |event: &Message| if let Message::LayerLaid(laid) = event { Some(laid.clone()) } else { None };
         self.events.iter().filter_map(laid).collect()
     }
 
-    /// Returns the feed steps of the layers that were reported.
+    /// Returns the total number of feed steps of the layers that were reported as laid.
     pub fn fed(&self) -> u32 {
         self.laid().iter().map(|laid| feed_steps_of(laid, &self.robot)).sum()
     }
 
-    /// Returns the states that were reported, in order.
+    /// Returns the states that the board has reported, in order.
     pub fn states(&self) -> Vec<State> {
         let state =
             |event: &Message| if let Message::StateChanged(changed) = event { Some(changed.state) } else { None };
         self.events.iter().filter_map(state).collect()
     }
 
-    /// Waits until the nozzle is hot enough for a move in maintenance.
+    /// Waits until the board accepts a move of filament in maintenance, because the nozzle is hot enough.
     pub fn run_until_it_may_move(&mut self) {
         for _ in 0..400 {
             self.run(0.5);
@@ -442,7 +445,8 @@ impl Bench {
         panic!("it does not get hot: {:?}", self.status());
     }
 
-    /// Brings the board into a state by the events that lead there. A warm nozzle saves the time of heating.
+    /// Creates a bench and brings its board into a state by the events that lead to that state. A warm nozzle saves the
+    /// time of heating.
     pub fn in_state(state: State) -> Self {
         let robot = crate::testing::fast_robot();
         let cold = matches!(state, State::Heating | State::Tuning);
@@ -493,28 +497,28 @@ impl Bench {
         bench
     }
 
-    /// Makes polls late: 0 to 20 ms after each other, as drawn from this seed.
+    /// Makes polls late from now on: 0 to 20 ms after each other, as drawn from this seed.
     pub fn poll_late(&mut self, seed: u64) {
         self.lateness = Some(Rng::new(&[seed]));
     }
 
-    /// Runs ticks, and no poll.
+    /// Runs some ticks of the step interrupt without polling the controller.
     pub fn run_ticks(&mut self, ticks: u64) {
         (0..ticks).for_each(|_| self.tick_once(1));
     }
 
-    /// Returns the number of ticks since the start.
+    /// Returns the number of ticks since the bench was created.
     pub fn ticks(&self) -> u64 {
         self.tick
     }
 
-    /// Returns whether a report waits for the next poll.
+    /// Returns whether a report of the step engine waits for the next poll.
     pub fn has_report(&self) -> bool {
         self.handover.has_report()
     }
 
-    /// Does some work of the main loop. The step interrupt occurs at each of the points (see [`preemption`]), after
-    /// `before_tick` has changed the pins. Returns the number of points.
+    /// Calls `work`, a part of the main loop. The step interrupt occurs at each of the points (see [`preemption`]).
+    /// `before_tick` changes the pins before and after each of these ticks. Returns the number of points in `work`.
     pub fn preempt(
         &mut self,
         points: &[usize],
@@ -535,7 +539,7 @@ impl Bench {
         passed
     }
 
-    /// Simulates the UART's interrupt when it recognises an emergency stop.
+    /// Reports an emergency stop to the mailbox, as the UART's interrupt does when it detects one.
     pub fn call_emergency_stop(&self) {
         self.handover.request_emergency_stop();
     }
@@ -545,7 +549,7 @@ impl Bench {
         core::mem::take(&mut self.stops_acknowledged)
     }
 
-    /// Raises a fault in the controller.
+    /// Latches a fault in the controller.
     pub fn fail(&mut self, fault: Fault) {
         self.controller.latch_fault(fault, &self.handover);
     }

@@ -96,7 +96,7 @@ fn a_failed_crystal_is_reported_after_another_fault_is_cleared() {
     }
 }
 
-/// A board may be configured for a robot that has fewer sensors, or none, while a fault is latched.
+/// Checks that every latched fault can be cleared after the board was configured for a robot without sensors.
 #[test]
 fn every_fault_can_be_cleared_on_a_robot_without_sensors() {
     let mut description = fast_robot().description().clone();

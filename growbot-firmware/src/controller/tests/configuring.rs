@@ -1,4 +1,4 @@
-//! Tests of a new robot description from the host.
+//! Tests of the configuration of a board with a new robot description from the host.
 
 use std::vec::Vec;
 
@@ -17,14 +17,14 @@ use super::requests::{PLAN, begin, clear, start, stop};
 use crate::description_store::DescriptionStore;
 use crate::testing::{fast_robot, number_from_environment, on_skr_pico, robot_a};
 
-/// Temperature of a nozzle that counts as cold.
+/// Temperature of a nozzle that counts as cold, degrees Celsius.
 const COLD: f64 = 25.0;
 
 fn encoded(robot: &Robot) -> Vec<u8> {
     Vec::from(robot.encode_for_board(&mut [0; MAX_VERSIONED_LEN]).unwrap())
 }
 
-/// Returns the requests that send a description.
+/// Returns the requests that send a description with this hash in parts.
 fn parts(hash: u64, description: &[u8]) -> Vec<Message> {
     let part = |(at, bytes): (usize, &[u8])| {
         Message::Configure(Configure {
@@ -41,7 +41,7 @@ fn parts_of(robot: &Robot) -> Vec<Message> {
     parts(robot.hash(), &encoded(robot))
 }
 
-/// Sends the parts up to the last one or the first refusal.
+/// Sends these parts of a description, and stops after a refusal. Returns the last response.
 fn configure(bench: &mut Bench, parts: &[Message]) -> Result<Configured, Refusal> {
     let mut last = None;
     for part in parts {
@@ -65,14 +65,14 @@ fn hello(bench: &mut Bench) -> BoardInfo {
     }
 }
 
-/// Creates a board whose description is in its flash.
+/// Creates a bench whose board has a description in its flash.
 fn described() -> Bench {
     let bench = Bench::new(robot_a(), COLD);
     DescriptionStore::open(bench.world.descriptions.clone()).store(&robot_a()).unwrap();
     bench.reset(ResetCause::PowerOn)
 }
 
-/// Creates a board without a description.
+/// Creates a bench whose board has no description.
 fn unconfigured() -> Bench {
     let bench = Bench::new(robot_a(), COLD);
     bench.world.configured.set(false);
@@ -108,7 +108,7 @@ fn only_an_inactive_board_can_be_configured() {
         bench.world.nozzle_c.set(COLD);
         let refused = configure(&mut bench, &parts_of(&robot_a())).unwrap_err();
         let expected = match state {
-            // There is an unfinished job.
+            // The job that is in progress is not finished.
             State::Idle | State::Stopped | State::Fault | State::EmergencyStop => Refusal::JobNotDone { plan_id: PLAN },
             State::Done => Refusal::NozzleTooHot { below: 5000 },
             _ => Refusal::WrongState { state },
@@ -128,7 +128,7 @@ fn a_faulted_board_can_be_configured_after_its_job_is_cancelled() {
     }
 }
 
-/// The description may have the wrong thermistor, so that only the time at rest shows that the nozzle is cold.
+/// Checks that only the time at rest shows that the nozzle is cold, if the description may have the wrong thermistor.
 #[test]
 fn configuring_needs_a_cold_nozzle_or_enough_time_at_rest() {
     let mut bench = Bench::greeted(robot_a(), WARM);
@@ -179,7 +179,7 @@ fn parts_beyond_the_end_are_refused() {
     assert_eq!(bench.refused(&part(4, u16::MAX, &[1])), Refusal::OutOfOrder { expected: 0 });
 }
 
-/// Returns a robot whose description has all optional parts.
+/// Returns a robot whose description contains all optional parts.
 fn wired_robot() -> Robot {
     let mut description = fast_robot().description().clone();
     let pins = PinOverrides { index: Some(20), supply: Some(26), driver_fault: Some(24), ..PinOverrides::default() };
@@ -215,7 +215,7 @@ fn an_invalid_description_is_refused_with_the_reason() {
     assert_eq!(configure(&mut bench, &parts_of(&new)).map(|done| done.stored), Ok(true), "and then a good one");
 }
 
-/// Returns a description that no host would send, and its hash.
+/// Returns the hash and the encoding of a description that no host would send, because it fails the checks.
 fn unchecked(change: fn(&mut RobotDescription)) -> (u64, Vec<u8>) {
     let mut description = on_skr_pico().description().clone();
     change(&mut description);
@@ -227,7 +227,7 @@ fn with_pins(robot: &mut RobotDescription, change: fn(&mut PinOverrides)) {
     change(&mut robot.board.as_mut().unwrap().pins);
 }
 
-/// A change of a description, and the reason of its refusal.
+/// A change that makes a description unsuitable, and the reason of the board's refusal.
 type Refusing = (fn(&mut RobotDescription), DescriptionError);
 
 #[test]
@@ -256,8 +256,8 @@ fn unsuitable_pins_and_drivers_are_refused_and_the_old_one_is_kept() {
     assert_eq!(stored(&bench), Some(good));
 }
 
-/// The board of these tests is every kind of board. A board of a single kind accepts the descriptions of that kind, and
-/// those without a kind.
+/// Checks that a board of a single kind accepts the descriptions of that kind, and those without a kind. The simulated
+/// board of the other tests is every kind of board.
 #[test]
 fn descriptions_for_another_board_kind_are_refused() {
     let of = |kind| {

@@ -1,4 +1,4 @@
-//! Tests of drivers that report a problem over their line, or are not configured.
+//! Tests of stepper drivers that report a problem over their serial line, or are not configured.
 
 use growbot_core::link::message::{
     DriverProblem, DriverReport, Empty, Fault, LatestFault, MaintenanceTask, Message, Motor, Refusal, ResetCause, State,

@@ -1,5 +1,5 @@
-//! Tests of every fault by its real cause, in every state in which it can occur. A `StepRate` does not occur, because
-//! no layer that needs too high a step rate passes its check.
+//! Tests of every fault by its real cause, in every state in which the fault can occur. The fault `StepRate` does not
+//! occur, because no layer that needs too high a step rate passes its check.
 
 use growbot_core::link::message::{Empty, Fault, LatestFault, Message, Refusal, State, StateChanged};
 
@@ -13,7 +13,7 @@ const HEATED: [State; 5] = [State::Heating, State::Homing, State::Growing, State
 /// States in which the nozzle must be hot.
 const HOT: [State; 3] = [State::Homing, State::Growing, State::Paused];
 
-/// Waits for this fault, and asserts that nothing is warm or moves afterwards.
+/// Waits at most `within` seconds for this fault, and asserts that nothing is warm or moves afterwards.
 fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
     bench.run_to(State::Fault, within);
     assert_eq!(bench.controller.fault(), Some(fault));
@@ -30,7 +30,7 @@ fn assert_fault(bench: &mut Bench, fault: Fault, within: f64) {
     assert_eq!((bench.motors.moved, bench.controller.fault()), (moved, Some(fault)));
 }
 
-/// Clears a fault whose cause is gone, and grows.
+/// Clears a fault whose cause is gone, and asserts that a job can be laid afterwards.
 fn assert_usable(bench: &mut Bench) {
     bench.accepted(&clear());
     assert_eq!((bench.controller.state(), bench.controller.fault()), (State::Idle, None));

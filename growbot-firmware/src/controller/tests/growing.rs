@@ -1,4 +1,4 @@
-//! Tests of the result of a job.
+//! Tests of a job's result: the laid layers, and the states and reports on the way.
 
 use std::vec::Vec;
 
@@ -19,13 +19,13 @@ use crate::layer_store::CAPACITY;
 use crate::safety::transitions::{Event, next_state};
 use crate::testing::{fast_robot, robot_a, robot_a_by};
 
-/// Returns the feed steps of these layers.
+/// Returns the number of feed steps that these layers need.
 fn feed_steps(layers: &[LayerBytes], robot: &Robot) -> i64 {
     let units: u64 = layers.iter().map(|bytes| u64::from(RawLayer::from_bytes(bytes).height)).sum();
     libm::rint(units as f64 / HEIGHT_UNITS_PER_MM * robot.feed_steps_per_length()) as i64
 }
 
-/// Checks every report and every step of a job that is done.
+/// Asserts that a job is done and that every report and every step count match its layers.
 fn assert_laid(bench: &mut Bench, layers: &[LayerBytes]) {
     assert_eq!(bench.controller.state(), State::Done);
     bench.run(0.01);

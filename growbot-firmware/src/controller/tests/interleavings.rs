@@ -1,9 +1,9 @@
-//! A search through the interleavings of controller and step interrupt around the end of a turn.
+//! Test of all interleavings of the controller and the step interrupt around the end of a turn.
 //!
-//! The step interrupt occurs before each access of the controller to the mailbox, also between those of one call. It is
-//! one of three ticks: the last one of a turn, the one after it, or the first one of the next turn. In that tick a pin
-//! may fail, or the emergency stop may be pressed for that tick alone. Afterwards the board must know how far the head
-//! has turned, to a sector, and it must have noticed the failure and the stop.
+//! The step interrupt occurs before each access of the controller to the mailbox, also between the accesses within one
+//! function. The tick of that interrupt is the last one of a turn, the one after it, or the first one of the next turn.
+//! In that tick a pin may fail, or the emergency stop may be pressed for that tick alone. Afterwards the board must
+//! know how far the head has turned, to a sector, and it must have noticed the failure and the emergency stop.
 
 use std::format;
 use std::vec::Vec;
@@ -16,10 +16,10 @@ use super::tip::{EMERGENCY_STOP, FILAMENT_MOTION};
 use crate::safety::transitions::Event;
 use crate::testing::{FakePins, fast_robot, number_from_environment};
 
-/// Layers that are laid before the turn in question.
+/// Number of layers that are laid before the turn at whose end the interrupt occurs.
 const LAID: usize = 2;
 
-/// The work that the main loop does.
+/// The work of the main loop that the step interrupt interrupts.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Work {
     Poll,
@@ -29,7 +29,7 @@ enum Work {
     LinkStop,
 }
 
-/// The change of the pins in the first tick of the interrupt.
+/// The change of the pins for the first tick of the interrupt.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Change {
     Nothing,
@@ -68,7 +68,8 @@ impl Work {
     }
 }
 
-/// Returns a board that lays layers, and the position of its head at the beginning. It has neither heated nor homed.
+/// Returns a bench whose board lays layers, and the position of its head at the beginning of the first layer, steps.
+/// The board has neither heated nor homed.
 fn growing() -> (Bench, i64) {
     let mut bench = Bench::greeted(fast_robot(), WARM);
     bench.begin(20);
@@ -81,7 +82,7 @@ fn growing() -> (Bench, i64) {
     (bench, head)
 }
 
-/// Returns the number of ticks from the end of `growing` to the end of its turn.
+/// Returns the number of ticks from the moment at which [`growing`] returns to the end of the current turn.
 fn ticks_to_end() -> u64 {
     let (mut bench, _) = growing();
     let from = bench.ticks();
@@ -97,13 +98,13 @@ fn ticks_to_end() -> u64 {
 struct Trial {
     work: Work,
     change: Change,
-    /// Number of ticks after the last tick of the turn; -1 is the tick before it.
+    /// Number of ticks between the last tick of the turn and the work; -1 is the tick before the last one.
     after_end: i64,
     points: Vec<usize>,
 }
 
 impl Trial {
-    /// Returns the number of points of the work.
+    /// Runs the trial and checks its result. Returns the number of points at which the interrupt can occur in the work.
     fn run(&self, to_end: u64) -> usize {
         let (mut bench, start) = growing();
         let from = bench.ticks();
@@ -156,7 +157,7 @@ impl Trial {
         }
     }
 
-    /// Checks that the board knows the position of the head.
+    /// Checks that the status states the position of the head, to a sector.
     fn check_position(bench: &Bench, status: &Status, start: i64, what: &str) {
         let turn = i64::from(bench.robot.description().head.steps_per_turn);
         let moved = bench.motors.moved.head - start;
@@ -170,7 +171,7 @@ impl Trial {
             Some(interrupted) => {
                 let step = |sectors: u8| i64::from(sectors) * turn / 64;
                 assert!((step(interrupted.min)..=step(interrupted.max) + 1).contains(&over), "{position}");
-                // Without a step of this layer it may have begun, but no sector is complete.
+                // If no step of this layer was made, the layer may have begun, but no sector is complete.
                 assert!(over > 0 || interrupted.min == 0, "{position}");
             }
         }

@@ -51,7 +51,7 @@ fn moves_are_refused_with_a_cold_nozzle() {
         let Refusal::NozzleTooCold { now, min } = bench.refused(&request) else { panic!("{request:?}") };
         assert!((5900..6200).contains(&now) && min == 18_000, "{now} of {min}");
     }
-    // A soak is not hot enough either. The refusal states the required temperature.
+    // A temperature of 150 C is not hot enough either. The refusal states the required temperature.
     bench.accepted(&preheat(150.0));
     bench.run(120.0);
     assert!(matches!(bench.refused(&feed(1.0)), Refusal::NozzleTooCold { now: 14_700..15_300, min: 18_000 }));
@@ -246,7 +246,7 @@ fn growth_continues_after_maintenance_only_on_command() {
     bench.run_to(State::Growing, 60.0);
 }
 
-/// Moves filament by these lengths in a pause, mm.
+/// Starts a job, pauses it, and moves filament by these lengths in the pause, mm.
 fn moved_in_a_pause(bench: &mut Bench, moves: &[f64]) {
     bench.grow(&super::requests::bends(30));
     bench.run_to(State::Growing, 60.0);

@@ -1,4 +1,4 @@
-//! Tests of pauses, on request or for lack of layers: filament pulled back, standby, parking, and continuing.
+//! Tests of pauses, on request or for lack of layers: retraction of filament, standby, parking, and continuation.
 
 use growbot_core::link::message::{PauseCause, Refusal, ResetCause, State};
 use growbot_core::robot::{HeadRotation, Robot};
@@ -7,7 +7,7 @@ use super::bench::{Bench, WARM};
 use super::requests::{bends, clear, continuation, feed_steps_of, pause, resume, start};
 use crate::testing::fast_robot;
 
-/// Returns the fast robot with filament to pull back: 4 mm, which are 10 steps.
+/// Returns the fast robot with a retraction of 4 mm of filament in a pause, which are 10 steps.
 fn retracting() -> Robot {
     let mut description = fast_robot().description().clone();
     description.feed.retract_mm = 4.0;
@@ -39,7 +39,7 @@ fn a_pause_finishes_the_layer_and_retracts_filament_until_continued() {
     assert_eq!((bench.laid().len(), bench.motors.moved.feed), (40, i64::from(fed)));
 }
 
-/// Before the first layer only the retained memory distinguishes a pause from heating.
+/// Checks the one case in which only the retained memory distinguishes a pause from heating: before the first layer.
 #[test]
 fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
     let mut bench = Bench::greeted(retracting(), WARM);
@@ -163,7 +163,7 @@ fn an_alternating_head_builds_the_same_body() {
         }
         bench.laid()
     });
-    // Feed steps are placed by angle, so the layers differ only in the sector to which their half steps are rounded.
+    // Feed steps are placed by angle, so the layers differ only in the sector to which half a step is rounded.
     for (one, other) in built[0].iter().zip(&built[1]) {
         assert_eq!(one.index, other.index);
         let [one, other] = [one, other].map(|laid| feed_steps_of(laid, &fast_robot()));

@@ -1,4 +1,4 @@
-//! Tests of the requests that the board refuses, without any other effect.
+//! Tests that the board refuses invalid requests, and that a refused request changes nothing.
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
@@ -14,7 +14,7 @@ use super::requests::{PLAN, batch_of, begin, bends, clear, hello, start};
 use crate::layer_store::CAPACITY;
 use crate::testing::{fast_robot, robot_a};
 
-/// Creates an idle board with a job of 40 layers, 30 of them stored.
+/// Creates a bench whose board is idle and has a job of 40 layers, of which 30 are stored.
 fn idle() -> Bench {
     Bench::in_state(State::Idle)
 }

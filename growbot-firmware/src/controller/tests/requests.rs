@@ -1,4 +1,4 @@
-//! Requests and layers that the tests send.
+//! Requests and layers that the tests send to the board.
 
 use std::vec::Vec;
 
@@ -16,7 +16,7 @@ pub fn begin(robot: &Robot, plan_id: u64, layers: u32) -> Message {
     Message::BeginJob(BeginJob { plan_id, layers, robot_hash: robot.hash() })
 }
 
-/// Takes the board over from any other host.
+/// Returns a request that opens a session and takes the board over from any other host.
 pub fn hello(schema: u64) -> Message {
     Message::Hello(Hello { schema, host: HostName::new(), take_over: true })
 }
@@ -35,15 +35,16 @@ pub fn continuation() -> Message {
     Message::Start(Start { plan_id: PLAN, on_host_silence: HostSilencePolicy::Continue, is_continuation: true })
 }
 
-/// Resumes the job at a layer, with no layer known to the host.
+/// Returns a request to resume the job at a layer. It states that the host has received no reports of laid layers.
 pub fn resume(from: u32) -> Message {
     Message::Resume(Resume { plan_id: PLAN, start_layer: from, reported_layers: 0 })
 }
 
-/// Id of the plan after its amendment.
+/// Identifier of the plan with which the tests amend the job.
 pub const AMENDED: u64 = 0x5678;
 
-/// Replaces the layers from this one on by others, and includes three of them.
+/// Returns a request that replaces the job's layers from `from` on. The job then has `layers` layers, and the request
+/// contains three of them.
 pub fn amend(from: u32, layers: u32) -> Message {
     let first_layers = bends(3).into_iter().collect();
     Message::Amend(Amend { plan_id: PLAN, new_plan_id: AMENDED, first_replaced: from, layers, first_layers })
@@ -69,7 +70,7 @@ pub fn preheat(celsius: f64) -> Message {
     maintain(MaintenanceTask::Preheat { target_centi_c: (celsius * 100.0) as i32 })
 }
 
-/// Moves filament, mm.
+/// Returns a maintenance request to move filament by this length, mm.
 pub fn feed(mm: f64) -> Message {
     maintain(MaintenanceTask::Feed { um: (mm * 1000.0) as i32 })
 }
@@ -78,12 +79,12 @@ pub fn clear() -> Message {
     Message::ClearFault(Empty {})
 }
 
-/// Returns the feed steps of a layer, which its height gives exactly.
+/// Returns the number of feed steps of a reported layer, which its height gives exactly.
 pub fn feed_steps_of(laid: &LayerLaid, robot: &Robot) -> u32 {
     libm::rint(decode(&laid.as_built.unwrap()).height * robot.feed_steps_per_length()) as u32
 }
 
-/// Returns the layers of a body that bends in several directions.
+/// Returns the layers of a body that bends in several directions. `count` is their number.
 pub fn bends(count: usize) -> Vec<LayerBytes> {
     let mut encoder = LayerEncoder::default();
     let layer = |i: usize| Layer {

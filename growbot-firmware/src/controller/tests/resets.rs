@@ -1,5 +1,4 @@
-//! Tests of the state after a reset of the board: nothing heats or moves, and the earlier activity and fault are
-//! reported.
+//! Tests of the board after a reset: nothing heats or moves, and the board reports the earlier activity and fault.
 
 use growbot_core::link::message::{
     BootReport, Empty, Fault, FaultRecord, ImageCheck, InterruptedLayer, LatestFault, Message, Refusal, ResetCause,
@@ -46,7 +45,7 @@ fn a_reset_during_work_is_a_fault_by_its_cause() {
             assert!(matches!(bench.ask(&start()), Message::Refused(_)), "not before it is cleared");
             bench.accepted(&clear());
             assert_eq!(bench.controller.state(), State::Idle);
-            // The job is known, and none of its layers is stored.
+            // The job is known, but none of its layers is stored.
             let status = bench.status();
             assert_eq!(
                 (status.plan_id, status.layer_count, status.layers_laid, status.next_layer),
@@ -199,8 +198,8 @@ fn retained_state_of_another_firmware_is_always_a_fault() {
     }
 }
 
-/// Returns the distinct states that a start would find after each of these writes, torn at every byte, each with its
-/// memory. The byte at which the reset occurs is noise.
+/// Returns the distinct states that a start would find if a reset had torn one of these writes at any byte. Each state
+/// comes with the content of its memory. The byte at which the reset occurs is noise.
 fn found_after_tears(
     mut memory: [u8; RETAINED_BYTES],
     writes: &[(usize, [u8; COPY_BYTES])],
@@ -228,7 +227,7 @@ fn found_after_tears(
     found
 }
 
-/// Memory that cannot be written.
+/// Retained memory that ignores writes.
 struct Fixed([u8; RETAINED_BYTES]);
 
 impl crate::hal::RetainedMemory for Fixed {

@@ -1,5 +1,5 @@
 //! Tests of a job that is interrupted and resumed. Every layer is laid once, and the layers after the interruption are
-//! the same as without it.
+//! the same as without an interruption.
 
 use std::vec::Vec;
 
@@ -10,10 +10,11 @@ use super::bench::{Bench, WARM};
 use super::requests::{AMENDED, PLAN, amend, bends, clear, pause, resume, start, stop};
 use crate::testing::fast_robot;
 
-/// Returns the body as reported to the host, each layer once and in order.
+/// Returns the layers as built that were reported to the host, each once and in order. An element is `None` if the
+/// layer was skipped.
 fn body(bench: &Bench) -> Vec<Option<LayerBytes>> {
     let laid = bench.laid();
-    // A layer is reported again after each resumption, and always equal.
+    // A layer is reported again after each resumption, and the reports must be equal.
     let mut body: Vec<Option<LayerBytes>> = Vec::new();
     for laid in laid {
         match body.get(laid.index as usize) {
@@ -35,7 +36,7 @@ fn uninterrupted() -> Vec<Option<LayerBytes>> {
     body(&bench)
 }
 
-/// Resumes and grows to the end.
+/// Resumes the job at a layer and grows to the end.
 fn resume_to_end(bench: &mut Bench, from: u32) {
     let accepted = bench.accepted(&resume(from));
     bench.hand_over(accepted.next as usize, &bends(40)[accepted.next as usize..]);

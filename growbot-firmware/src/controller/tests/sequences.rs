@@ -1,7 +1,7 @@
-//! A search through sequences of inputs from every state: requests, faults and their ends, resets.
+//! Test of all short sequences of inputs from every state: requests, faults and their ends, resets.
 //!
-//! The conditions of the bench hold at every tick, and those of [`check`] after each input. Sequences that lead to the
-//! same situation are continued once.
+//! The bench checks its conditions at every tick, and [`check`] checks further ones after each input. If several
+//! sequences lead to the same situation, only one of them is continued.
 
 use std::collections::HashSet;
 use std::format;
@@ -22,7 +22,7 @@ use growbot_core::link::message::SCHEMA_HASH;
 
 type Input = fn(Bench) -> Bench;
 
-/// Sends a request, whatever the response.
+/// Sends a request and ignores the response.
 fn send(mut bench: Bench, request: impl FnOnce(&mut Bench) -> Message) -> Bench {
     let request = request(&mut bench);
     bench.ask(&request);
@@ -92,7 +92,8 @@ const INPUTS: [(&str, Input); 37] = [
     }),
 ];
 
-/// Returns all of the board and its tip that decides how they go on, except temperatures and times.
+/// Describes everything about the board and its tip that decides their further behaviour, except temperatures and
+/// times.
 fn situation(bench: &mut Bench) -> String {
     let status = bench.status();
     format!(
@@ -113,7 +114,8 @@ fn situation(bench: &mut Bench) -> String {
     )
 }
 
-/// Asserts the conditions that must hold some time after an input.
+/// Asserts the conditions that must hold some time after an input. `before` is the board's state before the input, and
+/// `what` lists all inputs for the message of a failure.
 fn check(bench: &mut Bench, input: &str, before: State, what: &[&str]) {
     let status = bench.status();
     let state = status.state;
@@ -144,7 +146,7 @@ fn check(bench: &mut Bench, input: &str, before: State, what: &[&str]) {
     );
 }
 
-/// Runs a sequence of inputs.
+/// Brings a board into a state, runs a sequence of inputs and checks the conditions after each of them.
 fn run(state: State, inputs: &[usize]) -> Bench {
     let mut bench = Bench::in_state(state);
     let mut what = std::vec![state.name()];
@@ -160,7 +162,7 @@ fn run(state: State, inputs: &[usize]) -> Bench {
     bench
 }
 
-/// Runs all sequences up to a length. Returns the number of runs.
+/// Runs all sequences of up to `length` inputs from a state. Returns the number of runs.
 fn search(state: State, length: usize) -> u64 {
     let mut seen = HashSet::new();
     let mut runs = 0;

@@ -1,4 +1,4 @@
-//! Tests of the session's owner, of repeated and late frames, and of a host that falls silent.
+//! Tests of the ownership of a board by a session, of repeated and late frames, and of a host that falls silent.
 
 use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN};
 use growbot_core::link::message::{
@@ -10,7 +10,7 @@ use super::bench::{Bench, WARM};
 use super::requests::{PLAN, bends, clear, start, stop};
 use crate::testing::fast_robot;
 
-/// Requests a session with the board under a name, without taking it over.
+/// Requests a session for another host, without taking the board over. Returns the board's response.
 fn knock(bench: &mut Bench, session: u32) -> Message {
     let host = HostName::from_slice(b"another").unwrap();
     bench.ask_in(session, &Message::Hello(Hello { schema: SCHEMA_HASH, host, take_over: false }))

@@ -1,4 +1,4 @@
-//! Tests of every event in every state: the board behaves as the table in the code and in SAFETY.md defines.
+//! Tests of every event in every state: the board behaves as the state tables in the code and in SAFETY.md define.
 
 use std::string::String;
 use std::{env, format, fs};
@@ -14,7 +14,7 @@ use super::requests::{
 };
 use crate::safety::transitions::{Event, next_state};
 
-/// Returns the request of an event, if it is a request.
+/// Returns the request that causes an event. `None` if the event occurs on the robot itself.
 fn request(event: Event, bench: &mut Bench) -> Option<Message> {
     let next = bench.status().next_layer;
     Some(match event {
@@ -71,7 +71,7 @@ fn transitions_match_the_table_for_every_event_and_state() {
     }
 }
 
-/// Returns the table in the format of SAFETY.md.
+/// Returns the table of states and events in the format of SAFETY.md.
 fn table() -> String {
     let mut text = String::from("| event | accepted in | leads to |\n|---|---|---|\n");
     for event in Event::ALL {

@@ -1,4 +1,5 @@
-//! The simulated tip: a nozzle that warms and cools, a thermistor that can break, a head with an index mark.
+//! Simulation of the tip for tests: a nozzle that warms and cools, a thermistor that can break, a head with an index
+//! mark.
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -14,8 +15,8 @@ use crate::testing::flash::Flash;
 use crate::testing::{FakePins, FakePower};
 use crate::thermistor::{FULL_SCALE, raw_from_celsius};
 
-/// Pins by number: step, direction, enable of the head, then of the feed; index sensor; the heater's second switch;
-/// inputs.
+/// Number of the head's step pin in [`FakePins`]. Its direction and enable pins follow. The next constants are the
+/// numbers of the feed's step pin, the index sensor, the heater's second switch, and the inputs.
 pub const HEAD: usize = 0;
 pub const FEED: usize = 3;
 pub const INDEX: usize = 6;
@@ -33,47 +34,48 @@ pub enum Wire {
     Whole,
     Open,
     Shorted,
-    /// The ADC delivers no readings.
+    /// The ADC of the thermistor delivers no readings.
     Silent,
 }
 
-/// The state that the controller and the tip share.
+/// The state of the simulated tip and board hardware, which the controller's drivers and the tests share. It survives a
+/// reset of the board.
 pub struct World {
     pub nozzle_c: Cell<f64>,
     pub wire: Cell<Wire>,
     /// Heat loss of the nozzle as a multiple of that in still air.
     pub draught: Cell<f64>,
-    /// Tick of the ADC's latest reading.
+    /// Time of the ADC's latest conversion, us.
     pub sampled_at: Cell<u64>,
     pub now: Cell<u64>,
     /// Voltage of the supply, V. `None` if its ADC has stopped.
     pub supply_v: Cell<Option<f64>>,
-    /// Flash of the journal, erased and ready as when delivered.
+    /// Flash of the journal. It is erased and ready, as when a board is delivered.
     pub flash: Flash,
     /// Flash of the robot's description.
     pub descriptions: Flash,
-    /// The board starts with a description.
+    /// True if the board starts with a robot description.
     pub configured: Cell<bool>,
     /// Result of the image check at the board's next start.
     pub image: Cell<ImageCheck>,
-    /// Memory that survives a reset.
+    /// Content of the memory that survives a reset.
     pub retained: Cell<[u8; RETAINED_BYTES]>,
-    /// Every write to that memory: the copy, and its bytes.
+    /// All writes to the memory that survives a reset: the index of the copy, and its bytes.
     pub retained_writes: RefCell<Vec<(usize, [u8; COPY_BYTES])>>,
-    /// A debug probe has enabled debugging.
+    /// True if a debug probe has enabled debugging.
     pub debugging: Cell<bool>,
-    /// The drivers are not configured.
+    /// True if the stepper drivers are not configured.
     pub drivers_unconfigured: Cell<bool>,
-    /// Problem that a driver reports over its line.
+    /// Problem that a stepper driver reports over its serial line.
     pub driver_problem: Cell<Option<DriverReport>>,
-    /// The drivers' latest poll had the motors in use.
+    /// True if the motors were in use at the latest poll of the stepper drivers.
     pub motors_in_use: Cell<bool>,
-    /// The crystal does not start.
+    /// True if the crystal does not start at the board's next start.
     pub without_crystal: Cell<bool>,
     robot: Robot,
 }
 
-/// Returns flash with a journal that has room.
+/// Returns a flash with an empty journal that has room for a job.
 fn prepared_flash() -> Flash {
     let flash = Flash::new(2);
     let mut journal = Journal::open(flash.clone());
@@ -105,7 +107,8 @@ impl World {
         })
     }
 
-    /// Heats robot A's nozzle, with one heat capacity: `C dT/dt = P duty - k (T - room)`.
+    /// Advances the nozzle's temperature by a time at this duty, with one heat capacity: `C dT/dt = P duty - k (T -
+    /// room)`.
     pub fn heat(&self, duty: f64, seconds: f64) {
         let heater = &self.robot.description().heater;
         let loss = heater.loss_w_per_k * self.draught.get();
@@ -114,7 +117,7 @@ impl World {
     }
 }
 
-/// The thermistor on the nozzle.
+/// ADC channel of the simulated thermistor.
 pub struct FakeThermistor(pub Rc<World>);
 
 impl hal::Adc for FakeThermistor {
@@ -131,7 +134,7 @@ impl hal::Adc for FakeThermistor {
     }
 }
 
-/// The supply's divider.
+/// ADC channel of the simulated supply voltage.
 pub struct FakeSupply(pub Rc<World>);
 
 impl hal::Adc for FakeSupply {
@@ -141,7 +144,7 @@ impl hal::Adc for FakeSupply {
     }
 }
 
-/// A tip that points upwards.
+/// Orientation sensor of a tip that points upwards.
 pub struct FakeOrientation;
 
 impl hal::GravitySensor for FakeOrientation {
@@ -150,7 +153,7 @@ impl hal::GravitySensor for FakeOrientation {
     }
 }
 
-/// Memory that is kept when the board restarts.
+/// Retained memory in [`World`], which is kept when the board restarts.
 pub struct FakeRetained(pub Rc<World>);
 
 impl hal::RetainedMemory for FakeRetained {
@@ -166,7 +169,7 @@ impl hal::RetainedMemory for FakeRetained {
     }
 }
 
-/// The debug port of the processor.
+/// Debug port whose state a test sets in [`World`].
 pub struct FakeDebugPort(pub Rc<World>);
 
 impl hal::DebugPort for FakeDebugPort {
@@ -175,7 +178,7 @@ impl hal::DebugPort for FakeDebugPort {
     }
 }
 
-/// The drivers' serial line.
+/// Stepper drivers whose state a test sets in [`World`].
 pub struct FakeDrivers(pub Rc<World>);
 
 impl hal::StepperDrivers for FakeDrivers {
@@ -192,7 +195,7 @@ impl hal::StepperDrivers for FakeDrivers {
     }
 }
 
-/// Watchdog that counts its feeds.
+/// Watchdog that only counts its feeds.
 #[derive(Clone, Default)]
 pub struct FakeWatchdog(pub Rc<RefCell<u32>>);
 
@@ -202,17 +205,17 @@ impl hal::Watchdog for FakeWatchdog {
     }
 }
 
-/// Movement by the step pins, measured from outside: rising edges of a driver that is enabled.
+/// Movement of head and feed, counted from the rising edges of their step pins.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Moved {
-    /// Position of the head, steps from the tip's x axis.
+    /// Position of the head, in steps from the tip's x axis.
     pub head: i64,
     pub feed: i64,
-    /// Rising edges of either step pin.
+    /// Number of rising edges of both step pins.
     pub pulses: u64,
 }
 
-/// The motors and the index sensor.
+/// The simulated motors, and the index sensor and filament encoder that they move.
 #[derive(Clone)]
 pub struct Motors {
     pub pins: FakePins,
@@ -221,11 +224,11 @@ pub struct Motors {
     steps_per_turn: i64,
     mark: i64,
     mark_width: i64,
-    /// The sensor no longer detects the mark.
+    /// True if the index sensor no longer detects the mark.
     pub index_dead: bool,
-    /// Feed steps of one pulse of the filament's encoder.
+    /// Number of feed steps for one pulse of the filament's encoder.
     steps_per_pulse: f64,
-    /// The feed turns and the filament stands still.
+    /// True if the feed turns but the filament stands still.
     pub jammed: bool,
     moved_filament: f64,
 }
@@ -254,7 +257,7 @@ impl Motors {
         motors
     }
 
-    /// Reads the step pins after a tick. Returns whether either has risen.
+    /// Reads the step pins after a tick and moves head and feed. Returns whether one of the step pins has risen.
     pub fn watch(&mut self) -> bool {
         let mut risen = false;
         for (axis, at) in [HEAD, FEED].into_iter().enumerate() {
@@ -289,7 +292,8 @@ impl Motors {
     }
 }
 
-/// Heater, fan and both drivers, for the step interrupt.
+/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
+/// emergency.
 pub struct FakeOutputs {
     pub power: FakePower,
     pub fan: FakePower,
@@ -308,19 +312,19 @@ impl hal::Outputs for FakeOutputs {
     }
 }
 
-/// The heater's two switches.
+/// The heater's power stage and second switch.
 pub struct HeaterWires {
     pub power: FakePower,
     pub pins: FakePins,
 }
 
 impl HeaterWires {
-    /// Returns the share of full power that reaches the nozzle.
+    /// Returns the share of the heater's full power that reaches the nozzle.
     pub fn share(&self) -> f64 {
         if self.pins.level(HEATER_ENABLE) { self.power.share() } else { 0.0 }
     }
 
-    /// Returns whether both switches are open. A broken switch cannot be.
+    /// Returns whether both switches are open. A second switch whose pin is broken counts as open.
     pub fn off(&self) -> bool {
         self.power.share() == 0.0 && !(self.pins.level(HEATER_ENABLE) && self.pins.works(HEATER_ENABLE))
     }

@@ -1,4 +1,4 @@
-//! Tests of tuning on request of a host.
+//! Tests of tuning the heater's gains on request of a host.
 
 use growbot_core::link::message::{Message, Refusal, State, Tuned};
 

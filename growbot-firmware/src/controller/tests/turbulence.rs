@@ -1,4 +1,4 @@
-//! Tests with arbitrary messages on the line. The bench asserts the conditions that must always hold.
+//! Tests with random messages and bytes on the link. The bench asserts the conditions that must always hold.
 
 use std::vec::Vec;
 
@@ -14,16 +14,16 @@ use super::requests::{PLAN, bends, hello, maintain, pause, tune};
 use super::tip::Wire;
 use crate::testing::{fast_robot, number_from_environment};
 
-/// Returns the number of messages in each of the long tests, by default 200,000, which take some seconds.
-/// GROWBOT_MESSAGES sets it.
+/// Returns the number of messages in each of the long tests. The environment variable GROWBOT_MESSAGES sets it. The
+/// default, 200,000, takes some seconds.
 fn messages() -> u64 {
     number_from_environment("GROWBOT_MESSAGES", 200_000)
 }
 
-/// Number of messages to one board.
+/// Number of random messages that one board receives.
 const MESSAGES_OF_A_SEED: u64 = 10_000;
 
-/// Random values from a seed.
+/// Source of random values and requests.
 struct Random(growbot_core::random::Rng);
 
 impl Random {
@@ -50,7 +50,7 @@ impl Random {
         self.one_of(&[near, near, near, near / 1000.0, any, f64::NAN, f64::INFINITY, 0.0])
     }
 
-    /// Returns any request, more often a plausible one.
+    /// Returns a random request. Plausible requests are more frequent than implausible ones.
     fn request(&mut self, bench: &mut Bench) -> Message {
         let next = bench.status().next_layer;
         let stored = bench.status().plan_id;

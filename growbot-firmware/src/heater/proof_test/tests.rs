@@ -1,4 +1,4 @@
-//! Tests of the reading's reference and of the stages of the proof test, with each limit from both sides.
+//! Tests of the reference line and of the stages of the heater's proof test, with each limit from both sides.
 
 use super::*;
 use crate::heater::Demand;
@@ -6,16 +6,16 @@ use crate::testing::robot_a;
 use growbot_core::robot::Robot;
 
 const DT: f32 = 0.25;
-/// Max time in which a nozzle may come to rest, s. It ends within the second between two means.
+/// Max time for which the proof test waits for a nozzle to come to rest, s. It ends between two one-second means.
 const TIMEOUT_S: f32 = 299.5;
 
-/// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
+/// Returns the model of robot A's nozzle: 50 W, 12 J/K, 0.12 W/K, 240 C at most.
 fn nozzle(robot: &Robot) -> NozzleModel<'_> {
     let supply_v = Some(robot.description().supply.nominal_v);
     NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description())
 }
 
-/// Returns the readings at rest that give these means.
+/// Returns a trend at rest with these one-second means.
 fn of(means: impl IntoIterator<Item = f32>) -> UnheatedTrend {
     let mut rest = UnheatedTrend::default();
     for mean in means {
@@ -122,8 +122,8 @@ fn a_stage_lasts_until_full_power_would_be_detectable() {
     assert!((stage_s(&nozzle(&robot)) - (5.0 + 8.0 * 12.0 / 50.0)).abs() < 1e-4);
 }
 
-/// Runs a proof test whose reading is a function of time and switches. Returns the duration of each output, s, and the
-/// result of the test.
+/// Runs a proof test whose reading is a function of time and switches. Returns the time spent in each output (both
+/// open, second switch alone, power stage alone), s, and the result of the test.
 fn prove(mut reading: impl FnMut(f32, HeaterOutput) -> f32) -> ([f32; 3], Result<(), Fault>) {
     let robot = robot_a();
     let nozzle = nozzle(&robot);

@@ -1,4 +1,4 @@
-//! Tests of the regulation's equation, term by term. [`crate::heater::tests`] tests it in the closed loop.
+//! Tests of the temperature control's equation, term by term. [`crate::heater::tests`] tests it in closed loop.
 
 use super::*;
 use crate::heater::Demand;
@@ -7,7 +7,7 @@ use growbot_core::robot::Robot;
 
 const DT: f32 = 0.25;
 
-/// Robot A's nozzle: 50 W, 12 J/K, 0.12 W/K; gains 0.07, 0.004, 0.2. At 200 C it needs 21 W.
+/// Returns the model of robot A's nozzle: 50 W, 12 J/K, 0.12 W/K; gains 0.07, 0.004, 0.2. At 200 C it needs 21 W.
 fn nozzle(robot: &Robot, measured: bool) -> NozzleModel<'_> {
     let supply_v = measured.then_some(robot.description().supply.nominal_v);
     NozzleModel::new(&Demand { supply_v, ..Demand::default() }, robot.description())

@@ -1,4 +1,4 @@
-//! Tests of every fault in every phase.
+//! Tests that every fault of the heater is detected in every phase of its operation.
 
 use std::collections::BTreeMap;
 use std::vec::Vec;
@@ -8,7 +8,7 @@ use growbot_core::link::message::Fault;
 use super::plant::{Random, Rig, Spread, Wrong};
 use crate::testing::number_from_environment;
 
-/// Phase of operation in which the fault occurs.
+/// Phase of the heater's operation in which a defect appears.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Phase {
     Before,
@@ -19,7 +19,7 @@ enum Phase {
     LettingDown,
     Standby,
     Returning,
-    /// Off after a growth, and then on again while the nozzle is still hot.
+    /// The heater was off after a growth, and is switched on again while the nozzle is still hot.
     Again,
 }
 
@@ -35,7 +35,7 @@ const PHASES: [Phase; 9] = [
     Phase::Again,
 ];
 
-/// Brings a nozzle into a phase, at a random moment.
+/// Brings a nozzle to a random moment of a phase.
 fn bring(rig: &mut Rig, phase: Phase) {
     let (target, standby) = (rig.robot.heater.target_c, rig.robot.pause.standby_c);
     if phase == Phase::Before {
@@ -83,8 +83,9 @@ fn bring(rig: &mut Rig, phase: Phase) {
     }
 }
 
-/// Continues from a phase until a fault is found. Returns the fault and the time, s, since the defect appeared, or
-/// since the proof test if that did not find it. `None` if no fault is found.
+/// Continues from a phase until a fault is found. Returns the fault and the time until it was found, s. The time counts
+/// from the appearance of the defect, or from the end of the proof test if the test did not find the defect. `None` if
+/// no fault is found.
 fn run_to_fault(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     let mut fault = None;
     if matches!(phase, Phase::Before | Phase::Again) {
@@ -103,7 +104,8 @@ fn run_to_fault(rig: &mut Rig, phase: Phase) -> Option<(Fault, f64)> {
     fault.map(|fault| (fault, after))
 }
 
-/// Switches off and waits for the peak. Returns the time since `begin`, s.
+/// Switches the heater off and waits until the nozzle has reached its highest temperature. Returns the time from
+/// `begin` to the switching off, s.
 fn cool_down(rig: &mut Rig, begin: u64) -> f64 {
     let after = (rig.now - begin) as f64 * 1e-6;
     rig.off();
@@ -113,10 +115,10 @@ fn cool_down(rig: &mut Rig, begin: u64) -> f64 {
     after
 }
 
-/// Draws the details of a defect.
+/// Function that draws the random details of a defect.
 type Draw = fn(&mut Random) -> Wrong;
 
-/// The defects.
+/// All defects: their names, and the functions that draw their details.
 const WRONGS: [(&str, Draw); 11] = [
     ("open", |_| Wrong::Open),
     ("short", |_| Wrong::Short),
@@ -131,8 +133,8 @@ const WRONGS: [(&str, Draw); 11] = [
     ("draught", |_| Wrong::Draught(4.0)),
 ];
 
-/// Returns the correct faults, and the time within which one of them must be found, s. If the heater gets full power on
-/// the way up, a reading that stays too low is reported as heating too slow.
+/// Returns the faults that are right for a defect in a phase, and the time within which one of them must be found, s.
+/// If the heater gets full power while it heats up, a reading that stays too low is reported as heating too slow.
 fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     use Fault::{
         HeaterEnergy, HeaterStuckOn, HeaterSwitchWelded, HeatingTooSlow, TemperatureDrop, ThermistorDetached,
@@ -178,7 +180,7 @@ fn expected(wrong: Wrong, phase: Phase) -> (&'static [Fault], f64) {
     }
 }
 
-/// Tests every defect in every phase, on one nozzle for each seed.
+/// Tests every defect in every phase, on one random nozzle for each seed.
 fn break_everything(seeds: core::ops::Range<u64>) {
     for (name, draw) in WRONGS {
         for phase in PHASES {
@@ -210,7 +212,7 @@ fn break_everything(seeds: core::ops::Range<u64>) {
     }
 }
 
-/// The test uses GROWBOT_NOZZLES nozzles from GROWBOT_FIRST_NOZZLE on, by default the first 6. 200 nozzles take
+/// Tests on GROWBOT_NOZZLES nozzles, from the number GROWBOT_FIRST_NOZZLE on, by default the first 6. 200 nozzles take
 /// minutes.
 #[test]
 fn every_fault_is_detected_in_time_in_every_phase() {
@@ -218,7 +220,7 @@ fn every_fault_is_detected_in_time_in_every_phase() {
     break_everything(first..first + number_from_environment("GROWBOT_NOZZLES", 6));
 }
 
-/// The models are in single precision, so sums over hours would lose small additions in rounding.
+/// Checks that the models, which are in single precision, do not lose small additions to sums over hours.
 #[test]
 fn supervision_still_detects_faults_after_hours_at_the_target() {
     for (wrong, right, within) in [

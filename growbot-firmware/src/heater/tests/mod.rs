@@ -1,4 +1,4 @@
-//! Tests of the heater on a nozzle with lag, noise and spread.
+//! Tests of the heater on simulated nozzles with lag, noise, and deviations from the description.
 
 mod faults;
 mod plant;

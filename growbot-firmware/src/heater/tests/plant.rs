@@ -1,5 +1,5 @@
-//! A nozzle with its thermistor, and their possible defects. Its equations differ from the model of the supervision on
-//! purpose.
+//! Simulation of a nozzle with its thermistor and their possible defects. Its equations differ from the model of the
+//! supervision on purpose.
 
 use growbot_core::robot::RobotDescription;
 
@@ -46,30 +46,31 @@ impl Random {
     }
 }
 
-/// Defect of a nozzle.
+/// Defect of a nozzle, its heater or its thermistor.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Wrong {
     #[default]
     Nothing,
-    /// The thermistor's wire is open.
+    /// A wire of the thermistor is open.
     Open,
     /// The thermistor's wires touch.
     Short,
     /// The ADC delivers no readings.
     Silent,
-    /// The ADC always delivers the same number.
+    /// The ADC delivers the same number in every conversion.
     Frozen,
-    /// The input keeps its voltage, with noise on it.
+    /// The voltage at the thermistor's input stays constant, with noise on it.
     Stuck,
-    /// The thermistor is detached. It approaches, with this time constant (s), this share of the nozzle's warmth.
+    /// The thermistor is detached. Its excess over the surroundings approaches this share (second value) of the
+    /// nozzle's, with this time constant, s (first value).
     Detached(f64, f64),
-    /// The heater's wire is open.
+    /// A wire of the heater is open.
     HeaterOpen,
-    /// The power stage gives at least this duty.
+    /// The power stage gives at least this duty, even if a lower one is requested.
     StuckOn(f64),
-    /// The second switch is always closed.
+    /// The second switch in the heater's supply is always closed.
     Welded,
-    /// A draught multiplies the loss by this factor.
+    /// A draught multiplies the nozzle's loss of heat by this factor.
     Draught(f64),
     /// No filament flows and the fan stands still, in spite of the demand.
     NoFlow,
@@ -82,19 +83,20 @@ pub struct Spread {
     pub loss: f64,
     pub power: f64,
     pub supply: f64,
-    /// The supply is measured.
+    /// True if the supply voltage is measured.
     pub measured: bool,
     pub ambient_c: f64,
     /// Lag of the thermistor behind the nozzle, s.
     pub lag_s: f64,
-    /// Noise of each conversion, counts.
+    /// Noise of each ADC conversion (standard deviation), counts.
     pub noise: f64,
-    /// The thermistor's pull-up, ohm: 4,700 as described, 25,000 for half a degree a count.
+    /// Pull-up resistor of the thermistor, ohm: 4,700 as described, 25,000 for half a degree a count.
     pub pull_up_ohm: f64,
 }
 
 impl Spread {
-    /// Draws deviations up to `share` to either side. The extremes, which are the hardest, are frequent.
+    /// Draws random deviations of up to `share` to either side. The extremes, which are the hardest cases, are
+    /// frequent.
     pub fn of(random: &mut Random, share: f64) -> Self {
         let mut near = |share: f64| {
             let even = random.between(-share, share);
@@ -115,7 +117,7 @@ impl Spread {
     }
 }
 
-/// A heater on its nozzle.
+/// Simulation of a heater on its nozzle.
 pub struct Rig {
     pub robot: RobotDescription,
     pub heater: HeaterController,
@@ -128,13 +130,13 @@ pub struct Rig {
     pub block_c: f64,
     pub sensor_c: f64,
     pub peak_c: f64,
-    /// States of the switches.
+    /// States of the heater's two switches.
     pub output: HeaterOutput,
     latest: u16,
     conversions: u16,
 }
 
-/// Time after which a nozzle that is not hot will never be.
+/// Time after which a nozzle that is not hot yet will never get hot, us.
 const LONGEST_HEATING_US: u64 = 1_000_000_000;
 
 pub const DT: f64 = PERIOD_US as f64 * 1e-6;
@@ -161,7 +163,8 @@ impl Rig {
         }
     }
 
-    /// Advances by one period: the nozzle advances at the duty, then is read and regulated.
+    /// Advances the simulation by one period of the regulation: first the nozzle at the present duty, then the reading
+    /// and the heater's update.
     pub fn step(&mut self) -> Result<(), Fault> {
         let HeaterOutput { duty, enable: closed } = self.output;
         let duty = match self.wrong {
@@ -212,7 +215,7 @@ impl Rig {
         output.map(|_| ())
     }
 
-    /// Steps until both switches are proven.
+    /// Advances the simulation until the proof test has ended. Returns the fault if the test finds one.
     pub fn prove(&mut self) -> Result<(), Fault> {
         let begin = self.now;
         while self.heater.proof.is_some() {
@@ -235,7 +238,7 @@ impl Rig {
         self.heater.set_target(celsius, self.now);
     }
 
-    /// Steps for a time.
+    /// Advances the simulation by some seconds. Returns the first fault.
     pub fn run(&mut self, seconds: f64) -> Result<(), Fault> {
         for _ in 0..(seconds / DT) as u64 {
             self.step()?;
@@ -243,7 +246,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Simulates until the nozzle is hot. Returns the fault if one occurs before.
+    /// Advances the simulation until the nozzle is hot. Returns the fault if one occurs before.
     pub fn heat(&mut self) -> Result<(), Fault> {
         let begin = self.now;
         while !self.heater.is_hot(self.now) {
@@ -253,7 +256,8 @@ impl Rig {
         Ok(())
     }
 
-    /// Heats, grows, waits, cools the nozzle to standby and heats again for some hours, as in a robot's life.
+    /// Heats, grows, waits, cools the nozzle to standby and heats again for some hours, as in a robot's life. Returns
+    /// the first fault.
     pub fn live(&mut self, hours: f64) -> Result<(), Fault> {
         let until = self.now + (hours * 3.6e9) as u64;
         let (target, pause) = (self.robot.heater.target_c, self.robot.pause);
@@ -289,7 +293,7 @@ impl Rig {
         Ok(())
     }
 
-    /// Lays a layer of 18 s. The flow varies by 35 % around the turn.
+    /// Simulates a layer of 18 s, with a flow that varies by 35 % around the turn. Calls `look` after each period.
     pub fn layer(&mut self, mut look: impl FnMut(&Self)) -> Result<(), Fault> {
         let period = self.robot.layer.period_s;
         let steps = (period / DT) as u64;

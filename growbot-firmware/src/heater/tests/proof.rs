@@ -1,10 +1,11 @@
-//! Tests of the proof test of both switches on a nozzle.
+//! Tests of the proof test of the heater's two switches on simulated nozzles.
 
 use growbot_core::link::message::Fault;
 
 use super::plant::{Random, Rig, Spread, Wrong};
 
-/// Switches on again after a random time of heating and a random pause.
+/// Heats a nozzle for a random time, pauses for a random time, and runs the proof test again, with this defect. Returns
+/// the nozzle, the fault that the test finds, and the duration of the test, s.
 fn again(seed: u64, wrong: Wrong) -> (Rig, Option<Fault>, f64) {
     let mut random = Random::new(seed);
     let mut rig = Rig::new(Spread::of(&mut random, 0.1), seed);

@@ -1,10 +1,11 @@
-//! Tests of the precision of the regulation.
+//! Tests of the precision of the temperature control.
 
 use growbot_core::link::message::{Fault, Tuned};
 
 use super::plant::{Random, Rig, Spread, Wrong};
 
-/// Returns the overshoot after heating up, and the largest distance from the target over layers, with fan and flow.
+/// Returns the largest distance from the target while layers are laid, with fan and flow, and the overshoot after
+/// heating up, degrees.
 fn band_and_overshoot(rig: &mut Rig) -> (f64, f64) {
     let target = 200.0;
     rig.on(target);
@@ -34,7 +35,7 @@ fn temperature_stays_in_the_band_while_laying_layers() {
     assert!(band < 1.5 && overshoot < 4.0, "band {band}, overshoot {overshoot}");
 }
 
-/// Tunes a nozzle at its target.
+/// Tunes a nozzle at 200 C. Returns the result, or the fault that ends the tuning.
 fn tune(rig: &mut Rig) -> Result<Tuned, Fault> {
     rig.heater.tune(200.0, rig.now);
     loop {
@@ -58,8 +59,8 @@ fn tuned_gains_keep_the_temperature_in_the_band() {
         let tuned = match tune(&mut rig) {
             Ok(tuned) => tuned,
             Err(fault) => {
-                // The nozzle differs so much from its description, in both values, that its supervision cannot
-                // distinguish it from a fault.
+                // The nozzle differs so much from its description that the supervision cannot distinguish it from a
+                // fault.
                 let strength = spread.power / spread.capacity;
                 let strange = match fault {
                     Fault::HeaterStuckOn => strength > 1.3,
@@ -115,7 +116,7 @@ fn a_reading_without_a_swing_for_90_s_ends_the_tuning() {
     assert!((89.0..=91.0).contains(&seconds), "after {seconds} s");
 }
 
-/// Continues tuning until a fault shows.
+/// Continues the tuning until a fault is raised. Returns the fault, or `None` if there is none within 3000 periods.
 fn tune_to_fault(rig: &mut Rig) -> Option<Fault> {
     (0..3000).find_map(|_| rig.step().err())
 }

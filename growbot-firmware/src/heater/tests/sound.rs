@@ -1,10 +1,10 @@
-//! Tests for false alarms.
+//! Tests that a healthy nozzle raises no false alarm.
 
 use super::plant::{Random, Rig, Spread, Wrong};
 use crate::testing::number_from_environment;
 
-/// Runs a healthy nozzle for an hour for each seed. A third of the nozzles has no measured supply. For a sixth,
-/// filament and fan take no heat, as in a jam.
+/// Runs a healthy nozzle for an hour for each seed. For a third of the nozzles the supply is not measured. For a sixth
+/// of them filament and fan take no heat, as in a jam.
 fn live(seeds: core::ops::Range<u64>) {
     for seed in seeds {
         let mut random = Random::new(seed);
@@ -21,7 +21,7 @@ fn live(seeds: core::ops::Range<u64>) {
     }
 }
 
-/// The test runs GROWBOT_HOURS hours, by default 40. A thousand hours take minutes.
+/// Tests for GROWBOT_HOURS hours, by default 40. A thousand hours take minutes.
 #[test]
 fn a_healthy_nozzle_raises_no_alarm() {
     live(0..number_from_environment("GROWBOT_HOURS", 40));

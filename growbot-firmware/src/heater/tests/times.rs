@@ -1,4 +1,4 @@
-//! Tests of the heater's times and bands, each from both sides.
+//! Tests of the heater's time limits and temperature bands, each from both sides.
 
 use growbot_core::link::message::{Fault, Gains, Tuned};
 use growbot_core::robot::RobotDescription;
@@ -14,7 +14,7 @@ fn robot() -> RobotDescription {
     robot_a().description().clone()
 }
 
-/// Returns a heater with this reading at this time.
+/// Returns a heater that has taken this reading at the time `now`, us.
 fn having_read(celsius: f64, now: u64) -> HeaterController {
     let (mut heater, robot) = (HeaterController::default(), robot());
     heater.update(Some(raw_from_celsius(celsius, &robot.thermistor)), &Demand::default(), &robot, now).unwrap();

@@ -1,4 +1,4 @@
-//! Tests of capacity, erasures and wear.
+//! Tests of the journal's capacity, its erasures and the wear of its sectors.
 
 use super::*;
 use growbot_core::job::MAX_JOB_LAYERS;
@@ -29,7 +29,8 @@ fn the_journal_works_with_any_number_of_sectors() {
     }
 }
 
-/// Records jobs of up to a number of layers. Returns the number of their records, and of the erasures of each sector.
+/// Records many jobs, each of up to `max_layers` layers. Returns the number of their records, and the number of
+/// erasures of each sector.
 fn many_jobs(max_layers: u64) -> (u32, Vec<u32>) {
     let flash = Small::new(SECTORS);
     let mut records = 0;

@@ -1,10 +1,10 @@
-//! A search through all states that losses of power can leave in a small ring, with the real journal.
+//! Test of the journal in all states that losses of power can leave in a small flash.
 //!
 //! Power is lost at every word of every write and erasure, also while a start makes its repairs, up to three times in a
 //! row. Flash is programmed word by word (STM32F405) or page by page (RP2040). Bits that were being programmed are
-//! weak: they read in several ways, also differently from reading to reading. Flash may refuse one write, or all from
-//! one on until the next start. Each start must find the data from before or from after the interrupted call, and later
-//! starts must find the same.
+//! weak: they read in several ways, which may differ from reading to reading. Flash may refuse one write, or all writes
+//! from one on until the next start. Each start must find the data from before or from after the interrupted journal
+//! call, and later starts must find the same data.
 
 use std::cell::RefCell;
 use std::collections::HashSet;
@@ -16,38 +16,40 @@ use embedded_storage::nor_flash::{
 
 use super::*;
 
-/// Number of slots in a sector, without the sector's first record.
+/// Number of record slots in a sector, without the sector's first record.
 const SLOTS: usize = 11;
 const SECTOR_BYTES: usize = 32 * (SLOTS + 1);
 const RECORD_WORDS: usize = 8;
-/// Max number of consecutive losses of power.
+/// Max number of losses of power during one sequence of calls.
 const MAX_LOSSES: u8 = 3;
 
-/// Readings of weak bits by the number of the reading of a record since the start.
+/// Functions that return the levels of weak bits. The argument is the number of earlier readings of the record since
+/// the start.
 const READINGS: [fn(u32) -> u32; 5] = [
     |_| u32::MAX,
     |_| 0,
-    // Valid at the third look only.
+    // The record is valid at the third reading only.
     |reading| if reading % 3 == 2 { 0 } else { u32::MAX },
-    // Valid at the first look only.
+    // The record is valid at the first reading only.
     |reading| if reading == 0 { 0 } else { u32::MAX },
     |_| 0xA5A5_A5A5,
 ];
 
-/// The content of the flash.
+/// The content of the simulated flash.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Cells {
     words: Vec<u32>,
-    /// Bits that read as 0 or 1. They are set in `words`.
+    /// Weak bits, which read as 0 or 1. They are set in `words`.
     weak: Vec<u32>,
 }
 
-/// Events during one start and during the journal calls after it.
+/// Events during one start of the journal and the calls after it.
 #[derive(Debug, Clone, Copy)]
 struct Events {
-    /// Index into [`READINGS`].
+    /// Index of the function in [`READINGS`] that gives the levels of weak bits.
     reading: usize,
-    /// Step at which power is lost. A step programs a word or a page, or erases a sector.
+    /// Number of the step at which power is lost. `None` if it is not lost. A step programs a word or a page, or erases
+    /// a sector.
     lost_at: Option<u32>,
     /// Numbers of the first and the last write or erasure that the flash refuses. `None` if it refuses none.
     refused: Option<(u32, u32)>,
@@ -64,7 +66,7 @@ struct Model {
     readings: Vec<u32>,
 }
 
-/// Flash with weak bits. All clones share their content.
+/// Simulated flash with weak bits. All clones share their content.
 #[derive(Debug, Clone)]
 struct ModelFlash(Rc<RefCell<Model>>);
 
@@ -77,7 +79,7 @@ impl ModelFlash {
 }
 
 impl Model {
-    /// Counts a write or erasure. Returns an error if it is refused.
+    /// Counts a write or erasure. Returns an error if the flash refuses it or has lost power.
     fn count(&mut self) -> Result<(), NorFlashErrorKind> {
         self.operations += 1;
         let is_refused = self.is_refusing(self.operations - 1);
@@ -163,15 +165,17 @@ impl NorFlash for ModelFlash {
 
 impl MultiwriteNorFlash for ModelFlash {}
 
-/// Content of the flash after a loss of power, and the data that the next start may find in it.
+/// State of the search: the content of the flash after a loss of power, and the data that the next start may find in
+/// it.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Node {
     cells: Cells,
-    /// Number of journal calls that have returned.
+    /// Number of journal calls that have returned before the loss of power.
     done: usize,
-    /// Possible data of the journal. The next start must find one of them.
+    /// Data that the journal may have. The next start must find one of them. `None` means no job.
     expected: Vec<Option<Known>>,
-    /// The job before the present one. It is found again if the first record of a job is struck out that has no other.
+    /// Data of the job before the current one. The journal finds that job again if the only record of the current job
+    /// is struck out.
     previous: Option<Known>,
     losses: u8,
     was_refused: bool,
@@ -180,7 +184,7 @@ struct Node {
 struct Search {
     story: Vec<Deed>,
     programs_pages: bool,
-    /// All nodes that the search has found so far.
+    /// All nodes that the search has found so far, each once.
     nodes: HashSet<Node>,
     open: Vec<Node>,
     runs: u64,
@@ -194,7 +198,7 @@ struct Run {
 }
 
 impl Search {
-    /// Starts the journal from a node and makes the remaining calls, until power is lost.
+    /// Starts the journal from a node and makes the remaining calls, until power is lost or all calls are made.
     fn run(&self, from: &Node, events: Events) -> Run {
         let flash = ModelFlash::new(from.cells.clone(), events, self.programs_pages);
         let mut journal = Journal::open(flash.clone());
@@ -263,7 +267,7 @@ impl Search {
                 assert!(events.refused.is_some() || is_full, "{deed:?}: {error:?}: {}", what());
                 before = known_among(journal, &node.expected);
                 assert!(before.is_none() || !is_record, "{deed:?} failed, and the job goes on: {}", what());
-                // The growth continues, and another layer is laid.
+                // The growth continues, and another layer begins.
                 let again = journal.record_begun(0);
                 if !has_power() || refuses() {
                     return;
@@ -296,7 +300,7 @@ impl Search {
         }
     }
 
-    /// Runs every start from every node.
+    /// Runs every start with every event, from every node that the search finds.
     fn search(&mut self) {
         while let Some(node) = self.open.pop() {
             for reading in 0..READINGS.len() {
@@ -325,8 +329,8 @@ impl Search {
     }
 }
 
-/// Returns all that the journal knows about its job. While its last record is weak and the flash refuses to program it
-/// again, that layer may be unreadable. It is then taken from the expected data.
+/// Returns all data of the journal about its job. While the last record is weak and the flash refuses to program it
+/// again, the layer of that record may be unreadable. The layer is then taken from the expected data.
 fn known_among(journal: &mut Journal<ModelFlash>, expected: &[Option<Known>]) -> Option<Known> {
     if journal.weak_tail.is_none() {
         return known(journal);
@@ -336,7 +340,7 @@ fn known_among(journal: &mut Journal<ModelFlash>, expected: &[Option<Known>]) ->
     expected.iter().flatten().find(is_same).cloned().or(Some(Known { state, carry, laid: Vec::new() }))
 }
 
-/// Returns 22 calls with every kind of record and erasure.
+/// Returns 22 journal calls, which contain every kind of record and erasure.
 fn calls() -> Vec<Deed> {
     let laid = Deed::Commit(false);
     let mut calls = std::vec![Deed::Erase(3), Deed::Begin(1, 3), Deed::Begun, Deed::Commit(true), laid];
@@ -347,7 +351,7 @@ fn calls() -> Vec<Deed> {
     calls
 }
 
-/// Returns a flash whose oldest sector must be erased at the first call, with the data that a start finds in it.
+/// Returns the first node of the search: a flash whose oldest sector must be erased at the first call.
 fn worn() -> Node {
     let new = Cells { words: std::vec![u32::MAX; 2 * SECTOR_BYTES / 4], weak: std::vec![0; 2 * SECTOR_BYTES / 4] };
     let flash = ModelFlash::new(new, Events { reading: 0, lost_at: None, refused: None }, false);

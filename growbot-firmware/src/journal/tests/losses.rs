@@ -1,4 +1,4 @@
-//! Tests of losses of power and of damaged flash.
+//! Tests of the journal with losses of power and damaged flash.
 
 use proptest::prelude::*;
 

@@ -1,4 +1,5 @@
-//! Tests of the journal on a flash that loses power at every byte of a sequence of calls, and on random flash.
+//! Tests of the journal: on flash that loses power at every byte of a sequence of calls, on worn flash, and on random
+//! flash.
 
 mod capacity;
 mod exhaustive;
@@ -11,26 +12,26 @@ use std::vec::Vec;
 use super::*;
 use crate::testing::flash::Flash;
 
-/// Two sectors of 31 slots, of which 15 are reserved, so that a job may have 47 layers.
+/// Flash with small sectors. Two of them have 31 slots each. 15 slots are reserved, so that a job may have 47 layers.
 type Small = Flash<1024>;
 const SECTORS: usize = 2;
 
 const ROBOT: u64 = 0xfeed_0123_4567_89ab;
 
-/// A call of the journal.
+/// A call of the journal's functions.
 #[derive(Debug, Clone, Copy)]
 enum Deed {
     Erase(u32),
     Begin(u64, u32),
     Begun,
-    /// Commits the next layer. The value is `true` if the layer after it is begun at once.
+    /// Records the next layer as laid. The value is `true` if the layer after it is begun at once.
     Commit(bool),
     Skip,
     Amend(u32, u64, u32),
     End,
 }
 
-/// All data about a job that the journal returns.
+/// All data of the journal about its job.
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 struct Known {
     state: JournalJob,
@@ -38,7 +39,7 @@ struct Known {
     laid: Vec<StoredLayer>,
 }
 
-/// Returns a layer whose content identifies it.
+/// Returns a layer record whose content identifies the plan and the layer.
 fn layer(plan_id: u64, index: u32) -> LayerRecord {
     let mut as_built = LayerBytes::default();
     as_built[..8].copy_from_slice(&(plan_id ^ u64::from(index) << 32).to_le_bytes());
@@ -72,7 +73,7 @@ impl Deed {
         }
     }
 
-    /// Returns the expected data about the job after this call.
+    /// Returns the data that the journal must have about its job after this call. `before` is the data before it.
     fn after(self, before: Option<&Known>) -> Option<Known> {
         if let Deed::Begin(plan_id, layers) = self {
             let state = JournalJob {
@@ -113,7 +114,7 @@ impl Deed {
     }
 }
 
-/// Returns the calls of a job with every kind of event: 22 layers.
+/// Returns the calls of a job of 22 layers with every kind of record.
 fn job(plan_id: u64) -> Vec<Deed> {
     let mut deeds = std::vec![Deed::Begin(plan_id, 20), Deed::Begun];
     deeds.extend([Deed::Commit(true); 9]);
@@ -140,8 +141,8 @@ fn story() -> Vec<Deed> {
     deeds
 }
 
-/// Runs a sequence of calls. Power is lost when `losses` returns a value. Each time the journal must have its data from
-/// before the current call or from after it. The sequence then continues from there.
+/// Makes a sequence of calls. Power is lost during a call when `losses` returns a value. Each time the journal must
+/// then have its data from before the call or from after it. The sequence continues from that data.
 fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut() -> Option<(usize, u64)>) {
     let power_up = |next: Option<(usize, u64)>| {
         flash.power_up();
@@ -188,7 +189,7 @@ fn live<const S: usize>(flash: &Flash<S>, story: &[Deed], mut losses: impl FnMut
     assert!(before.unwrap().state.ended);
 }
 
-/// Returns the max number of layers of a job that could begin now.
+/// Returns the max number of layers of a job that can begin now without an erasure.
 fn room(journal: &Journal<Small>) -> u32 {
     (0..=64).rev().find(|layers| !journal.needs_erasing(*layers)).unwrap_or(0)
 }

@@ -1,4 +1,4 @@
-//! Tests of missing, stray and misplaced records, and of jobs that replace each other.
+//! Tests of the journal with missing, stray and misplaced records, and with jobs that replace each other.
 
 use super::*;
 
@@ -18,7 +18,7 @@ fn bad_slots_are_skipped_and_jobs_on_broken_flash_are_not_resumed() {
     journal.record_laid(0, &layer(1, 0), true).unwrap();
     assert_eq!(known(&mut Journal::open(flash.clone())), known(&mut journal));
     assert_eq!(journal.job().unwrap().layers_laid, 1);
-    // Such a slot never reads as a record again.
+    // The spoiled slots were struck out, so that they never read as records again.
     assert!(flash.bytes()[2 * 32..4 * 32].iter().all(|byte| *byte == 0));
     spoil(5..8);
     assert_eq!(journal.record_laid(1, &layer(1, 1), true), Err(JournalError::Flash));
@@ -148,7 +148,7 @@ fn an_unfinished_job_is_erased_only_after_it_is_forgotten() {
     journal.begin_job(1, ROBOT, 20).unwrap();
     journal.record_begun(0).unwrap();
     let before = known(&mut journal);
-    // Sector 1 is blank or has nothing of the job, and sector 0 has it.
+    // Sector 1 is blank or contains nothing of the job, and sector 0 contains the job.
     let refused = loop {
         match journal.erase_step(47) {
             Ok(more) => assert!(more),

@@ -1,23 +1,23 @@
-//! Tests of the last record before a loss of power, whose cells read differently at each start.
+//! Tests of the journal with a last record whose cells read differently at each start after a loss of power.
 //!
 //! Bits that were being programmed when power was lost may read as 0 or as 1 at any time until they are programmed
-//! again. For all readings, in any order, the data found at one start must never change later. It must be the data from
-//! before the record or from after it.
+//! again. For all readings, in any order, the data that one start finds must never change later. They must be the data
+//! from before the record or from after it.
 
 use super::*;
 use crate::journal::record::RecordBytes;
 
-/// Weak cells of a record: bits that may read differently each time.
+/// Weak cells of a record: the bits that may read differently each time.
 struct Weak {
-    /// Values of the bits that are not weak.
+    /// Bytes of the record with the values of the bits that are not weak.
     base: RecordBytes,
-    /// The weak bits.
+    /// Mask of the weak bits.
     mask: RecordBytes,
-    /// Values that the weak bits may have when they are read.
+    /// Bytes from which the weak bits take their values when the record is read.
     readings: Vec<RecordBytes>,
 }
 
-/// Returns every way in which cells of a record may be weak: each word, with the later words written or not, and each
+/// Returns the ways in which cells of a record may be weak: each word, with the later words written or not, and each
 /// bit.
 fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     let mut all = Vec::new();
@@ -40,8 +40,8 @@ fn weaknesses(record: &RecordBytes) -> Vec<Weak> {
     all
 }
 
-/// A journal call: the flash after it, its last write, and the data that the journal must find if that write is lost
-/// (`before`) or complete (`after`).
+/// A journal call, the content of the flash after it, the offset of its last write, and the data that the journal must
+/// find if that write is lost (`before`) or complete (`after`).
 struct Case {
     deed: Deed,
     bytes: Vec<u8>,
@@ -50,7 +50,7 @@ struct Case {
     after: Option<Known>,
 }
 
-/// Returns a case for each record of the sequence, in which that record is the last one in the flash.
+/// Returns a case for each record of [`story`]. In the flash of the case, that record is the last one.
 fn cases() -> Vec<Case> {
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
@@ -84,7 +84,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Makes the journal calls that follow a known state. Returns the data that the journal must have after these calls.
+/// Makes the journal calls that follow on these data. Returns the data that the journal must have afterwards.
 fn carry_on(journal: &mut Journal<Small>, known: Option<Known>) -> Option<Known> {
     let deeds = match known.as_ref().map(|known| known.state) {
         Some(state) if !state.ended && state.layers_laid < state.layer_count => std::vec![Deed::Commit(true)],
@@ -107,7 +107,8 @@ impl Case {
         flash
     }
 
-    /// Starts once for each reading, and makes further calls after each start if `works`.
+    /// Starts the journal once for each reading of the weak cells, and checks the data that it finds. If `works`, makes
+    /// further calls after each start.
     fn live(&self, weak: &Weak, readings: &[RecordBytes], works: bool) {
         let flash = self.flash(weak);
         let mut expected: Option<Option<Known>> = None;
@@ -125,7 +126,7 @@ impl Case {
     }
 }
 
-/// Returns every sequence of this length whose elements are among `of`.
+/// Returns every sequence of `length` elements that are taken from `of`.
 fn sequences<T: Copy>(of: &[T], length: usize) -> Vec<Vec<T>> {
     (0..length).fold(std::vec![Vec::new()], |sequences, _| {
         let longer = |sequence: Vec<T>| of.iter().map(move |next| [&sequence[..], &[*next]].concat());
@@ -181,8 +182,8 @@ fn a_power_loss_during_recovery_loses_at_most_the_weak_record() {
 
 #[test]
 fn a_skipped_slot_that_later_reads_as_valid_loses_nothing() {
-    // One bit of the slot reads as 1 while the record is written there, so that the record goes to the next slot. Later
-    // the bit reads as 0.
+    // One bit of the slot reads as 1 although the record is written there, so that the record goes to the next slot.
+    // Later the bit reads as 0.
     let flash = Small::new(SECTORS);
     let mut journal = Journal::open(flash.clone());
     Deed::Erase(20).done(&mut journal).unwrap();
@@ -193,7 +194,7 @@ fn a_skipped_slot_that_later_reads_as_valid_loses_nothing() {
         expected = deed.after(expected.as_ref());
         let mut bytes = flash.bytes();
         let written = (0..bytes.len()).step_by(32).rfind(|at| bytes[*at..*at + 32] != BLANK && at / 1024 == 0).unwrap();
-        // The same record is stored again in the slot after it.
+        // The same record is stored again in the next slot.
         let copy: Vec<u8> = bytes[written..written + 32].to_vec();
         bytes[written + 32..written + 64].copy_from_slice(&copy);
         flash.set_bytes(&bytes);
@@ -235,7 +236,7 @@ fn a_sector_found_blank_is_blank_at_the_next_start() {
 #[test]
 fn an_unreadable_record_does_not_reappear_at_the_next_start() {
     for case in cases().iter().filter(|case| !matches!(case.deed, Deed::Erase(_))) {
-        // Flash that refuses to be read is treated like this.
+        // Flash that refuses to be read is treated like a record of zeros.
         assert_eq!(
             flickering(case, &[&[0_u8; 32][..]; 3]),
             [case.before.clone(), case.before.clone()],
@@ -245,8 +246,8 @@ fn an_unreadable_record_does_not_reappear_at_the_next_start() {
     }
 }
 
-/// Reads the last record differently several times at one start, then correctly at the next start. Returns the data
-/// that the journal finds at each of the two starts.
+/// Starts the journal twice. At the first start the last record reads as in `readings`, one after the other, and at the
+/// second start it reads correctly. Returns the data that the journal finds at each start.
 fn flickering(case: &Case, readings: &[&[u8]]) -> [Option<Known>; 2] {
     let flash = Small::new(SECTORS);
     flash.set_bytes(&case.bytes);

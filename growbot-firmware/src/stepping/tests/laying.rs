@@ -1,4 +1,4 @@
-//! Tests of layers and feed moves, to the step.
+//! Tests of layers and filament moves, with exact step counts.
 
 use super::*;
 
@@ -22,7 +22,7 @@ fn five_thousand_layers_are_laid_with_exact_step_counts() {
             for (i, made) in report.feed.iter().enumerate() {
                 let closed_form = edge(i + 1) - edge(i);
                 let off = (f64::from(*made) - closed_form).abs();
-                // Rounding adds up to a step. The lean owed by the layers before is at most a tenth of a step in a
+                // Rounding adds up to a step. The lean that the previous layers lack is at most a tenth of a step in a
                 // sector.
                 assert!(off <= (0.01 * closed_form).max(1.1), "sector {i}: {made} for {closed_form}");
             }
@@ -96,7 +96,7 @@ fn a_pending_report_loses_no_steps() {
     rig.run(150_000);
     rig.handover.submit(Move::Lay(turns[2]));
     rig.run(150_000);
-    // The second turn is laid, and its report waits.
+    // The second turn is laid, and its report waits for the controller.
     assert!(!rig.handover.can_accept_move());
     assert_eq!(rig.engine.ticks_to_event(&rig.handover), u32::MAX);
     for _ in 0..3 {
@@ -117,7 +117,7 @@ fn alternating_turns_do_not_wind_up_the_wires() {
     let rises = rig.rises();
     let backwards = |motor: usize| rises.iter().filter(|rise| rise.motor == motor && rise.backwards).count();
     assert_eq!((backwards(HEAD), backwards(FEED)), (2 * 3200, 0));
-    // The last sector comes first.
+    // In reverse the last sector comes first.
     assert!(turns[1].reverse && !turns[2].reverse);
 }
 

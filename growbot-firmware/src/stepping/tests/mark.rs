@@ -1,14 +1,14 @@
-//! Tests of the index mark, lost steps, and sensors that fail.
+//! Tests of the check of the index mark, with lost steps and failing sensors.
 
 use super::*;
 
-/// Lays turns with a fault at the beginning of the second one. Returns the report, and the number of turns laid after
-/// the fault.
+/// Lays turns with a fault at the beginning of the second one. Returns the report of the fault, and the number of turns
+/// that were laid after it.
 fn index_fault(robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
     index_fault_at(0.0, robot, fault)
 }
 
-/// Like [`index_fault`], with the fault after a share of the second turn.
+/// Lays turns as [`index_fault`] does, with the fault after a share of the second turn.
 fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<Report>, usize) {
     let turns = turns(robot, &layers(robot, 5, 0.5));
     let mut rig = Rig::homed(robot.clone());
@@ -36,7 +36,7 @@ fn index_fault_at(share: f64, robot: &Robot, fault: impl Fn(&World)) -> (Option<
 fn lost_and_gained_steps_are_detected_within_one_turn() {
     for (strategy, turning) in ALL {
         let robot = robot_a_with(strategy, turning);
-        // 2 degrees are 18 steps, and two samples must contradict.
+        // The tolerance of 2 degrees is 18 steps, and two samples must contradict the position.
         for steps in [20, 21, 25, 30, 44, 60, 61, 62, 63, 64, 100, 200, 320, 321, 399, 400, 1600, 3000] {
             for lost in [steps, -steps] {
                 let (report, laid) = index_fault(&robot, |world| world.lost.set(lost));

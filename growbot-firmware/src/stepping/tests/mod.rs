@@ -1,6 +1,6 @@
-//! Tests of layers through [`Material`] and [`Engine`] to the pins, and the simulated hardware at the pins: motors, an
-//! index mark, a filament's encoder and a button. Conditions that must hold for every pulse are asserted at every
-//! pulse.
+//! Tests of layers from [`TurnPlanner`] through [`Engine`] to the pins, and the simulated hardware at the pins: motors,
+//! an index mark, an encoder of the filament and an emergency stop. Conditions that must hold for every pulse are
+//! asserted at every pulse.
 
 mod laying;
 mod mark;
@@ -24,25 +24,25 @@ use crate::testing::{FakeOutputs, FakePins, robot_a};
 const HEAD: usize = 0;
 const FEED: usize = 1;
 
-/// The behaviour of the index sensor.
+/// The behaviour of the simulated index sensor.
 #[derive(Clone, Copy, PartialEq)]
 enum Sensor {
     Whole,
     Dead,
     Stuck,
-    /// From this position of the head on, the sensor inverts its level for a number of steps.
+    /// The sensor inverts its level for a number of head steps, from this position of the head on.
     Disturbed {
         from: i64,
         steps: i64,
     },
 }
 
-/// One motor, as its pins drive it.
+/// A simulated motor and the levels of its driver's pins.
 struct Motor {
     high: Cell<bool>,
     backwards: Cell<bool>,
     enabled: Cell<bool>,
-    /// Steps made, forward minus reverse.
+    /// Number of steps made: forward minus reverse.
     moved: Cell<i64>,
     changed_at: Cell<u64>,
     direction_at: Cell<u64>,
@@ -56,16 +56,16 @@ struct Rise {
     backwards: bool,
 }
 
-/// The simulated hardware at the pins.
+/// The simulated hardware at the pins of the step engine.
 struct World {
     now: Cell<u64>,
     motors: [Motor; 2],
-    /// Rising edges, if they are recorded.
+    /// Rising edges of the step pins. `None` if they are not recorded.
     rises: RefCell<Option<Vec<Rise>>>,
     steps_per_turn: i64,
     mark: i64,
     mark_width: i64,
-    /// Commanded steps of the head that it has not made.
+    /// Number of commanded steps that the head has not made.
     lost: Cell<i64>,
     sensor: Cell<Sensor>,
     pressed: Cell<bool>,
@@ -165,7 +165,7 @@ impl InputPin for Pin {
     }
 }
 
-/// An engine with its simulated hardware.
+/// A step engine with its simulated hardware.
 struct Rig {
     robot: Robot,
     world: Rc<World>,
@@ -214,7 +214,7 @@ impl Rig {
         Self { robot, world, handover: Mailbox::new(), engine, outputs, skipping: true }
     }
 
-    /// Creates an engine whose head stands at the tip's x axis.
+    /// Creates a step engine whose head has homed and stands at the tip's x axis.
     fn homed(robot: Robot) -> Self {
         let mut rig = Self::new(robot);
         let report = rig.order(Move::Home(rig.homing()));
@@ -245,7 +245,7 @@ impl Rig {
         self.world.rises.borrow().clone().unwrap()
     }
 
-    /// Runs one event, after the ticks without events before it. Together they are at most `max` ticks.
+    /// Runs the next tick in which something happens, after all ticks before it, but at most `max` ticks in total.
     fn advance(&mut self, max: u32) {
         let quiet = if self.skipping { self.engine.ticks_to_event(&self.handover).min(max) - 1 } else { 0 };
         self.engine.skip(quiet);
@@ -275,7 +275,8 @@ impl Rig {
         self.report()
     }
 
-    /// Lays turns without a stop between them. It ends at the first report that is not about a layer.
+    /// Lays turns without a stop between them. Returns the reports of the laid turns, and the first report of another
+    /// kind, after which it stops.
     fn lay(&mut self, turns: impl IntoIterator<Item = Turn>) -> (Vec<TurnReport>, Option<Report>) {
         let (mut turns, mut reports, mut given) = (turns.into_iter(), Vec::new(), 0);
         loop {
@@ -310,7 +311,7 @@ fn robot_a_with(strategy: FeedStrategy, turning: HeadRotation) -> Robot {
     })
 }
 
-/// A fast variant of robot A for wide bends, whose motors need ramps.
+/// Returns a fast variant of robot A for wide bends, whose motors need ramps.
 fn ramping(strategy: FeedStrategy, turning: HeadRotation) -> Robot {
     with(|description| {
         description.planning_radius_mm = 150.0;
@@ -330,7 +331,8 @@ const ALL: [(FeedStrategy, HeadRotation); 4] = [
     (FeedStrategy::Speed, HeadRotation::Alternate),
 ];
 
-/// Returns layers of all kinds that a robot can lay, from a share of its height on.
+/// Returns layers of all kinds that a robot can lay. Their height is at least the share `thinnest` of the robot's layer
+/// height.
 fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
     let limits = robot.description().layer;
     let part = |i: usize, factor: f64| (i as f64 * factor).fract();

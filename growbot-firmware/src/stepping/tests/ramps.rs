@@ -1,4 +1,4 @@
-//! Tests of ramps, and of turns that follow each other.
+//! Tests of ramps, and of turns that follow each other without a stop.
 
 use super::*;
 
@@ -13,7 +13,8 @@ fn turns_without_ramps_follow_each_other_without_a_gap() {
     assert_eq!(rig.world.now.get() - began, 5 * 72_000 + 1);
 }
 
-/// Returns the positions of a motor at even times, in units of its limits, from the edges of its pulses.
+/// Returns the positions of a motor at regular times, in turns of the head or mm of filament, from the rising edges of
+/// its step pin.
 fn positions(rises: &[Rise], motor: usize, steps_per_unit: f64, every: u64, until: u64) -> Vec<f64> {
     let (mut rises, mut at) = (rises.iter().filter(|rise| rise.motor == motor).peekable(), 0_i64);
     (0..until / every)
@@ -26,7 +27,7 @@ fn positions(rises: &[Rise], motor: usize, steps_per_unit: f64, every: u64, unti
         .collect()
 }
 
-/// Asserts that the speed over any time changes by no more than the jump and the acceleration allow.
+/// Asserts that the speed over any time changes by no more than the speed jump and the acceleration allow.
 fn assert_limits(rig: &Rig, rises: &[Rise]) {
     let description = rig.robot.description();
     let (head, feed) = (&description.head, &description.feed);

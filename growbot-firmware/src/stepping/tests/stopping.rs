@@ -1,4 +1,4 @@
-//! Tests of halts, emergency stops, and pins that fail.
+//! Tests of the step engine with halts, emergency stops, and pins that fail.
 
 use super::*;
 use crate::stepping::mailbox::PendingReport;

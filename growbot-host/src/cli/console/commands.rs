@@ -11,7 +11,7 @@ use crate::cli::usage;
 /// Longest time that `wait` accepts, s.
 const LONGEST_WAIT_S: f64 = 1e6;
 
-/// A parsed line.
+/// The command of a line that the user has typed.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ConsoleCommand {
     /// An empty line.
@@ -20,7 +20,7 @@ pub enum ConsoleCommand {
     Board(BoardRequest),
     /// Plan to this goal, and grow the body.
     Grow(Goal),
-    /// Print the events of this time, s.
+    /// Print the board's events for this time, s of the board's clock.
     Wait(f64),
     /// Print the list of commands.
     Help,
@@ -31,7 +31,7 @@ pub enum ConsoleCommand {
 /// Requests that the board answers at once.
 #[derive(Debug, Clone, PartialEq)]
 pub enum BoardRequest {
-    /// Identity, status and sensors of the board.
+    /// Read the identity, the status and the sensors of the board.
     Status,
     /// Plan to this pose on the board, which stores the layers.
     Plan(Pose),
@@ -39,7 +39,8 @@ pub enum BoardRequest {
     Start,
     /// Pause after the layer under way.
     Pause,
-    /// Stored layers, from this index on. `None` means from the next layer to be laid on.
+    /// Print the layers that the board stores, from this index on. `None` means from the next layer that will be
+    /// laid.
     Layers(Option<u32>),
     /// Switch heater and steppers off.
     Stop,
@@ -51,7 +52,7 @@ pub enum BoardRequest {
     Maintain(&'static str, String),
 }
 
-/// A command in the list of commands.
+/// A command of the console, as `help` lists it.
 struct CommandEntry {
     name: &'static str,
     argument: &'static str,
@@ -146,7 +147,8 @@ fn pose(text: &str) -> Result<Pose, String> {
     parse_pose(text).map_err(|error| error.to_string())
 }
 
-/// Returns completions for the beginning of a line: the byte from which they start, and the texts that fit.
+/// Returns the completions of a line that is partly typed: the byte index from which a completion replaces the line,
+/// and the possible texts.
 pub fn complete(begun: &str) -> (usize, Vec<String>) {
     let indent = begun.len() - begun.trim_start().len();
     match begun.trim_start().split_once(char::is_whitespace) {
@@ -167,7 +169,8 @@ pub fn complete(begun: &str) -> (usize, Vec<String>) {
     }
 }
 
-/// Returns a hint for the argument of a command that ends with a space. `None` if it takes no pose and no goal.
+/// Returns a hint about the argument of the command in `line`, if the line ends with a space. `None` if the command
+/// takes neither a pose nor a goal.
 pub fn hint(line: &str) -> Option<&'static str> {
     let word = line.strip_suffix(' ')?;
     match argument(word.trim()) {

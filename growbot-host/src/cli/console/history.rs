@@ -1,4 +1,4 @@
-//! Place of the history of typed lines.
+//! File in which the console stores the history of typed lines.
 
 use std::env;
 use std::ffi::OsString;

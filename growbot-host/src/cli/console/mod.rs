@@ -1,4 +1,5 @@
-//! `growbot console`: commands line by line, on a terminal or in a pipe, or the whole screen.
+//! `growbot console`: controls a robot by commands, line by line from a terminal or a pipe, or on the whole screen
+//! (`--tui`).
 
 mod board_requests;
 pub use self::board_requests::maintain;

@@ -1,4 +1,5 @@
-//! Lines of standard input, warnings about a robot that a console leaves, and script commands that are not run.
+//! Reading of standard input by the console, the warning about a robot that still works when the console ends, and
+//! the count of the commands in a script that are not run.
 
 use std::io::{self, BufRead, BufReader};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
@@ -33,7 +34,7 @@ pub fn lines_of_stdin() -> StdinLines {
     lines
 }
 
-/// Returns true if a robot in this state is hot or moves.
+/// Returns true if a robot in this state heats or moves, or stays hot.
 pub fn is_active(state: State) -> bool {
     matches!(
         state,
@@ -41,7 +42,8 @@ pub fn is_active(state: State) -> bool {
     )
 }
 
-/// Returns a message about the further behaviour of a robot that is left while it works, with the remedy.
+/// Returns the warning about a robot that is still hot or moving when the console ends: the further behaviour of the
+/// robot, and how to stop it.
 pub fn still_active_text(state: State, robot: &Robot, port: &SelectedPort) -> String {
     let name = if state == State::Maintenance { "in maintenance" } else { state.name() };
     if port.is_in_process() {
@@ -74,7 +76,7 @@ pub struct SkippedCommands {
     commands: usize,
     /// First of these commands that stops the robot, if any.
     stop: Option<StopCommand>,
-    /// True if the end of the script was not reached in time.
+    /// True if the script may contain more commands, because its end was not reached within `READING`.
     continues: bool,
 }
 
@@ -100,7 +102,7 @@ impl SkippedCommands {
         left_out
     }
 
-    /// Counts a line. Returns false if the line ends the script.
+    /// Counts the command of a line. Returns false if the line ends the script.
     fn count(&mut self, number: usize, line: &str) -> bool {
         let stop = match parse(line) {
             Ok(ConsoleCommand::Nothing) => return true,
@@ -114,12 +116,13 @@ impl SkippedCommands {
         true
     }
 
-    /// Returns true if no command was left out.
+    /// Returns true if the script contains no more commands.
     pub fn is_nothing(&self) -> bool {
         self.commands == 0 && !self.continues
     }
 
-    /// Returns the text for a message.
+    /// Returns a text for an error message: the number of commands that are not run, and the first of them that would
+    /// stop the robot.
     pub fn text(&self) -> String {
         let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };

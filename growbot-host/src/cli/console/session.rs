@@ -45,20 +45,20 @@ pub struct ConsoleSession {
     presets: MaterialPresets,
     port: SelectedPort,
     start: Pose,
-    /// Requests to stop, by Ctrl-C.
+    /// Stop requests of the user (Ctrl-C).
     orders: Arc<CommandQueue>,
 }
 
-/// End of a script before its last line.
+/// Error that ends a script before its last line.
 struct ScriptError {
     failure: Failure,
-    /// The last line that was started, from 1. It is 0 if none was.
+    /// Number of the last line whose command was started, from 1. It is 0 if no command was started.
     line: usize,
-    /// True if the last line that was started has failed.
+    /// True if the command of the last line that was started has failed.
     failed: bool,
 }
 
-/// Action after a command.
+/// Action of the console after a command: read the next line, or end.
 enum LineOutcome {
     Continue,
     Quit,
@@ -78,7 +78,8 @@ impl ConsoleSession {
         Self { client, simulation, robot, presets, port, start, orders }
     }
 
-    /// Runs commands until the last one.
+    /// Reads and runs commands until the input ends or the user quits. In a pipe, the first failure also ends the
+    /// run.
     pub fn run(&mut self) -> Result<(), Failure> {
         if io::stdin().is_terminal() { self.interact() } else { self.read_pipe() }
     }
@@ -221,7 +222,8 @@ impl ConsoleSession {
         }
     }
 
-    /// Handles Ctrl-C at the prompt, where it is a key. A robot is stopped if it works, or if its status is unknown.
+    /// Handles Ctrl-C at the prompt, where it arrives as a key and not as a signal. Stops the robot if it is hot or
+    /// moves, or if its status cannot be read.
     fn stop_if_it_works(&mut self) -> Result<(), Failure> {
         match self.client.status() {
             Ok(status) if !is_active(status.state) => Ok(()),
@@ -229,7 +231,7 @@ impl ConsoleSession {
         }
     }
 
-    /// Stops the robot if Ctrl-C was pressed. In that case it returns an error.
+    /// Stops the robot and returns an error, if Ctrl-C was pressed.
     fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.clear() { Err(self.stop()) } else { Ok(()) }
     }

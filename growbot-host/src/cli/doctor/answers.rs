@@ -28,7 +28,7 @@ pub enum OperatorAnswer {
     Yes,
     /// No.
     No,
-    /// Skip the step.
+    /// Skip the present step.
     Skip,
     /// Quit, and leave the remaining steps for another time.
     Quit,
@@ -98,7 +98,7 @@ impl OperatorInput {
         Self { lines, by_hand: io::stdin().is_terminal() }
     }
 
-    /// Returns answers with these lines.
+    /// Creates an input that delivers these lines.
     #[cfg(test)]
     pub fn of(lines: &[&str]) -> Self {
         let (sender, receiver) = mpsc::sync_channel(lines.len());

@@ -13,7 +13,7 @@ use crate::cli::Failure;
 
 /// Temperature to which the nozzle is heated, C. It is a little above the lowest that the board heats to.
 const LOW_C: f64 = 60.0;
-/// Limit of the warming of a nozzle without its heater, degrees.
+/// Maximum rise of the nozzle's temperature while its heater is disconnected, K.
 const WARMER_C: f64 = 5.0;
 /// Maximum time of the proof test of the two switches, with all its pauses.
 const PROOF: Duration = Duration::from_secs(60);
@@ -27,7 +27,8 @@ fn is_no_heat(fault: Fault) -> bool {
     matches!(fault, Fault::HeatingTooSlow | Fault::TemperatureDrop | Fault::ThermistorFrozen | Fault::HeaterEnergy)
 }
 
-/// Returns the maximum time until the board reports that a heated nozzle does not get warmer.
+/// Returns the maximum time until the board reports that a heated nozzle does not get warmer. It includes the proof
+/// test.
 fn patience(session: &DoctorSession) -> Duration {
     Duration::from_secs_f64(session.robot.description().heater.heating_timeout_s.clamp(1.0, 3600.0)) + PROOF
 }
@@ -152,7 +153,8 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })
 }
 
-/// Returns the cause if the heater was switched off. `None` in maintenance.
+/// Returns the reason why the board has switched the heater off. `None` if the board is still in maintenance without
+/// a fault.
 fn switched_off_by(status: &Status) -> Option<String> {
     match (status.fault, status.state) {
         (Some(fault), _) => Some(describe(fault)),

@@ -11,7 +11,7 @@ use crate::cli::Failure;
 const ROOM_C: [f64; 2] = [5.0, 45.0];
 /// Range of the acceleration that an accelerometer at rest measures, as a multiple of the earth's gravity.
 const GRAVITY: [f64; 2] = [0.85, 1.15];
-/// Angle by which gravity must turn if the tip was tilted, degrees.
+/// Minimum angle by which the measured direction of gravity must change when the user tilts the tip, degrees.
 const TILT_DEG: f64 = 20.0;
 
 /// Checks that a nozzle that was not heated has the temperature of the room.
@@ -50,7 +50,7 @@ pub fn supply(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })
 }
 
-/// Levels that an input has shown while it is watched: low and high.
+/// True for each level, low and high, that an input has shown while it was watched.
 struct BothLevels([bool; 2]);
 
 impl BothLevels {
@@ -79,12 +79,12 @@ pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
     ))
 }
 
-/// An input with a switch. The person is guided to both positions.
+/// A switch at an input of the board. The user is guided to put it into both positions.
 struct SwitchInput {
     close: (&'static str, ManualAction),
     open: (&'static str, ManualAction),
     level: fn(&SensorReadings) -> Option<bool>,
-    /// Names of the levels, that of `close` first.
+    /// Names of the switch's positions: after the action `close`, and after `open`.
     names: [&'static str; 2],
     remedy: &'static str,
 }
@@ -124,7 +124,8 @@ pub fn filament(session: &mut DoctorSession) -> Result<Finding, Failure> {
     Ok(found)
 }
 
-/// Checks the emergency stop. Pressed, it leads to a state of its own. Released, it can be cleared.
+/// Checks the emergency-stop button. A pressed button must put the board into the state of an emergency stop, and
+/// after the release the stop must be clearable.
 pub fn emergency_stop(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if session.robot.description().sensors.emergency_stop.is_none() {
         return Ok(Finding::absent("sensors.emergency_stop"));

@@ -67,17 +67,17 @@ Exit codes: 0, every step passed, was left out by choice, or is for a part that
 the robot does not have; 1, one failed or was not reached; 2, invalid arguments
 or input.";
 
-/// A step: its name in the report, and its function.
+/// A step of the commissioning: its name in the report, and its function.
 struct CommissioningStep {
     name: &'static str,
-    /// True if a person takes part. The other steps are done each time.
+    /// True if the step needs the user. The other steps are repeated each time the command runs.
     asks: bool,
     /// True if a failure ends the command, because the steps after it would be unsafe or useless.
     gates: bool,
     run: fn(&mut DoctorSession) -> Result<Finding, Failure>,
 }
 
-/// The steps, in their order.
+/// The steps of the commissioning, in their order.
 const STEPS: [CommissioningStep; 13] = [
     CommissioningStep { name: "link", asks: false, gates: true, run: link::check_link },
     CommissioningStep { name: "description", asks: false, gates: true, run: link::check_description },
@@ -94,12 +94,12 @@ const STEPS: [CommissioningStep; 13] = [
     CommissioningStep { name: "nozzle", asks: true, gates: true, run: heating::nozzle },
 ];
 
-/// Options of the steps.
+/// Options of a run of the command.
 #[derive(Clone, Copy)]
 struct RunOptions<'a> {
-    /// The report's file.
+    /// File of the report. `None` if none is written.
     file: Option<&'a Path>,
-    /// True to repeat steps that have passed.
+    /// True to repeat steps that have passed according to the report.
     again: bool,
     /// True to print each step as it ends.
     prints: bool,

@@ -10,18 +10,18 @@ use super::report::Finding;
 use super::session::{DoctorSession, describe};
 use crate::cli::Failure;
 
-/// Turn of the head, degrees.
+/// Angle by which the check turns the head, degrees.
 const TURN_DEG: f64 = 90.0;
 /// Maximum turns of the head for homing, with a margin: 1.5 turns to the mark, and nearly one from there to zero.
 const HOMING_TURNS: f64 = 2.6;
-/// Length that the feed moves, mm.
+/// Length of filament that the check feeds, mm.
 const FEED_MM: f64 = 50.0;
 /// Permitted error of the feed, percent.
 const FEED_PERCENT: f64 = 2.0;
-/// Margin beyond the time of a move.
+/// Time that is added to the computed time of a move, as a margin.
 const SPARE: Duration = Duration::from_secs(2);
 
-/// Starts a task and watches the board for this time. Returns a finding if the task has failed.
+/// Starts a maintenance task and watches the board for this time. Returns a finding if the task has failed.
 fn run_motor_task(
     session: &mut DoctorSession,
     task: MaintenanceTask,
@@ -111,7 +111,7 @@ pub fn feed(session: &mut DoctorSession) -> Result<Finding, Failure> {
     found
 }
 
-/// Returns the time that the feed takes, s. The speed is that of growth, or less.
+/// Returns the time in which the feed moves `FEED_MM` at the slowest speed that the board may choose, s.
 fn feed_s(session: &DoctorSession) -> f64 {
     let description = session.robot.description();
     let grows = description.layer.height_mm * session.robot.wall_area() / session.robot.filament_area();

@@ -41,7 +41,7 @@ pub enum StepOutcome {
 }
 
 impl StepOutcome {
-    /// Returns the name.
+    /// Returns the name of the outcome for the terminal.
     fn name(self) -> &'static str {
         match self {
             Self::Passed => "passed",
@@ -92,7 +92,7 @@ impl Finding {
         Self { outcome: StepOutcome::NotDone, found: one_line(why).into_owned(), remedy: None }
     }
 
-    /// Returns one or more lines for the terminal.
+    /// Returns the finding of the step `step` as one or more lines for the terminal.
     pub fn line(&self, step: &str) -> String {
         let mut text = format!("{:9}{step:15}", self.outcome.name());
         let remedy = self.remedy.as_deref().map_or(String::new(), |remedy| format!("; {remedy}"));
@@ -133,12 +133,12 @@ struct DoctorStep {
     #[serde(default)]
     answers: Vec<RecordedAnswer>,
     utc: String,
-    /// Hash of the robot's description at that time, 16 hexadecimal digits. Empty if it is not known.
+    /// Hash of the robot's description when the step was done, 16 hexadecimal digits. Empty if it is not known.
     #[serde(default)]
     description: String,
 }
 
-/// The report of a robot.
+/// The report about the commissioning of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CommissioningReport {
     format: String,
@@ -212,8 +212,8 @@ impl CommissioningReport {
         (done.finding.outcome == StepOutcome::Passed).then_some(done.utc.as_str())
     }
 
-    /// Marks each of these steps as not done that passed with another description. Returns a message about each of
-    /// them.
+    /// Marks the steps in `names` as not done that passed with another description of the robot. Returns a message
+    /// about each of them.
     pub fn outdate(&mut self, names: &[&str]) -> Vec<String> {
         let now = &self.description;
         let outdated = self.steps.iter_mut().filter(|done| {
@@ -270,7 +270,7 @@ pub fn now() -> String {
 pub struct Summary(Vec<(&'static str, StepOutcome)>);
 
 impl Summary {
-    /// Returns true if no step failed or is left to do.
+    /// Returns true if every step passed, was skipped, or is for a part that the robot does not have.
     pub fn is_good(&self) -> bool {
         !self.0.iter().any(|(_, outcome)| matches!(outcome, StepOutcome::Failed | StepOutcome::NotDone))
     }

@@ -18,12 +18,12 @@ use crate::cli::Failure;
 
 /// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);
-/// Time that a person has for a watched action.
+/// Time limit for an action of the user that the board's sensors must show.
 pub const WATCH: Duration = Duration::from_secs(60);
-/// Number of checks for an answer after which the board gets a status request.
+/// Number of checks for an answer between two status requests to the board.
 const GREET: u32 = 10;
 
-/// A board, a person, and the person's answers in this step.
+/// Session with a board and the person beside it, with the person's answers in the present step.
 pub struct DoctorSession {
     pub client: Client,
     pub robot: Robot,
@@ -119,7 +119,8 @@ impl DoctorSession {
         Ok(BoardSample { status: self.client.status().map_err(lost)?, sensors: self.client.sensors().map_err(lost)? })
     }
 
-    /// Watches the board until `is_so` returns true, while the simulation does `hand`. `None` after this time.
+    /// Watches the board until `is_so` returns true, while the simulation does the action `hand`. `None` if that
+    /// takes longer than `time`.
     pub fn wait_until(
         &mut self,
         time: Duration,

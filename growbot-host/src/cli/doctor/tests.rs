@@ -19,7 +19,7 @@ use super::*;
 /// Answers of a person whose robot has no defects.
 const GOOD: [&str; 15] = ["", "", "", "", "", "", "", "yes", "", "50", "", "", "yes", "yes", ""];
 
-/// A robot on its bench.
+/// A simulated robot, with a session of `growbot doctor` and its report.
 struct Bench {
     sim: Rc<RefCell<Sim>>,
     session: DoctorSession,
@@ -93,7 +93,7 @@ fn robot_with(change: impl FnOnce(&mut RobotDescription)) -> Robot {
     Robot::new(description).unwrap()
 }
 
-/// Runs a bench whose step fails with these words.
+/// Runs the commissioning of a bench, and checks that this step fails and that its finding contains these words.
 fn fails(mut bench: Bench, step: &str, words: &[&str]) -> Bench {
     let _ = bench.run();
     let (outcome, text) = bench.step(step);

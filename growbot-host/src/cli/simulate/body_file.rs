@@ -19,7 +19,7 @@ use growbot_pictures::view::{NamedScene, SimulatedBody, Subject, page};
 
 use super::super::Failure;
 
-/// Formats of a body.
+/// File formats of a body.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum BodyFormat {
     Csv,
@@ -33,13 +33,14 @@ pub enum BodyFormat {
 
 /// All extensions of `-o`.
 const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
-/// Chords round a wall, and layers per ring, of a mesh.
+/// Resolution of a mesh: number of chords around the wall, and number of layers for each ring of vertices.
 const RESOLUTION: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
 /// Width of a PNG, pixels.
 const WIDTH: u32 = 1600;
 
 impl BodyFormat {
-    /// Returns the format of a file by its extension. `None` for a result, and for standard output.
+    /// Returns the format of a body's file by its extension. `None` for `.json`, which is for the result, and for
+    /// standard output.
     pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
         match format_from_extension(file, &ENDINGS)? {
             // All extensions but that of the result are formats of bodies.
@@ -54,14 +55,14 @@ impl BodyFormat {
     }
 }
 
-/// A grown body.
+/// A grown body that is written to a file.
 pub struct BodyToWrite<'a> {
     /// Name of the growth.
     pub name: &'a str,
     pub robot: &'a Robot,
     pub plan: &'a Plan,
     pub body: SimulatedBody<'a>,
-    /// Scene in which the body was grown.
+    /// Scene in which the body was grown. `None` without a scene.
     pub scene: Option<NamedScene<'a>>,
 }
 

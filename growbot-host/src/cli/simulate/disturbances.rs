@@ -82,7 +82,8 @@ impl DisturbanceReport {
     }
 }
 
-/// Returns the only number of a distribution besides its mean. The mean of all noise is 0.
+/// Returns the number that defines a distribution with mean 0: the half-width or the standard deviation. For a
+/// constant, it is the value.
 fn value(distribution: &Distribution) -> f64 {
     match distribution {
         Distribution::Uniform { max, .. } => *max,

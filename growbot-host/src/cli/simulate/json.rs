@@ -28,7 +28,7 @@ pub struct SimulatedGrowth {
     sag: Option<SagJson>,
     #[serde(skip_serializing_if = "Option::is_none")]
     scene: Option<SceneResultJson>,
-    /// Null for a body of more than a million layers.
+    /// Deviation of the body from its plan. Null for a body of more than a million layers.
     plan_deviation: Option<PlanDeviation>,
     disturbances: DisturbanceReport,
     seed: u64,
@@ -94,7 +94,7 @@ pub struct SimulatedCampaign {
     layers: StatisticsJson,
     position_error_mm: StatisticsJson,
     normalized_position_error: StatisticsJson,
-    /// Null if no growth has a heading error.
+    /// Statistics of the heading errors, degrees. Null if no growth has a heading error.
     heading_error_deg: Option<StatisticsJson>,
     pitch_error_deg: StatisticsJson,
     direction_error_deg: StatisticsJson,
@@ -107,7 +107,8 @@ pub struct SimulatedCampaign {
 }
 
 impl SimulatedCampaign {
-    /// Returns the JSON of these growths, with the seeds from this one on.
+    /// Returns the JSON of these growths. `seed` is the seed of the first growth, and each later growth has the next
+    /// seed.
     pub fn new(campaign: &Campaign, simulation: &Simulation, seed: u64) -> Self {
         Self {
             repeat: campaign.runs,
@@ -196,11 +197,11 @@ struct PauseJson {
 /// Result of a growth in a scene.
 #[derive(Serialize)]
 struct SceneResultJson {
-    /// Null if the body touches nothing.
+    /// First contact of the body with an obstacle. Null if it touches none.
     contact: Option<ContactJson>,
     clearance_mm: f64,
     detours: u32,
-    /// Null if the growth does not pause.
+    /// Place at which the growth paused. Null if it did not pause.
     paused: Option<PauseJson>,
 }
 

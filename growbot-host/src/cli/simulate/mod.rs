@@ -193,7 +193,7 @@ fn warn(warnings: &[Warning]) {
 }
 
 impl SimulateArgs {
-    /// Returns the slicing. `height` is the robot's full layer, mm.
+    /// Returns the slicing that the options choose. `height` is the height of the robot's full layer, mm.
     fn slicing(&self, height: f64) -> Result<Slicing, Failure> {
         match (self.slice, self.step) {
             (SliceArg::Whole, _) if self.feedback => Err(Failure::bad_input(
@@ -216,7 +216,8 @@ impl SimulateArgs {
         })
     }
 
-    /// Returns the format of the body in the output file. `None` for a result, or without an output file.
+    /// Returns the format of the body in the output file. `None` if the output file is for the result, or without an
+    /// output file.
     fn body_format(&self) -> Result<Option<BodyFormat>, Failure> {
         let Some(file) = &self.output else { return Ok(None) };
         let format = BodyFormat::of(file)?;

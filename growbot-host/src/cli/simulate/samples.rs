@@ -1,4 +1,4 @@
-//! Growths of a simulation as rows of CSV, written as they come.
+//! The CSV table of simulated growths, written while they are computed.
 
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
@@ -13,7 +13,7 @@ use growbot_sim::simulation::{Simulation, SimulationResult};
 use super::super::Failure;
 use super::disturbances::DisturbanceReport;
 
-/// Columns of a growth itself. `_mm` and `_deg` are units. The normalized error has none.
+/// Columns of every growth. The endings `_mm` and `_deg` are units.
 const GROWTH: &str = "layers,length_mm,path_length_mm";
 const ERRORS: &str =
     "position_error_mm,normalized_position_error,heading_error_deg,pitch_error_deg,direction_error_deg";
@@ -24,7 +24,7 @@ const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
 /// pause.
 const SCENE_COLUMNS: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
 
-/// A table that is being written.
+/// The CSV table of simulated growths while it is written.
 pub struct Samples<'a> {
     file: BufWriter<Box<dyn Write + 'a>>,
     path_length: f64,
@@ -89,7 +89,7 @@ impl Samples<'_> {
         Ok(samples)
     }
 
-    /// Adds a growth.
+    /// Adds the row of the growth with this seed.
     pub fn add(&mut self, seed: u64, outcome: &SimulationResult) -> io::Result<()> {
         let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
         let errors = [

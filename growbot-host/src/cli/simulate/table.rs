@@ -124,7 +124,7 @@ fn with_sign(number: f64) -> String {
     if text.starts_with('-') { text } else { format!("+{text}") }
 }
 
-/// Returns the row of one error, in units of `1 / scale`. Without growths it shows no numbers.
+/// Returns the row of one error: its statistics, multiplied by `scale`. Without growths the row has no numbers.
 fn line(name: &str, statistics: &Statistics, scale: f64) -> String {
     let values = [
         statistics.mean(),

@@ -6,13 +6,14 @@ use growbot_pictures::drawing::chart::Panel;
 use super::super::paper::MeanSd;
 use super::super::statistics::SampleSummary;
 
-/// Colour of steps of the text. The colours are those of Okabe and Ito, which colour-blind readers can distinguish.
+/// Colour of growths with the step height of the paper's text. All colours here are those of Okabe and Ito, which
+/// colour-blind readers can distinguish.
 pub const TEXT_STEP: &str = "#0072b2";
-/// Colour of steps of the table.
+/// Colour of growths with the step height of the paper's table.
 pub const TABLE_STEP: &str = "#e69f00";
-/// Colour of exact slicing.
+/// Colour of growths with exact slicing.
 pub const EXACT: &str = "#009e73";
-/// Colour of the closed loop.
+/// Colour of growths in closed loop.
 pub const CLOSED: &str = "#b5488f";
 /// Colour of the paper's numbers.
 pub const PAPER: &str = "#1c2430";
@@ -34,7 +35,8 @@ pub fn figure(width: f64, height: f64, title: &str, notes: &[String]) -> Canvas 
 
 /// Drawing of legends.
 pub trait CanvasExt {
-    /// Draws a legend in a row. Each entry is a mark, its colour and a text. Returns the x coordinate of its end.
+    /// Draws a legend in a row. Each entry is a mark, its colour and a text. Returns the x coordinate of the legend's
+    /// end.
     fn legend(&mut self, x: f64, y: f64, entries: &[(Mark, &str, String)]) -> f64;
 }
 
@@ -61,11 +63,11 @@ pub enum Mark {
     Dash,
     /// Diamond: a number of the paper.
     Diamond,
-    /// Disc on a line: one of our means.
+    /// Disc on a line: one of our means, or a single value.
     Disc,
-    /// Line.
+    /// Line: a curve in a picture of paths.
     Line,
-    /// Empty ring.
+    /// Empty ring: one of our means over `k`.
     Ring,
 }
 

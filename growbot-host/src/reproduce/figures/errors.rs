@@ -13,7 +13,7 @@ use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 920.0);
 
-/// Returns the figure.
+/// Returns Figure 4 as SVG.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(
@@ -107,7 +107,7 @@ fn panel(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Error
     }
 }
 
-/// Draws the paper's number for all groups.
+/// Draws the mean and the standard deviation that the paper quotes for all groups together.
 fn over_groups(canvas: &mut Canvas, panel: &Panel, number: MeanSd) {
     const AT: f64 = 3.36;
     panel.whisker(canvas, AT, number, Mark::Diamond, PAPER);

@@ -11,7 +11,8 @@ const SIZE: (f64, f64) = (1000.0, 936.0);
 /// Limit below which an error is rounding and is not drawn.
 const ROUNDING: f64 = 1e-9;
 
-/// Returns the colour of a set of growths, its offset from the tick, and its name.
+/// Returns the colour of a set of growths, its offset from the tick on the x axis, and its name. `None` if the figure
+/// does not show the set.
 fn series(set: &GrowthSet) -> Option<(&'static str, f64, &'static str)> {
     Some(match (set.condition.slicing, set.condition.feedback) {
         (_, true) => (CLOSED, 0.36, "closed loop"),
@@ -35,7 +36,7 @@ fn legend(sets: &[GrowthSet]) -> Vec<(Mark, &'static str, String)> {
     legend
 }
 
-/// Returns the figure.
+/// Returns Figure 6 as SVG.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(

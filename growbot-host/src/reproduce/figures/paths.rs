@@ -11,7 +11,7 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{number, round_below};
 use growbot_pictures::duration::duration_text;
 
-/// Colours of arcs and straight lines, as in the paper.
+/// Colour of planned arcs, as in the paper.
 const ARC: &str = "#c8102e";
 const STRAIGHT: &str = "#0072b2";
 const BODY: &str = "#e69f00";
@@ -23,7 +23,7 @@ const ELEVATION: f64 = 0.42;
 /// Number of horizontal view directions that are tried.
 const AZIMUTHS: u32 = 36;
 
-/// Returns Figure 5.
+/// Returns Figure 5 as SVG.
 pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::ROBOT_A).collect();
     let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, \
@@ -31,7 +31,7 @@ pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     draw(of, title, first, &examples, 236.0)
 }
 
-/// Returns Figure 7.
+/// Returns Figure 7 as SVG.
 pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::ROBOT_A).collect();
     let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of \
@@ -228,7 +228,8 @@ impl View {
     }
 }
 
-/// Projects a point, mm to the right and up.
+/// Projects a point onto the picture that is seen from the direction `azimuth` (radians). Returns its coordinates to
+/// the right and up, mm.
 fn seen(azimuth: f64, point: &Vector3<f64>) -> (f64, f64) {
     let (sine, cosine) = libm::sincos(azimuth);
     let away = cosine * point.y + sine * point.x;

@@ -14,10 +14,10 @@ use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
-/// Robots of panels A to C.
+/// Robots that the panels A to C show, as indexes into `ROBOTS`.
 const SHOWN: [usize; 3] = [paper::ROBOT_A, paper::B, paper::C];
 
-/// Returns the figure.
+/// Returns Figure 8 as SVG.
 pub fn svg(of: &Reproduction, title: &'static str) -> String {
     let notes = [
         format!(
@@ -99,7 +99,8 @@ fn by_group(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4], quantity: Er
     }
 }
 
-/// Returns the name to write next to the paper's number. Robots with the same `k` share one name.
+/// Returns the label of the paper's number for a robot. Robots with the same `k` share one label: it is returned for
+/// the first of them, and `None` for the others.
 fn named(robot: usize) -> Option<&'static str> {
     match robot {
         0 => Some("A, A1, A2"),
@@ -111,7 +112,8 @@ fn named(robot: usize) -> Option<&'static str> {
     }
 }
 
-/// Draws the mean position errors in the groups from 8 radii on, by the bend of a laid step.
+/// Draws the mean position errors of all robots in the groups from 8 radii on, over the bend of one step (`k`,
+/// radians).
 fn by_k(canvas: &mut Canvas, of: &Reproduction, area: [f64; 4]) {
     let long = 1..GROUPS.len();
     let mean_of = |robot: usize, slicing: SlicingRule| {

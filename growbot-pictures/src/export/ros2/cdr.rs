@@ -1,10 +1,10 @@
 //! Common Data Representation (OMG formal/02-06-51 15.3) as used by ROS 2: plain and little-endian, with numbers
 //! aligned to their size, counted from the end of the header.
 
-/// Plain CDR, little-endian, without options.
+/// Header of a message: plain CDR, little-endian, without options.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
-/// An unfinished message.
+/// An unfinished message in CDR.
 pub struct Cdr(Vec<u8>);
 
 impl Cdr {

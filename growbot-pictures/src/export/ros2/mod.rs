@@ -13,25 +13,26 @@ use self::cdr::Cdr;
 use super::foxglove::{FRAME, LogLevel};
 use super::message::EncodedMessage;
 
-/// The frame that moves with the tip.
+/// Name of the frame that moves with the tip.
 const TIP: &str = "tip";
-/// Type and action of a marker, from the definition of its message.
+/// Type of a marker in the shape of a cylinder, from the definition of `Marker`. `ADD` is the action that adds a
+/// marker.
 const CYLINDER: i32 = 3;
 const ADD: i32 = 0;
 
-/// Name of the type of poses.
+/// Name of the message type of poses.
 pub const POSE: &str = "geometry_msgs/msg/PoseStamped";
-/// Name of the type of paths.
+/// Name of the message type of paths.
 pub const PATH: &str = "nav_msgs/msg/Path";
-/// Name of the type of transforms.
+/// Name of the message type of transforms.
 pub const TRANSFORMS: &str = "tf2_msgs/msg/TFMessage";
-/// Name of the type of markers.
+/// Name of the message type of markers.
 pub const MARKER: &str = "visualization_msgs/msg/Marker";
-/// Name of the type of diagnostics.
+/// Name of the message type of diagnostics.
 pub const DIAGNOSTICS: &str = "diagnostic_msgs/msg/DiagnosticArray";
 
-/// Returns a message at this time, in the type of its topic. `None` if ROS 2 has no type for it. `hardware` is the name
-/// of the robot.
+/// Returns a message in CDR, in the ROS 2 type of its topic. Returns `None` if ROS 2 has no type for it. `ms` is the
+/// time since the beginning of the recording, and `hardware` is the name of the robot.
 pub fn encode(ms: u64, message: &EncodedMessage, hardware: &str) -> Option<Vec<u8>> {
     let bytes = match message {
         EncodedMessage::Pose(frame) => {
@@ -54,7 +55,7 @@ pub fn encode(ms: u64, message: &EncodedMessage, hardware: &str) -> Option<Vec<u
     Some(bytes)
 }
 
-/// Returns a path through poses, each with its time.
+/// Returns the message of a path through poses, each with its time, ms.
 pub fn path(ms: u64, poses: impl ExactSizeIterator<Item = (u64, Frame)>) -> Vec<u8> {
     let mut cdr = Cdr::new();
     header(&mut cdr, ms);
@@ -65,7 +66,7 @@ pub fn path(ms: u64, poses: impl ExactSizeIterator<Item = (u64, Frame)>) -> Vec<
     cdr.finish()
 }
 
-/// Returns the tip's frame as a transform.
+/// Returns the message of the transform from the base to the tip, at a time, ms.
 pub fn transform(ms: u64, base_from_tip: &Frame) -> Vec<u8> {
     let mut cdr = Cdr::new();
     cdr.u32(1);
@@ -86,7 +87,7 @@ fn pose_stamped(cdr: &mut Cdr, ms: u64, frame: &Frame) {
     pose(cdr, frame);
 }
 
-/// Appends a pose or a transform, which has the same numbers.
+/// Appends a pose or a transform, which consists of the same numbers.
 fn pose(cdr: &mut Cdr, frame: &Frame) {
     let Point3 { coords } = Point3::from(frame.translation.vector);
     let turn = UnitQuaternion::from_rotation_matrix(&frame.rotation);

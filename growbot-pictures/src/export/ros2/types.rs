@@ -1,9 +1,9 @@
 //! Definitions of message types of ROS 2 Jazzy, including the types that they contain.
 
-/// Separator between a definition and those that it refers to.
+/// Separator between a definition and the definitions of the types that it contains.
 const LINE: &str = "================================================================================\n";
 
-/// All types, with their fields.
+/// All message types in use, with the definitions of their fields.
 const TYPES: [(&str, &str); 20] = [
     ("builtin_interfaces/Duration", "int32 sec\nuint32 nanosec\n"),
     ("builtin_interfaces/Time", "int32 sec\nuint32 nanosec\n"),

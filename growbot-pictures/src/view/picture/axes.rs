@@ -1,4 +1,5 @@
-//! Axes around a body, in mm. They are a box of round numbers, and the edges that hide least carry ticks and names.
+//! Axes around a body, in mm. They are edges of a box whose corners have round coordinates. The edges that hide least
+//! of the body have ticks and names.
 
 use nalgebra::Vector3;
 
@@ -6,14 +7,14 @@ use super::projection::Projection;
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::number;
 
-/// Distances from an edge to its numbers and to the middle of its name, below the edge and next to it, and the length
-/// of a tick, units of the drawing.
+/// Distances from an edge to its numbers, below the edge and next to it, units of the drawing. `NAME` are the distances
+/// to the middle of its name, and `TICK` is the length of a tick.
 const NUMBERS: [f64; 2] = [17.0, 9.0];
 const NAME: [f64; 2] = [40.0, 62.0];
 const TICK: f64 = 5.0;
 /// Smallest distance between two numbers, units of the drawing.
 const BETWEEN: f64 = 38.0;
-/// Largest projected length of an axis that is drawn as seen from its end, as a share of its length.
+/// Projected length, as a fraction of an axis's length, below which the axis is seen from its end and not drawn.
 const END_ON: f64 = 0.2;
 const NAMES: [&str; 3] = ["x, mm", "y, mm", "z, mm"];
 
@@ -39,7 +40,7 @@ impl Axes {
         (0..8).map(|corner| self.corner([corner & 1, corner >> 1 & 1, corner >> 2 & 1]))
     }
 
-    /// Returns the height of the lower face, mm.
+    /// Returns the height of the lower face of the box, mm.
     pub fn floor(&self) -> f64 {
         self.min.z
     }
@@ -87,7 +88,7 @@ impl Axes {
         canvas.add(format_args!("<path class=\"grid\" d=\"{lines}\"/>"));
     }
 
-    /// Returns the ticks along an axis, one for each `every` steps, at multiples of that distance.
+    /// Returns the positions of the ticks along an axis, mm: all multiples of `every` steps.
     fn ticks(&self, axis: usize, every: u32) -> Vec<f64> {
         let step = self.step * f64::from(every);
         let first = libm::ceil(self.min[axis] / step - 1e-9) as i64;

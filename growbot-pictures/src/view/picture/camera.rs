@@ -5,10 +5,10 @@ use std::f64::consts::PI;
 
 use nalgebra::Vector3;
 
-/// The viewpoint.
+/// Viewpoint of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Viewpoint {
-    /// The corner, of eight, from which start and goal are seen best from the side.
+    /// From one of eight corners, selected so that the goal's direction and the way to the goal are seen from the side.
     Corner,
     /// From the front: the picture looks along the y axis.
     Front,
@@ -54,7 +54,8 @@ impl Camera {
     }
 }
 
-/// Selects the corner as stage.js does. It prefers directions seen from the side, and those that point to the camera.
+/// Returns the direction to the viewer for [`Viewpoint::Corner`], selected as in stage.js. The best corner sees the
+/// directions in `facing` from the side, and rather pointing to the camera than away from it.
 fn best_corner(facing: &[Vector3<f64>]) -> Vector3<f64> {
     let mut best = (-1.0, Vector3::z());
     for corner in 0..8 {

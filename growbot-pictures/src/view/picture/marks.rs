@@ -7,17 +7,17 @@ use super::WIDE;
 use super::projection::{Projection, ScreenBounds, solid};
 use crate::drawing::canvas::Canvas;
 
-/// Axes of the tip: names and colours.
+/// Names and colours of the tip's axes.
 const AXES: [(&str, &str); 3] = [("x", "#d93a3a"), ("y", "#2f9e4f"), ("z", "#2f6fe0")];
-/// Half the width of a letter, and half the height of a word with the gap above it, units of the drawing.
+/// Half the width of a letter, units of the drawing. `WORD` is half the height of a word with the gap above it.
 const LETTER: f64 = 4.2;
 const WORD: f64 = 14.0;
-/// Distance from a point to a word on its free side, units of the drawing.
+/// Distance from a point to its word that [`word_at_free_side`] draws, units of the drawing.
 const FAR: f64 = 52.0;
-/// Space that such a word needs around its point, units of the drawing.
+/// Space around a point that a word drawn by [`word_at_free_side`] needs, units of the drawing.
 pub const FREE_SIDE: f64 = FAR + 2.0 * WORD;
 
-/// An arrow, mm.
+/// An arrow. Lengths are in mm.
 pub struct Arrow {
     /// Position of the tail.
     pub from: Vector3<f64>,
@@ -29,7 +29,7 @@ pub struct Arrow {
     pub thick: f64,
 }
 
-/// Returns the shaft and head of an arrow as a path.
+/// Returns the shaft and head of an arrow as an SVG path element.
 pub fn arrow(place: &Projection, arrow: &Arrow, colour: &str) -> String {
     let Arrow { from, along, length, thick } = arrow;
     let at = |share: f64| from + share * length * along;
@@ -61,10 +61,10 @@ pub fn draw_axes(canvas: &mut Canvas, place: &Projection, base_from_tip: &Frame,
     }
 }
 
-/// A line next to a body.
+/// Name and style of a line that is drawn next to a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LineStyle {
-    /// Meaning of the line.
+    /// Name of the line in the key.
     pub name: &'static str,
     /// Style of the line, as SVG attributes.
     pub style: &'static str,
@@ -77,7 +77,7 @@ impl LineStyle {
     }
 }
 
-/// Draws samples of lines with their names, side by side and centred on `middle`.
+/// Draws a key of lines: samples with their names, side by side and centred on `middle`.
 pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[LineStyle]) {
     const SAMPLE: f64 = 30.0;
     const GAP: f64 = 7.0;
@@ -91,7 +91,7 @@ pub fn key(canvas: &mut Canvas, [middle, y]: [f64; 2], lines: &[LineStyle]) {
     }
 }
 
-/// Draws a round mark.
+/// Draws a round mark. Its radius is in units of the drawing, and at least 3.
 pub fn disc(canvas: &mut Canvas, [x, y]: [f64; 2], radius: f64, colour: &str) {
     canvas.add(format_args!(
         "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" fill=\"{colour}\" stroke=\"#fff\"/>",
@@ -154,7 +154,7 @@ pub fn word_at_free_side(
     draw_label(canvas, [end_x + right * aside, end_y + down * WORD + 4.5], text, colour);
 }
 
-/// A floor of whole squares.
+/// The floor under a body, drawn as a grid of whole squares.
 pub struct Floor {
     /// Corner with the smallest x and y, at the height of the floor, mm.
     corner: Vector3<f64>,
@@ -178,13 +178,13 @@ impl Floor {
         self.corner + self.side * Vector3::new(f64::from(x), f64::from(y), 0.0)
     }
 
-    /// Returns the four corners.
+    /// Returns the four corners of the floor, mm.
     pub fn corners(&self) -> [Vector3<f64>; 4] {
         let [x, y] = self.squares;
         [(0, 0), (x, 0), (0, y), (x, y)].map(|(x, y)| self.at(x, y))
     }
 
-    /// Draws the floor.
+    /// Draws the grid lines of the floor.
     pub fn draw(&self, canvas: &mut Canvas, place: &Projection) {
         let [wide, deep] = self.squares;
         let along = (0..=wide).map(|x| [self.at(x, 0), self.at(x, deep)]);

@@ -1,28 +1,28 @@
 //! A body, or several side by side, as a picture for papers: one SVG, drawn here.
 //!
 //! - `camera`: the viewpoint
-//! - `place`: projection into the drawing
+//! - `projection`: projection into the drawing
 //! - `tube`: the printed wall as shaded faces, far ones first
 //! - `axes`: x, y and z with numbers, around a body
 //! - `marks`: arrows, the tip's frame, poses, the floor
-//! - `obstacles`: the scene around it
+//! - `obstacles`: the scene around a body
 //! - `stage`: one body with its marks
 //!
 //! - **Faces.** The tube is rings of flat faces. Each ring is drawn after those farther away (painter's algorithm), and
-//!   the faces of a ring are ordered by how much they face the viewer. Two stretches that pass each other are ordered
-//!   by their rings. A ring ends with a piece of the path, after 2.9 degrees of bend, or after 0.7 radii of length.
-//!   Long bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own colour,
-//!   because renderers leave seams otherwise.
+//!   the faces of a ring are ordered by how much they face the viewer. Two parts of a tube that pass each other are
+//!   ordered by their rings. A ring ends with a segment of the path, after 2.9 degrees of bend, or after 0.7 radii of
+//!   length. Long bodies have longer rings, so that an SVG stays below 500 kB. Every face has an edge in its own
+//!   colour, because renderers leave seams otherwise.
 //! - **Around it.** The shadow is the tube's own, straight down onto a floor of whole squares. Arrows are solids,
 //!   drawn by their outlines in the order of depth. The tip's axes and the names lie over everything. The planned
 //!   tube of a run is two lines where a tube's surface turns away: its centreline, moved by a radius to both sides of
 //!   the line of sight.
 //! - **Colours of heights** end at percentiles 1 and 99 of all heights shown, so that a few layers do not take the
-//!   contrast from all others. The legend names the percentiles if there are heights beyond. Colour-blind readers can
-//!   distinguish the scales and series. Viridis and cividis suit print in grey.
+//!   contrast from all others. The legend names the percentiles if there are heights beyond them. Colour-blind readers
+//!   can distinguish the scales and series. Viridis and cividis suit print in grey.
 //! - **Axes** are three edges of a box of whole squares, those that hide least of the body.
 //! - **Several bodies** have one camera and one scale. If start and goal are the same, they also have one frame, so
-//!   that equal places appear at equal places.
+//!   that equal positions are drawn at equal positions.
 
 mod axes;
 mod camera;
@@ -52,39 +52,42 @@ use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
 use crate::drawing::colours::Palette;
 
-/// Width of a drawing, and heights of a body's area: minimum, maximum alone, and maximum next to another, units of the
-/// drawing.
+/// Width of a drawing, units of the drawing. The constants below are the heights of a body's area: the minimum, the
+/// maximum for a single body, and the maximum for each of several bodies.
 const WIDE: f64 = 960.0;
 const MIN_HIGH: f64 = 240.0;
 const HIGH: f64 = 600.0;
 const HIGH_OF_TWO: f64 = 440.0;
-/// Margins around a body for the labels of the arrows, and above and below it for caption, scale bar and legend.
+/// Horizontal and vertical margin around a body for the labels of the arrows. `HEAD` is the space above a body for its
+/// caption, and `FOOT` the space below for scale bar and legend.
 const MARGIN: [f64; 2] = [44.0, 30.0];
 const HEAD: f64 = 84.0;
 const FOOT: f64 = 76.0;
 /// Left and right margin of texts.
 const EDGE: f64 = 28.0;
-/// Approximate width of a letter in a title and in the text below it.
+/// Approximate width of a letter in a title. `LETTER` is the width of a letter in the text below the title.
 const TITLE_LETTER: f64 = 10.0;
 const LETTER: f64 = 6.8;
-/// Space above a body without a title, and around one with axes.
+/// Space above a body without a title. `AXES_ROOM` is the additional margin around a body with axes.
 const UNTITLED: f64 = 10.0;
 const AXES_ROOM: f64 = 44.0;
-/// Middle of the text between scale bar and legend, and the number of letters that fit.
+/// Horizontal position of the middle of the text between scale bar and legend. `MAX_LETTERS` is the number of letters
+/// that fit there.
 const MIDDLE: f64 = 0.47 * WIDE;
 const MAX_LETTERS: usize = 70;
-/// Detail of a body alone, and of one of two. A picture then has some hundreds of kB.
+/// Detail of a single body. `LESS_FINE` is the detail of each of several bodies. A picture then has some hundreds of
+/// kB.
 const FINE: Detail = Detail { rings: 200, faces: 56 };
 const LESS_FINE: Detail = Detail { rings: 80, faces: 36 };
 
 /// Options of a picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PictureOptions {
-    /// The viewpoint.
+    /// Viewpoint of the picture.
     pub look: Viewpoint,
-    /// Colours of heights.
+    /// Colours of the heights of layers.
     pub palette: Palette,
-    /// Range of the colours, mm. `None` to derive it from the heights.
+    /// Range of heights that the colours cover, mm. If `None`, it is derived from the heights.
     pub range: Option<[f64; 2]>,
     /// True to draw names and captions above the bodies.
     pub title: bool,
@@ -155,11 +158,11 @@ pub fn svg(subjects: &[&Subject], options: &PictureOptions) -> Result<String, Vi
     Ok(canvas.finish())
 }
 
-/// Arrangement of bodies in a picture.
+/// Arrangement of several bodies in columns and rows of a picture.
 struct AxisGrid {
     columns: usize,
     rows: usize,
-    /// Width of a column, and greatest height of a body's area, units of the drawing.
+    /// Width of a column, units of the drawing. `max_high` is the greatest height of a body's area.
     width: f64,
     max_high: f64,
     detail: Detail,
@@ -177,20 +180,20 @@ impl AxisGrid {
         Self { columns, rows: count.div_ceil(columns).max(1), width: WIDE / columns as f64, max_high, detail }
     }
 
-    /// Returns the upper left corner of a body's area. `high` is the height of a row.
+    /// Returns the upper left corner of the area of the body with this index. `high` is the height of a row.
     fn corner(&self, index: usize, high: f64) -> [f64; 2] {
         [self.width * (index % self.columns) as f64, high * (index / self.columns) as f64]
     }
 }
 
-/// Returns the colours of the layers of all bodies.
+/// Returns the scale of colours for the layers of all bodies.
 fn height_scale(all: &[(&Subject, &Layers)], options: &PictureOptions) -> HeightScale {
     let bodies: Vec<(&[LayerBytes], f64)> =
         all.iter().map(|(subject, layers)| (layers.body(), subject.robot.tip_radius())).collect();
     HeightScale::of(&bodies, options.palette, options.range)
 }
 
-/// Returns the title for screen readers.
+/// Returns the title of the picture for screen readers.
 fn accessible_title(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
     let title = |((subject, layers), stage): (&(&Subject, &Layers), &Stage)| {
         let scene = stage.around().and_then(clear_of).map_or_else(String::new, |words| format!(", {words}"));
@@ -199,7 +202,7 @@ fn accessible_title(all: &[(&Subject, &Layers)], stages: &[Stage]) -> String {
     all.iter().zip(stages).map(title).collect::<Vec<_>>().join("; ")
 }
 
-/// Returns a line with the smallest clearance of a body from its scene.
+/// Returns a text with the smallest clearance of a body from its scene.
 fn clear_of(around: &SceneView) -> Option<String> {
     let (clearance, place) = around.clearance_text().zip(around.closest_approach_text())?;
     Some(format!("{}: narrowest {clearance}, {place}; obstacles: {}", around.file, around.obstacles.summary()))
@@ -211,7 +214,7 @@ fn names<'a>(subjects: &[&'a Subject]) -> Vec<&'a str> {
     subjects.iter().map(|subject| if alike(subject) { subject.name } else { subject.stem() }).collect()
 }
 
-/// Returns the lines next to all bodies, without repetitions.
+/// Returns the styles of the lines next to all bodies, without repetitions.
 fn lines(stages: &[Stage]) -> Vec<LineStyle> {
     stages.iter().flat_map(Stage::lines).fold(Vec::new(), |mut lines, line| {
         if !lines.contains(&line) {
@@ -227,7 +230,7 @@ fn facing(stages: &[Stage]) -> Vec<Vector3<f64>> {
     goals.chain(stages.iter().map(Stage::way_to_goal)).collect()
 }
 
-/// Returns the units for a mm at which these bounds fit into an area of this width and height.
+/// Returns the scale, in units of the drawing per mm, at which these bounds fit into an area of this width and height.
 fn scale(bounds: &ScreenBounds, [width, max_high]: [f64; 2], margin: [f64; 2]) -> f64 {
     let [wide, high] = bounds.size().map(|size| size.max(1.0));
     ((width - 2.0 * margin[0]) / wide).min((max_high - 2.0 * margin[1]) / high)

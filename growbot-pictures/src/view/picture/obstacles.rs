@@ -10,14 +10,15 @@ use super::projection::{Projection, clip_to_rect, outline, round_points};
 use crate::drawing::canvas::Canvas;
 use crate::view::scene_view::SceneView;
 
-/// Largest part of a scene that a picture shows.
+/// Maximum numbers of obstacles in a picture.
 pub const LIMITS: SelectionLimits = SelectionLimits { shapes: 300, triangles: 4000, points: 3000 };
 
-/// Colours of obstacles, of half spaces and of the narrowest point.
+/// Colour of obstacles. `PLANE` is the colour of half spaces, and `NARROWEST` that of the mark at the closest approach.
 const OBSTACLE: &str = "#7a6a55";
 const PLANE: &str = "#8a94a3";
 const NARROWEST: &str = "#b3261e";
-/// Opacity of faces and of their edges.
+/// Opacity of the faces and edges of shapes and points, as SVG attributes. `FINE_FACE` is the opacity for triangles and
+/// half spaces.
 const FACE: &str = "fill-opacity=\".17\" stroke-opacity=\".4\"";
 const FINE_FACE: &str = "fill-opacity=\".14\" stroke-opacity=\".12\"";
 /// Number of intervals between the points sampled along an obstacle to find the one that is nearest to the tube in the
@@ -27,7 +28,7 @@ const SAMPLES: u32 = 24;
 /// A rectangle of the drawing: left, top, right, bottom.
 pub type ClipRect = [f64; 4];
 
-/// Returns the obstacles within a rectangle as pieces of the drawing, each with its depth. `tube` holds points of the
+/// Returns the obstacles within a rectangle as SVG paths, each with its depth, mm. `tube` holds points of the body's
 /// centreline.
 pub fn pieces(around: &SceneView, tube: &[Vector3<f64>], place: &Projection, room: &ClipRect) -> Vec<(f64, String)> {
     let shown = &around.obstacles;
@@ -75,7 +76,7 @@ pub fn pieces(around: &SceneView, tube: &[Vector3<f64>], place: &Projection, roo
     pieces
 }
 
-/// Returns the depth of a shape where it passes the tube in the picture.
+/// Returns the depth (mm) of a shape at the point where it is nearest to the tube in the picture.
 fn nearness(shape: &Shape, tube: &[Vector3<f64>], place: &Projection) -> f64 {
     let (from, to) = match shape {
         Shape::Ball { centre, .. } => (*centre, *centre),
@@ -115,7 +116,8 @@ fn faces(
     })
 }
 
-/// Returns the ball of a point, at least as large as can be seen.
+/// Returns the outline of a cloud's point with this radius (mm) as a hexagon, which is at least large enough to be
+/// visible.
 fn dot(place: &Projection, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     let [x, y] = place.point(at);
     let radius = (radius * place.scale).max(0.8);
@@ -126,7 +128,8 @@ fn dot(place: &Projection, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     (0..6).map(corner).collect()
 }
 
-/// Marks the narrowest point, over everything. `along` is the body's direction there, and the label avoids it.
+/// Draws the mark at the closest approach, over everything. `along` is the body's direction there, which the label
+/// avoids.
 pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView, along: &Vector3<f64>) {
     let (Some((found, _)), Some(clearance)) = (&around.closest_approach, around.clearance_text()) else { return };
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));

@@ -7,12 +7,12 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 
-/// A rectangle of the picture: min and max, to the right and up, mm.
+/// A rectangle of the camera's picture. Coordinates are to the right and up, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenBounds {
     /// Smallest coordinates, to the right and up.
     pub min: [f64; 2],
-    /// Greatest coordinates.
+    /// Greatest coordinates, to the right and up.
     pub max: [f64; 2],
 }
 
@@ -20,7 +20,7 @@ impl ScreenBounds {
     /// Empty bounds.
     pub const NONE: Self = Self { min: [f64::INFINITY; 2], max: [f64::NEG_INFINITY; 2] };
 
-    /// Returns bounds that also contain the square of half side `around` about a point.
+    /// Returns bounds that also contain a square about a point. `around` is half the side of the square, mm.
     pub fn with(self, [right, up]: [f64; 2], around: f64) -> Self {
         Self {
             min: [self.min[0].min(right - around), self.min[1].min(up - around)],
@@ -28,17 +28,17 @@ impl ScreenBounds {
         }
     }
 
-    /// Returns bounds that contain both.
+    /// Returns bounds that contain these bounds and `other`.
     pub fn and(self, other: Self) -> Self {
         self.with(other.min, 0.0).with(other.max, 0.0)
     }
 
-    /// Returns width and height.
+    /// Returns width and height, mm.
     pub fn size(&self) -> [f64; 2] {
         [self.max[0] - self.min[0], self.max[1] - self.min[1]]
     }
 
-    /// Returns the centre.
+    /// Returns the centre, mm.
     pub fn centre(&self) -> [f64; 2] {
         [0.5 * (self.min[0] + self.max[0]), 0.5 * (self.min[1] + self.max[1])]
     }
@@ -49,30 +49,30 @@ impl ScreenBounds {
 pub struct Projection {
     /// The camera.
     pub camera: Camera,
-    /// Units of the drawing for a mm.
+    /// Scale of the drawing, units of the drawing per mm.
     pub scale: f64,
     /// Point of the camera's picture (mm) that is drawn at `at`.
     pub centre: [f64; 2],
-    /// Point in units of the drawing, to the right and down.
+    /// Point of the drawing at which `centre` is drawn, units of the drawing to the right and down.
     pub at: [f64; 2],
 }
 
 impl Projection {
-    /// Returns the position of a point in the drawing.
+    /// Returns the position of a point (mm) in the drawing, units of the drawing to the right and down.
     pub fn point(&self, point: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(point);
         [self.at[0] + self.scale * (right - self.centre[0]), self.at[1] - self.scale * (up - self.centre[1])]
     }
 
-    /// Returns a direction in the drawing. It is as long as the projected direction.
+    /// Returns a direction as a vector in the drawing, to the right and down. It is as long as the projected direction.
     pub fn direction(&self, direction: &Vector3<f64>) -> [f64; 2] {
         let [right, up] = self.camera.see(direction);
         [right, -up]
     }
 }
 
-/// Returns a closed outline through corners, as the `d` of a path. Coordinates are rounded to tenths and relative, in
-/// as few characters as possible.
+/// Returns a closed outline through corners, as the attribute `d` of an SVG path. Coordinates are rounded to tenths and
+/// relative, in as few characters as possible.
 pub fn outline(corners: &[[f64; 2]]) -> String {
     let mut path = String::with_capacity(8 * corners.len());
     let mut before: Option<[i64; 2]> = None;
@@ -89,7 +89,7 @@ pub fn outline(corners: &[[f64; 2]]) -> String {
     path + "z"
 }
 
-/// Appends a letter and two numbers, given in tenths.
+/// Appends a command letter and two coordinates, given in tenths of a unit, to the attribute `d` of an SVG path.
 fn push(path: &mut String, letter: &str, [x, y]: [i64; 2]) {
     *path += letter;
     for (part, first) in [(x, !letter.is_empty()), (y, false)] {
@@ -111,7 +111,7 @@ pub fn solid(place: &Projection, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -
     outline(&round_points(place, rounds))
 }
 
-/// Returns the corners of that outline.
+/// Returns the corners of the outline that [`solid`] draws.
 pub fn round_points(place: &Projection, rounds: &[(Vector3<f64>, Vector3<f64>, f64)]) -> Vec<[f64; 2]> {
     const CORNERS: u32 = 20;
     let mut points: Vec<[f64; 2]> = Vec::new();

@@ -16,30 +16,32 @@ use crate::view::heights::HeightScale;
 use crate::view::scene_view::SceneView;
 use crate::view::{Layers, Subject, measured_end};
 
-/// Colours of marks and of the background, equal to the page's.
+/// Colour of the mark at the start. The constants below are the colours of the other marks, of the planned tube and of
+/// the shadow. They are equal to those of the HTML page.
 const START: &str = "#2b8a57";
 const GOAL: &str = "#b3367a";
 const REACHED: &str = "#4a5563";
 const GHOST: &str = "#a9b2be";
 const SHADOW: &str = "#e6e9ee";
 
-/// Lines that may be drawn next to a body: names and styles.
+/// Line along the planned centreline. The constants below are the lines along the commanded and the estimated path of
+/// the tip.
 const PLANNED_LINE: LineStyle =
     LineStyle { name: "plan", style: "stroke=\"#4a5563\" stroke-width=\"1.3\" stroke-dasharray=\"7 4\"" };
 const COMMANDED_LINE: LineStyle =
     LineStyle { name: "commanded", style: "stroke=\"#1f5fbf\" stroke-width=\"1.5\" stroke-dasharray=\"2 3\"" };
 const ESTIMATED_LINE: LineStyle = LineStyle { name: "estimated", style: "stroke=\"#c2185b\" stroke-width=\"1.5\"" };
 
-/// A body and its marks, mm.
+/// A body with its marks in a picture. Lengths are in mm.
 pub struct Stage {
     tube: Tube,
     /// The planned body, if another body is shown.
     planned: Option<Tube>,
     /// Positions of the tip if the plastic lay as commanded. `None` unless the plastic is known to lie otherwise.
     commanded: Option<Vec<Vector3<f64>>>,
-    /// Positions of the tip as estimated by feedback.
+    /// Positions of the tip as estimated by feedback. `None` without feedback.
     estimated: Option<Vec<Vector3<f64>>>,
-    /// The scene around the body.
+    /// The scene around the body. `None` without a scene.
     around: Option<SceneView>,
     start: Pose,
     goal: Pose,
@@ -47,7 +49,7 @@ pub struct Stage {
     /// Measured position of the tip. `None` if it is at the goal or was not measured.
     reached: Option<Vector3<f64>>,
     outer: f64,
-    /// Length of arrows.
+    /// Length of the arrows at start and goal.
     reach: f64,
     /// Height of the floor, below everything.
     floor: f64,
@@ -86,7 +88,7 @@ impl Stage {
         }
     }
 
-    /// Returns the lines next to the body.
+    /// Returns the styles of the lines next to the body.
     pub fn lines(&self) -> impl Iterator<Item = LineStyle> {
         let planned = self.planned.as_ref().map(|_| PLANNED_LINE);
         let commanded = self.commanded.as_ref().map(|_| COMMANDED_LINE);
@@ -183,7 +185,7 @@ impl Stage {
         }
     }
 
-    /// Returns the arrow that leaves the goal. It begins beyond the axes of the tip if the tip is there.
+    /// Returns the arrow that leaves the goal. If the tip is at the goal, the arrow begins beyond the tip's axes.
     fn goal_arrow(&self) -> Arrow {
         let there = (self.tube.base_from_tip().translation.vector - self.goal.position()).norm() < self.outer;
         let along = self.goal.direction();
@@ -191,13 +193,13 @@ impl Stage {
         Arrow { from, along, length: self.reach, thick: 0.035 * self.reach }
     }
 
-    /// Returns the length of the tip's axes.
+    /// Returns the length with which the tip's axes are drawn, mm.
     fn axis(&self) -> f64 {
         2.0 * self.outer
     }
 
-    /// Draws the body, coloured by these heights, and the obstacles within a rectangle. The floor has squares of this
-    /// side, mm, or is that of the axes.
+    /// Draws the body, coloured by the heights of its layers, and the obstacles within a rectangle. The floor has
+    /// squares of the side `square` (mm). If `axes` are given, they are drawn instead of the floor.
     pub fn draw(
         &self,
         canvas: &mut Canvas,
@@ -255,7 +257,7 @@ impl Stage {
         self.words(canvas, place);
     }
 
-    /// Returns the direction of the body at its narrowest point.
+    /// Returns the direction of the body at its closest approach to an obstacle.
     fn way_past(&self, around: &SceneView) -> Vector3<f64> {
         let Some((found, _)) = &around.closest_approach else { return Vector3::z() };
         let frames = self.tube.frames();
@@ -264,7 +266,7 @@ impl Stage {
         nearest.map_or_else(Vector3::z, |frame| frame.rotation * Vector3::z())
     }
 
-    /// Draws what lies over everything: the tip's axes, poses on the way, and labels.
+    /// Draws the marks that lie over everything: the tip's axes, poses on the way, and labels.
     fn words(&self, canvas: &mut Canvas, place: &Projection) {
         draw_axes(canvas, place, &self.tube.base_from_tip(), self.axis());
         let [start, goal] = [self.start_arrow(), self.goal_arrow()];

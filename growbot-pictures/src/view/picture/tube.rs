@@ -15,29 +15,32 @@ use super::projection::{Projection, outline};
 use crate::drawing::colours::hex;
 use crate::view::heights::HeightScale;
 
-/// Colours of the rim of the wall and of the inside of the tube.
+/// Colour of the rim of the wall. `INSIDE` is the colour of the inside of the tube.
 const RIM: &str = "#9aa3b0";
 const INSIDE: &str = "#4a5361";
 
-/// Number of corners of a ring that is seen whole.
+/// Number of corners of a whole circle, such as the rim of an open end.
 const CORNERS: u32 = 72;
-/// Greatest length of a stretch between rings, in radii of the tube, and greatest bend, radians. Finer rings would show
-/// no difference.
+/// Greatest length of a stretch between two rings, in radii of the tube. `BENT` is its greatest bend, radians. Finer
+/// rings would show no difference.
 const LONG: f64 = 0.7;
 const BENT: f64 = 0.05;
-/// Direction of the light (to the right, up and towards the viewer), and strengths of the direct and the ambient light.
+/// Direction to the light (to the right, up and towards the viewer). `SUN` and `AROUND` are the strengths of the direct
+/// and the ambient light.
 const LIGHT: [f64; 3] = [-0.5, 0.8, 2.0];
 const SUN: f64 = 2.4;
 const AROUND: f64 = 1.3;
 
-/// A tube, as rings. Each ring is at the end of some layers and has the layer in the middle of these.
+/// A tube, as a sequence of rings. Each ring is at the end of a stretch of layers, and has the layer in the middle of
+/// this stretch.
 #[derive(Debug, Clone)]
 pub struct Tube {
-    /// Frame of the start.
+    /// Pose of the start of the tube in the base's frame.
     pub base_from_start: Frame,
-    /// Rings after the start.
+    /// Rings after the start, each as its frame and its layer.
     rings: Vec<(Frame, Layer)>,
-    /// Radius of the outside of the wall, of its middle, where layers are measured, and of its inside, mm.
+    /// Radius of the outside of the wall, mm. `tip_radius` is the radius of the middle of the wall, where layers are
+    /// measured, and `inner` that of its inside.
     outer: f64,
     tip_radius: f64,
     inner: f64,
@@ -45,7 +48,7 @@ pub struct Tube {
     faces: u32,
 }
 
-/// Detail of a drawn tube.
+/// Level of detail of a drawn tube.
 #[derive(Debug, Clone, Copy)]
 pub struct Detail {
     /// Approximate greatest number of rings.
@@ -73,7 +76,7 @@ impl Tube {
         Self { base_from_start, rings: rings.collect(), outer, tip_radius, inner, faces: detail.faces }
     }
 
-    /// Returns the frame of the tip.
+    /// Returns the pose of the tip in the base's frame.
     pub fn base_from_tip(&self) -> Frame {
         self.rings.last().map_or(self.base_from_start, |(frame, _)| *frame)
     }
@@ -83,12 +86,13 @@ impl Tube {
         std::iter::once(self.base_from_start).chain(self.rings.iter().map(|(frame, _)| *frame))
     }
 
-    /// Returns the points of the centreline.
+    /// Returns the points of the centreline at the rings, mm.
     pub fn centreline(&self) -> impl Iterator<Item = Vector3<f64>> + '_ {
         self.frames().map(|frame| frame.translation.vector)
     }
 
-    /// Returns the visible faces, ring by ring, each ring with its depth. Faces are coloured by the heights of layers.
+    /// Returns the visible faces as SVG paths, ring by ring, each ring with its depth, mm. Faces are coloured by the
+    /// heights of layers.
     pub fn pieces(&self, camera: &Camera, place: &Projection, heights: &HeightScale) -> Vec<(f64, String)> {
         let mut pieces = Vec::with_capacity(self.rings.len() + 2);
         let mut below = self.base_from_start;
@@ -123,7 +127,7 @@ impl Tube {
         pieces
     }
 
-    /// Returns the rim and the visible inside of an open end. `None` if the end faces away.
+    /// Returns the rim and the visible inside of an open end. Returns `None` if the end faces away from the viewer.
     fn end(&self, frame: &Frame, outwards: f64, camera: &Camera, place: &Projection) -> Option<(f64, String)> {
         let ahead = outwards * (frame.rotation * Vector3::z());
         (ahead.dot(&camera.towards) > 0.0).then(|| {
@@ -153,7 +157,7 @@ impl Tube {
         })
     }
 
-    /// Returns the shadow on a floor at this height (mm), as faces of one colour.
+    /// Returns the shadow on a floor at this height (mm), as outlines in the attribute `d` of an SVG path.
     pub fn shadow(&self, floor: f64, place: &Projection) -> String {
         let onto = |point: Vector3<f64>| place.point(&Vector3::new(point.x, point.y, floor));
         let mut shadow = String::new();
@@ -188,8 +192,8 @@ fn one_way_round(mut corners: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 }
 
 /// Divides layers into one stretch for each ring. A stretch is so short and so little bent that no difference is
-/// visible, unless that gives more than about `max` stretches. If there are few pieces, no stretch crosses from one
-/// piece of the path to the next.
+/// visible, unless that gives more than about `max` stretches. If the path has few segments, no stretch crosses from
+/// one segment to the next.
 fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     let max = max.max(1);
     let length: f64 = layers.iter().map(|layer| layer.height).sum();
@@ -216,7 +220,7 @@ fn stretches(layers: &[Layer], max: usize, outer: f64) -> Vec<&[Layer]> {
     stretches
 }
 
-/// Returns true if two successive layers differ so much that they belong to different pieces of the path.
+/// Returns true if two successive layers differ so much that they belong to different segments of the path.
 fn is_other(one: &Layer, next: &Layer) -> bool {
     let high = one.height.max(next.height);
     (one.height - next.height).abs() > 0.05 * high
@@ -234,7 +238,7 @@ fn around(frame: &Frame, angle: f64) -> Vector3<f64> {
     frame.rotation * Vector3::new(libm::cos(angle), libm::sin(angle), 0.0)
 }
 
-/// Returns a point on a ring.
+/// Returns the point at an angle and a distance from the centre (mm) on the plane of a ring.
 fn on(frame: &Frame, angle: f64, radius: f64) -> Vector3<f64> {
     frame.translation.vector + radius * around(frame, angle)
 }
@@ -250,7 +254,7 @@ fn shaded(colour: [u8; 3], normal: &Vector3<f64>, camera: &Camera) -> [u8; 3] {
     })
 }
 
-/// An open line through points, as the `d` of a path.
+/// Returns an open line through points, as the attribute `d` of an SVG path.
 pub fn line(points: impl IntoIterator<Item = [f64; 2]>) -> String {
     let mut path = String::new();
     for [x, y] in points {

@@ -1,8 +1,9 @@
 //! Plots of layers, error and temperature along a body or over time, for one body or several. Each quantity has a
 //! panel, all panels share one axis, and the plot is one SVG.
 //!
-//! Beyond 800 layers, those of a stretch become one point: their mean, and for the wall the min and the max. The time
-//! of a run log is that of recordings ([`growbot_client::run_clock`]).
+//! If there are more than 800 layers, each stretch of layers becomes one point: their mean, and for the heights around
+//! the wall also the minimum and the maximum. The time of a run log is that of recordings
+//! ([`growbot_client::run_clock`]).
 
 pub(crate) mod series;
 
@@ -19,16 +20,16 @@ use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{Panel, Scale, number};
 use crate::drawing::colours::{SERIES, series};
 
-/// Quantity of a panel.
+/// Quantity that a panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PlotKind {
     /// Heights of the layers: the mean, and the range around the wall.
     Heights,
     /// Tilt of the layers.
     Tilt,
-    /// Deviation of the body from its plan. Runs only.
+    /// Deviation of the body from its plan. Available only for runs.
     Error,
-    /// Temperature of the nozzle and its setpoint. Runs only.
+    /// Temperature of the nozzle and its setpoint. Available only for runs.
     Temperature,
 }
 
@@ -41,8 +42,8 @@ pub enum XAxis {
     Time,
 }
 
-/// Width of a drawing, left and right margin of its panels, height of a panel and the gap above it, and space above and
-/// below all panels.
+/// Width of a drawing, units of the drawing. The constants below are the left and right margin of its panels, the
+/// height of a panel, the gap above it, and the space above and below all panels.
 const WIDTH: f64 = 960.0;
 const LEFT: f64 = 96.0;
 const RIGHT: f64 = 28.0;
@@ -50,31 +51,32 @@ const HIGH: f64 = 140.0;
 const GAP: f64 = 52.0;
 const HEAD: f64 = 72.0;
 const FOOT: f64 = 62.0;
-/// Space above the panels of a body without a title.
+/// Space above the panels of a body without a title. It is negative, because the gap above the first panel is larger
+/// than needed.
 const UNTITLED: f64 = -14.0;
 /// Left margin of the texts above the panels.
 const EDGE: f64 = 28.0;
-/// Greatest number of points of a line. If there are more, those of a stretch become one.
+/// Greatest number of points of a line. If there are more, each stretch of points becomes one point.
 const MAX_POINTS: usize = 800;
 
 /// Smallest range of the error's axis, mm. Smaller deviations are rounding errors.
 const FINEST: f64 = 0.001;
 
 const BAND: &str = "#c9dbe8";
-/// Colour of the setpoint and of commanded values, next to the line of one body.
+/// Colour of the dashed lines of the setpoint and of commanded values, in plots of a single body.
 const DASHED: &str = "#d55e00";
-/// Number of names in a row above the panels, and height of such a row.
+/// Number of names in a row above the panels. `NAMES_ROW` is the height of a row.
 const NAMES_IN_ROW: usize = 3;
 const NAMES_ROW: f64 = 20.0;
 /// Number of letters of a name that fit into its column.
 const NAME_LETTERS: usize = 34;
 
-/// A body, with the bytes of its log if it is a run.
+/// A plan or a run that is plotted, with the bytes of its log if it is a run.
 #[derive(Debug, Clone, Copy)]
 pub struct PlotInput<'a> {
-    /// The body.
+    /// The plan or run that is plotted.
     pub subject: &'a Subject<'a>,
-    /// Bytes of the log.
+    /// Bytes of the run log. `None` for a plan.
     pub log: Option<&'a [u8]>,
 }
 
@@ -89,7 +91,7 @@ pub struct PlotOptions<'a> {
     pub title: bool,
 }
 
-/// Returns the panels of a body, or of several bodies in the same panels.
+/// Returns the plot of a body, or of several bodies in the same panels, as SVG.
 ///
 /// # Errors
 /// [`ViewError`] if a body has too many layers or lacks a quantity.
@@ -163,7 +165,7 @@ fn line_style(index: usize) -> String {
     format!("stroke=\"{}\" stroke-width=\"1.6\" stroke-linejoin=\"round\"{dash}", series(index))
 }
 
-/// A body with everything that is plotted of it.
+/// A body with all values that are plotted of it.
 struct PlotCurve<'a> {
     subject: &'a Subject<'a>,
     layers: Layers,
@@ -196,7 +198,7 @@ struct Axis {
     scale: Scale,
     name: &'static str,
     along: XAxis,
-    /// Seconds for a unit of the axis, if it is time.
+    /// Seconds per unit of the axis, if its quantity is time.
     unit: f64,
 }
 
@@ -216,7 +218,7 @@ impl Axis {
         Self { scale: Scale::Linear(0.0, if end > 0.0 { end } else { 1.0 }), name, along, unit }
     }
 
-    /// Returns the position of each layer on the axis.
+    /// Returns the position of the end of each layer on the axis.
     fn layers(&self, curve: &PlotCurve) -> Vec<f64> {
         match self.along {
             XAxis::Path => curve.layered.lengths.clone(),
@@ -224,7 +226,7 @@ impl Axis {
         }
     }
 
-    /// Returns the position of a reading on the axis.
+    /// Returns the position of a temperature reading on the axis.
     fn of(&self, reading: &TemperatureReading, curve: &PlotCurve) -> f64 {
         match self.along {
             XAxis::Path => {
@@ -268,7 +270,7 @@ impl PlotKind {
         }
     }
 
-    /// Returns the scale for these values.
+    /// Returns the vertical scale of the panel for these values.
     fn scale(self, values: impl Iterator<Item = f64>) -> Scale {
         match self {
             Self::Heights | Self::Temperature => Scale::around(values),
@@ -310,7 +312,7 @@ impl PanelData {
     }
 }
 
-/// Draws a panel with the lines of all bodies. Bands and dashed lines are drawn only for a body alone.
+/// Draws a panel with the lines of all bodies. Bands and dashed lines are drawn only for a single body.
 fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: PlotKind, lines: &[PanelData], is_last: bool) {
     let (y, head) = match lines {
         [one] => (quantity.scale(one.values().chain(one.band.iter().flat_map(|(_, ends)| *ends))), one.head),
@@ -338,7 +340,7 @@ fn draw(canvas: &mut Canvas, top: f64, axis: &Axis, quantity: PlotKind, lines: &
     }
 }
 
-/// Returns a line through points, as the `d` of a path.
+/// Returns a line through points, as the attribute `d` of an SVG path.
 fn path(points: impl Iterator<Item = (f64, f64)>) -> String {
     points.fold(String::new(), |mut path, (x, y)| {
         // Writing to a String cannot fail.

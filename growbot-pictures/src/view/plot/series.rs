@@ -10,13 +10,13 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// Values of the layers of a body. Each belongs to the end of its layer.
+/// Values of the layers of a body. Each value belongs to the end of its layer.
 pub struct LayerSeries {
     /// Length of the body after the layer, mm.
     pub lengths: Vec<f64>,
-    /// Height on the middle of the wall, mm: min, mean and max around it.
+    /// Height of the layer on the middle of the wall, mm: minimum, mean and maximum around the wall.
     pub heights: Vec<[f64; 3]>,
-    /// Tilt, degrees.
+    /// Tilt of the layer, degrees.
     pub tilts: Vec<f64>,
 }
 
@@ -35,7 +35,8 @@ impl LayerSeries {
     }
 }
 
-/// Returns the distance of a body from the planned one at the same length, after each of its layers, mm.
+/// Returns the distance between the points of a body and of the planned body at the same length, after each layer of
+/// the body, mm.
 pub fn deviation_from_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
     let planned = centreline(start, planned);
     let mut near = 0;
@@ -51,7 +52,7 @@ pub fn deviation_from_plan(start: &Frame, built: &[LayerBytes], planned: &[Layer
     off.collect()
 }
 
-/// Returns length and position of the tip, from the start on, mm.
+/// Returns the length of a body and the position of its tip, at the start and after each layer, mm.
 fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> {
     let (mut base_from_tip, mut length) = (*start, 0.0);
     let mut points = vec![(length, base_from_tip.translation.vector)];
@@ -66,9 +67,9 @@ fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> 
 /// Times of layers and readings, s.
 #[derive(Debug, Default, PartialEq)]
 pub struct Timeline {
-    /// Time at which each layer was laid.
+    /// Time at which each layer was laid, s.
     pub laid: Vec<f64>,
-    /// Temperatures of the nozzle.
+    /// Temperatures of the nozzle in the run log. Empty for a plan.
     pub temperatures: Vec<TemperatureReading>,
 }
 
@@ -96,7 +97,7 @@ impl Timeline {
         Self { laid: laid.collect(), temperatures: Vec::new() }
     }
 
-    /// Returns the timeline of the run log in these bytes, whose body has these layers.
+    /// Returns the timeline of a run log, given as its bytes, of a body with these layers.
     pub fn from_log(log: &[u8], layers: &[Layer], plan: &Plan) -> Self {
         let mut clock = RunClock::default();
         let mut series = Self::default();

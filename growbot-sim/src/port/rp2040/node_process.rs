@@ -1,4 +1,5 @@
-//! Node with the emulator, and its messages (`tests/rp2040/emulator-server.js`).
+//! The Node process that runs the emulator of the Pico, and the messages to and from it
+//! (`tests/rp2040/emulator-server.js`).
 
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
@@ -10,9 +11,9 @@ use growbot_core::robot::{BoardDescription, Signal};
 use super::HostLink;
 use crate::tip::Motor;
 
-/// Path of the script in the source directory.
+/// Path of the script that Node runs, relative to growbot's source directory.
 const SCRIPT: &str = "tests/rp2040/emulator-server.js";
-/// Path of the emulator, next to the script.
+/// Path of the emulator `rp2040js`, relative to the directory of the script.
 const EMULATOR: &str = "node_modules/rp2040js";
 /// Environment variable with the path of the file to which the script writes its measurements.
 const FIGURES: &str = "RP2040_FIGURES";
@@ -20,20 +21,21 @@ const FIGURES: &str = "RP2040_FIGURES";
 const HEAD: usize = 48;
 /// Length of a pin edge in a response, bytes.
 const EDGE: usize = 8;
-/// Values for a channel of the converter that is never ready, and for an orientation sensor that does not respond.
+/// Reading of an ADC channel that is never ready. `NO_GRAVITY` is the reading of an orientation sensor that does not
+/// respond.
 const SILENT: u16 = u16::MAX;
 const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
 
 /// Reason why the emulated Pico does not run.
 #[derive(Debug, thiserror::Error)]
 pub enum Rp2040Error {
-    /// The image does not exist. The field is its path.
+    /// The firmware image does not exist. The field is its path.
     #[error("no firmware at {}: build it with `cargo build-pico`", .0.display())]
     NoFirmware(PathBuf),
-    /// The script does not exist. The field is the expected path.
+    /// The script that Node runs does not exist. The field is the expected path.
     #[error("{} not found: the port rp2040 works only in growbot's source directory", .0.display())]
     NoScript(PathBuf),
-    /// The emulator does not exist. The field is the expected path.
+    /// The emulator `rp2040js` is not installed. The field is its expected path.
     #[error("no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
     NoEmulator(PathBuf),
     /// Node cannot be run.
@@ -54,7 +56,7 @@ impl From<Rp2040Error> for PortError {
 #[derive(Debug)]
 pub(super) struct Run {
     pub until_ns: u64,
-    /// Greatest numbers of steps of head and feed.
+    /// Numbers of steps of the head and of the feed after which the run ends.
     pub steps: [u32; 2],
     pub thermistor: Option<u16>,
     pub supply: Option<u16>,
@@ -67,7 +69,7 @@ pub(super) struct Run {
 #[derive(Debug)]
 pub(super) struct RunResponse {
     pub now_ns: u64,
-    /// Shares of the time in which heater and fan were on.
+    /// Fraction of the run for which the heater was on, 0 to 1. `fan` is the same fraction for the fan.
     pub heater: f64,
     pub fan: f64,
     pub instructions: u64,
@@ -79,7 +81,7 @@ pub(super) struct RunResponse {
     pub sent: Vec<u8>,
 }
 
-/// A change of an output.
+/// A change of one of the board's outputs.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Edge {
     /// Time since the beginning of the run, ns.
@@ -114,7 +116,7 @@ pub enum CrashMode {
     CrystalStops,
 }
 
-/// Outputs in the order of the messages.
+/// The board's outputs, in the order of their numbers in the messages.
 const OUTPUTS: [ProcessOutput; 7] = [
     ProcessOutput::Step(Motor::Head),
     ProcessOutput::Direction(Motor::Head),
@@ -125,13 +127,13 @@ const OUTPUTS: [ProcessOutput; 7] = [
     ProcessOutput::HeaterEnable,
 ];
 
-/// Returns the pins of a board in the script's format.
+/// Returns the pin numbers of a board by the names of their signals, as JSON for the script.
 fn pins(board: &BoardDescription) -> serde_json::Value {
     let number = |signal: Signal| Some((signal.name().to_owned(), board.pin(signal)?.into()));
     serde_json::Value::Object(Signal::ALL.into_iter().filter_map(number).collect())
 }
 
-/// Node with the emulator. It ends when this is dropped.
+/// The Node process that runs the emulator. It is killed when this value is dropped.
 pub(super) struct NodeProcess {
     node: Child,
     to: ChildStdin,
@@ -146,8 +148,8 @@ impl Drop for NodeProcess {
 }
 
 impl NodeProcess {
-    /// Starts Node with the firmware's image on a board with these pins. If `figures` is given, the costs of the step
-    /// interrupt and the stack are written to that file.
+    /// Starts Node with a firmware image on a board with these pins. If `figures` is given, the processor cycles of the
+    /// step interrupt and the depth of the stack are written to that file.
     pub fn start(
         firmware: &Path,
         board: &BoardDescription,

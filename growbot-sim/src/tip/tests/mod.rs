@@ -16,7 +16,7 @@ fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
-/// Returns a tip without noise at 200 degrees whose motors are held.
+/// Returns a tip without noise, with a nozzle at 200 degrees Celsius and both motors enabled.
 fn hot_tip() -> TipModel {
     let mut tip = TipModel::new(robot(), 0, Variation { noise_counts: 0.0, ..Variation::default() });
     tip.set_nozzle_c(200.0);
@@ -35,12 +35,12 @@ fn seconds(tip: &TipModel, seconds: f64) -> u64 {
     tip.now() + (seconds * 4000.0) as u64
 }
 
-/// Lets time pass.
+/// Advances the tip's time by `time`, s.
 fn wait(tip: &mut TipModel, time: f64) {
     tip.advance(seconds(tip, time));
 }
 
-/// Feeds this many steps, one a tick.
+/// Makes this number of feed steps, one per tick.
 fn feed(tip: &mut TipModel, steps: u32) {
     for _ in 0..steps {
         tip.advance(tip.now() + 1);
@@ -48,8 +48,9 @@ fn feed(tip: &mut TipModel, steps: u32) {
     }
 }
 
-/// Lays a turn with twice the plastic in the quarter round 90 degrees, in this direction. In each step of the head,
-/// half of its plastic comes before and half after, so that both directions give the same.
+/// Lays one turn of plastic while the head turns in the given direction, with twice the plastic in the quarter turn
+/// around 90 degrees. The plastic of each head step is laid half before and half after the step, so both directions lay
+/// the same layer.
 fn lay_turn(tip: &mut TipModel, positive: bool) {
     tip.set_direction(Motor::Head, positive);
     for step in 0..3200 {
@@ -299,8 +300,8 @@ fn the_emulated_board_computes_the_same_encoder_level() {
     }
 }
 
-/// Returns a tip that has laid this many turns, and the distance that its encoder was turned after each, mm of
-/// filament.
+/// Returns a tip that has laid this number of turns, and the length of filament by which its encoder had turned after
+/// each turn, mm.
 fn laid(turns: u32, imperfection: &ErrorModel) -> (TipModel, Vec<f64>) {
     let mut tip = hot_tip();
     tip.disturb(imperfection);

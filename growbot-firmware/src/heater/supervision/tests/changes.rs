@@ -1,4 +1,5 @@
-//! Rises and falls that no sound nozzle shows, and those that it must show.
+//! Tests of the supervision's limits for rises and falls: those that no healthy nozzle shows, and those that it must
+//! show.
 
 use super::*;
 

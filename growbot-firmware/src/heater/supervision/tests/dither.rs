@@ -1,9 +1,10 @@
-//! Tests of the dither in the reading.
+//! Tests of the supervision's limits for the dither in the reading.
 
 use super::*;
 
-/// Runs through periods of the dither. The reading contains a share of the dither, and the power is saturated in a part
-/// of each period.
+/// Checks the dither in a simulated reading for some periods. The reading contains `share` of the dither, shifted by
+/// `shift` of a period, and the power is saturated for `saturated_s` of each period. Returns the number of updates
+/// without a fault, and the fault.
 fn swing(
     supervision: &mut Supervision,
     share: f32,

@@ -1,4 +1,4 @@
-//! Tests of a hot nozzle that is too cold or takes too much power.
+//! Tests of the supervision's limits for a hot nozzle that gets too cold or takes too much power.
 
 use super::*;
 

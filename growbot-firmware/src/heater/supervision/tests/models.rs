@@ -1,4 +1,4 @@
-//! Tests of the three models and their marks.
+//! Tests of the supervision's three models and their checkpoints.
 
 use std::vec::Vec;
 

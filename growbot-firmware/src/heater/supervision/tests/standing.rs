@@ -1,4 +1,4 @@
-//! Tests of a reading that stands still.
+//! Tests of the supervision's limits for a reading that does not change.
 
 use super::*;
 

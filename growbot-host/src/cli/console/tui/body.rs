@@ -5,13 +5,13 @@ use std::iter::once;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
-/// Maximum number of reports that may be lost in a row, for a job whose plan is not known here.
+/// Maximum number of consecutive layers whose reports may be lost, if the console does not know the plan of the job.
 const MAX_UNREPORTED: usize = 65_536;
 
 /// Coordinates of a point: x, y, z, mm.
 pub type ScreenPoint = [f64; 3];
 
-/// The body of one job.
+/// The body of one job, as planned and as built so far.
 pub struct TrackedBody {
     plan_id: u64,
     planned: Vec<Layer>,
@@ -25,7 +25,7 @@ pub struct TrackedBody {
 }
 
 impl TrackedBody {
-    /// Creates a body without layers. `planned` is empty if the plan is not known here.
+    /// Creates a body without layers. `planned` is empty if the console does not know the plan.
     pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
         let tip = start.frame();
         let mut reached = tip;
@@ -51,7 +51,8 @@ impl TrackedBody {
         *self = Self::new(self.plan_id, start, std::mem::take(&mut self.planned));
     }
 
-    /// Adds a laid layer. A layer whose report was lost counts as planned, or as an even layer of `full` height (mm).
+    /// Adds a reported layer. Earlier layers whose reports were lost are assumed to be as planned, or, without a
+    /// plan, to be even layers of height `full` (mm).
     pub fn add_layer(&mut self, index: u32, layer: Layer, full: f64) {
         let known = self.planned.len().max(self.built.len().saturating_add(MAX_UNREPORTED));
         let is_far = !self.built.is_empty() && (index.saturating_sub(self.first) as usize) > known;
@@ -103,12 +104,13 @@ impl TrackedBody {
         &self.built
     }
 
-    /// Returns the positions of the tip: before the first known layer, and after each layer.
+    /// Returns the positions of the tip before the first known layer, and after each layer.
     pub fn points(&self) -> &[ScreenPoint] {
         &self.points
     }
 
-    /// Returns the planned positions of the tip: before the first layer, and after each layer of a known plan.
+    /// Returns the planned positions of the tip before the first layer, and after each layer. Without a known plan,
+    /// only the first position is returned.
     pub fn planned_points(&self) -> &[ScreenPoint] {
         &self.planned_points
     }

@@ -1,4 +1,4 @@
-//! Draws the model as text and braille. This module knows neither a terminal nor a board.
+//! Draws the model as text and braille. This module depends neither on a terminal nor on a board.
 
 use growbot_client::forecast::Forecast;
 use growbot_client::sanitize::is_control;
@@ -24,10 +24,10 @@ use crate::cli::console::commands::hint;
 const MIN_SIZE: (u16, u16) = (72, 20);
 /// Distance between the dots of the planned body, in dots of braille.
 const PLANNED_APART: f64 = 4.0;
-/// Height that the pictures of the body show at least, mm.
+/// Minimum height of the region that the pictures of the body show, mm.
 const MIN_SEEN_MM: f64 = 50.0;
 
-/// Help in the command line while it is empty.
+/// Help text in the command line while the line is empty.
 const TYPING: &str = "a command, `help` lists them; Tab completes, Esc cancels, ^E EMERGENCY STOP";
 
 const TITLE: Style = Style::new().fg(Color::Cyan).add_modifier(Modifier::BOLD);
@@ -165,7 +165,7 @@ fn tip_line(model: &ConsoleModel) -> Line<'static> {
     Line::raw(format!("tip {x:.1}, {y:.1}, {z:.1} mm, {direction}{late}"))
 }
 
-/// Returns a text about a lost connection or a fault. `None` without either.
+/// Returns a text about a lost connection, or else about a fault of the board. `None` if there is neither.
 fn problem_text(model: &ConsoleModel) -> Option<String> {
     if let Some(why) = &model.link_error {
         return Some(format!("NO RESPONSE: {why}"));
@@ -174,13 +174,13 @@ fn problem_text(model: &ConsoleModel) -> Option<String> {
     Some(format!("{}: {}", fault.code(), fault.explanation()))
 }
 
-/// Returns the number of rows of a wrapped text, at most 3.
+/// Returns the number of rows that a text takes when it is wrapped to `width` columns, at most 3.
 fn rows(text: &str, width: u16) -> u16 {
     let paragraph = Paragraph::new(text).wrap(Wrap { trim: true });
     (1..=3).find(|rows| fits(&paragraph, width, *rows)).unwrap_or(3)
 }
 
-/// Returns true if a wrapped paragraph fits into this many rows.
+/// Returns true if a paragraph that is wrapped to `width` columns fits into this many rows.
 fn fits(paragraph: &Paragraph, width: u16, rows: u16) -> bool {
     use ratatui::buffer::Buffer;
     use ratatui::widgets::Widget;
@@ -236,7 +236,8 @@ fn line(pairs: &[(f64, f64)], style: Style) -> Dataset<'_> {
     Dataset::default().marker(Marker::Braille).graph_type(GraphType::Line).style(style).data(pairs)
 }
 
-/// Returns a chart that labels its heights, with `digits` decimals. Its frame may label the width.
+/// Returns a chart of the ranges `across` (horizontal) and `up` (vertical). Only the vertical axis has labels, with
+/// `digits` decimals.
 fn chart<'a>(sets: Vec<Dataset<'a>>, across: [f64; 2], up: [f64; 2], digits: usize) -> Chart<'a> {
     let labels = up.map(|end| format!("{end:.digits$}"));
     let up = Axis::default().style(DIM).bounds(up).labels(labels).labels_alignment(Alignment::Right);
@@ -250,7 +251,7 @@ fn nothing_yet(frame: &mut Frame, area: Rect, block: Block, what: &'static str) 
     frame.render_widget(Paragraph::new(what).style(DIM).centered(), middle);
 }
 
-/// Draws the body from the side, seen along y and along x, at one scale.
+/// Draws the body from the side twice, seen along y and along x, both at the same scale.
 fn draw_body(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let points = || model.body.points().iter().chain(model.body.planned_points());
@@ -303,8 +304,8 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     }
 }
 
-/// Returns the position of a letter on a canvas that prints it into the same cell as a dot, as a share of the canvas.
-/// Letters are placed by whole cells, but a cell has several dots.
+/// Returns the position, 0 to 1 of the canvas, at which a letter must be printed so that it appears in the same
+/// character cell as the dot with index `dot`. The canvas has `dots` dots along this axis, `each` of them per cell.
 fn beside(dot: f64, each: f64, dots: f64) -> f64 {
     let last = (dots / each - 1.0).max(1.0);
     (((dot.round() / each).floor() + 0.5) / last).clamp(0.0, 1.0)

@@ -1,11 +1,12 @@
 //! The console on the whole screen.
 //!
-//! `watch` follows the board and fills the `model`. `draw` turns the model into text. `keys` and `prompt` define the
-//! meaning of keys. This file has the loop around them, and the terminal.
+//! `poller` follows the board and fills the `model`. `draw` turns the model into text. `keys` and `prompt` define the
+//! meaning of keys. This file contains the loop that calls them, and the terminal.
 //!
-//! `draw` knows neither terminal nor board, so tests check it on a buffer. On `sim` time passes only in `watch`, by the
-//! factor that the user chose. `grow` plans on the host, to show the body and its warnings, and the board computes the
-//! same plan to the same bits. So the board has all layers, and pauses after a layer if the console ends.
+//! `draw` depends neither on a terminal nor on a board, so tests check its output in a buffer. On `sim` time passes
+//! only in `poller`, by the factor that the user chose. `grow` plans on the host, to show the body and its warnings,
+//! and the board computes the same plan to the same bits. So the board has all layers, and pauses after a layer if
+//! the console ends.
 
 mod body;
 mod draw;
@@ -51,7 +52,7 @@ const TICK: Duration = Duration::from_millis(80);
 /// Maximum real time of a tick, so that time spent elsewhere, for example on planning, does not pass on `sim` at once.
 const LONGEST_TICK: Duration = Duration::from_millis(250);
 
-/// Time limit for leaving after a request to end.
+/// Maximum time between a signal to end the program and its end.
 const PATIENCE: Duration = Duration::from_secs(1);
 
 /// Checks that standard input and standard output are terminals.
@@ -105,8 +106,9 @@ pub fn run(
     Ok(())
 }
 
-/// Returns a flag that is set by a request to end, or when the terminal goes away. The robot then finishes its layer
-/// and pauses, as after `q`. If the program has not ended after [`PATIENCE`], the handler ends it.
+/// Returns a flag that is set by a signal to end the program, or when the terminal closes. The console then ends, and
+/// the robot finishes its layer and pauses, as after `q`. If the program still runs after [`PATIENCE`], the signal
+/// handler ends it.
 fn install_exit_handler() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let signal = Arc::clone(&leave);

@@ -1,4 +1,4 @@
-//! Contents of the screen, without its layout: everything known of the robot, gathered from its messages.
+//! Contents of the screen, without its layout: everything known of the robot, from the board's messages.
 
 use std::collections::VecDeque;
 
@@ -20,23 +20,24 @@ pub struct ConsoleModel {
     pub robot: Robot,
     /// The port's name.
     pub port: String,
-    /// Speed of the board's clock, in multiples of real time. `None` if the board has a clock of its own.
+    /// Speed at which the virtual clock of a simulated board runs, in multiples of real time. `None` if the board
+    /// runs by its own clock.
     pub speed: Option<f64>,
-    /// Latest status of the board.
+    /// Latest status of the board. `None` until the first one is received.
     pub status: Option<Status>,
-    /// Latest readings of the sensors.
+    /// Latest readings of the sensors. `None` until the first ones are received.
     pub sensors: Option<SensorReadings>,
     /// Reason why the board does not respond. `None` if it responds.
     pub link_error: Option<String>,
-    /// Temperatures so far.
+    /// Measured and target temperatures of the nozzle so far.
     pub readings: TemperatureHistory,
-    /// The body so far.
+    /// Body of the present job, as planned and as built so far.
     pub body: TrackedBody,
     /// Events so far, the latest last.
     pub log: VecDeque<LogEntry>,
-    /// A response of many lines, shown until the next key.
+    /// A response of many lines, shown until the next key. `None` if there is none.
     pub popup: Option<String>,
-    /// The command being typed.
+    /// The command being typed. `None` if no command is being typed.
     pub prompt: Option<Prompt>,
     start: Pose,
     clock_s: f64,
@@ -73,7 +74,7 @@ impl ConsoleModel {
         }
     }
 
-    /// Applies a status of the board.
+    /// Updates the model with a status of the board.
     pub fn apply_status(&mut self, status: Status) {
         if self.link_error.take().is_some() {
             self.log("the board responds again");
@@ -94,7 +95,7 @@ impl ConsoleModel {
         }
     }
 
-    /// Applies an event that the board sent.
+    /// Updates the model with an event that the board sent.
     pub fn apply_event(&mut self, event: &Message) {
         match event {
             Message::StateChanged(change) => {
@@ -116,7 +117,7 @@ impl ConsoleModel {
         }
     }
 
-    /// Records that the board does not respond.
+    /// Records that the board does not respond, for the reason `why`.
     pub fn apply_loss(&mut self, why: &str) {
         if self.link_error.replace(why.to_owned()).is_none() {
             self.log_error(why);
@@ -152,7 +153,7 @@ impl ConsoleModel {
     }
 }
 
-/// Returns the meaning of a state, and the possible actions.
+/// Returns a text for the user about a state of the board, with the possible actions.
 pub fn explanation(state: State) -> &'static str {
     match state {
         State::SelfTest => "just started, reading its sensors",

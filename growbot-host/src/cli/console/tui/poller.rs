@@ -15,19 +15,19 @@ const SENSORS: Duration = Duration::from_secs(2);
 const LOST: Duration = Duration::from_secs(3);
 /// Time to wait for an event of a real board.
 const EVENT: Duration = Duration::from_millis(10);
-/// Longest step of time on `sim` between two status requests, unless `sim` runs fast.
+/// Step of time on `sim` between two status requests. If `sim` runs fast, the step is longer, as [`LOOKS`] requires.
 const VIRTUAL_STEP: Duration = Duration::from_secs(2);
-/// Maximum number of steps in one go if `sim` runs fast.
+/// Maximum number of steps of time on `sim` in one call of [`BoardPoller::follow`].
 const LOOKS: u32 = 20;
 /// Maximum time to compute `sim` or to receive events before the keys are read again.
 const COMPUTE: Duration = Duration::from_millis(200);
 /// Possible speeds of `sim`, in multiples of real time. The fifth is the initial one.
 const SPEEDS: [u32; 9] = [1, 3, 10, 30, 60, 200, 600, 2_000, 6_000];
 
-/// A board that the screen follows.
+/// Follows a board for the screen: requests its status and its sensors, and receives its events.
 pub struct BoardPoller {
     client: Client,
-    /// Index into [`SPEEDS`]. `None` for a board with a clock of its own.
+    /// Index of the speed of the virtual clock in [`SPEEDS`]. `None` for a board that runs by its own clock.
     pace: Option<usize>,
     /// The board's clock at the latest status request, ms.
     latest_ms: u64,
@@ -36,7 +36,8 @@ pub struct BoardPoller {
 }
 
 impl BoardPoller {
-    /// Creates the watch of a board. With a virtual clock, time passes only in this type.
+    /// Creates a poller of a board. If `virtual_clock` is true, the board's time passes only in
+    /// [`BoardPoller::follow`].
     pub fn new(client: Client, virtual_clock: bool) -> Self {
         Self { client, pace: virtual_clock.then_some(4), latest_ms: 0, last_request: None, sensed: None }
     }
@@ -46,7 +47,8 @@ impl BoardPoller {
         &mut self.client
     }
 
-    /// Returns the speed in multiples of real time. `None` for a board with a clock of its own.
+    /// Returns the speed of the virtual clock in multiples of real time. `None` for a board that runs by its own
+    /// clock.
     pub fn speed(&self) -> Option<f64> {
         self.factor().map(f64::from)
     }
@@ -55,7 +57,7 @@ impl BoardPoller {
         self.pace.and_then(|index| SPEEDS.get(index)).copied()
     }
 
-    /// Lets time on `sim` pass faster or slower. Returns false if the speed stays as it is.
+    /// Selects the next faster or slower speed of `sim`. Returns false if the speed stays as it is.
     pub fn change_speed(&mut self, faster: bool) -> bool {
         let Some(speed) = &mut self.pace else { return false };
         let next = if faster { speed.saturating_add(1) } else { speed.wrapping_sub(1) };
@@ -66,7 +68,8 @@ impl BoardPoller {
         there
     }
 
-    /// Updates the model after this much real time.
+    /// Receives the board's events, requests status and sensors when they are due, and updates the model. On `sim` it
+    /// also lets time pass. `passed` is the real time since the previous call.
     pub fn follow(&mut self, model: &mut ConsoleModel, passed: Duration) {
         let due = |last_request: Option<Instant>, every| last_request.is_none_or(|at| at.elapsed() >= every);
         if model.link_error.is_some() && !due(self.last_request, LOST) {

@@ -12,7 +12,7 @@ const LONGEST: usize = 200;
 pub struct Prompt {
     text: Vec<char>,
     cursor: usize,
-    /// Number of lines back in the history.
+    /// Position of the recalled line in the history, 1 for the latest line. It is 0 if no line was recalled.
     back: usize,
 }
 

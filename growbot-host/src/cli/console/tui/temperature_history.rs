@@ -14,7 +14,8 @@ pub struct TemperatureHistory {
 }
 
 impl TemperatureHistory {
-    /// Adds a reading and a target, hundredths of a degree.
+    /// Adds the measured and the target temperature of the nozzle (hundredths of a degree Celsius) at `at_s` on the
+    /// board's clock. They are ignored if the latest stored time is too near.
     pub fn add(&mut self, at_s: f64, reading: Option<i32>, target: Option<i32>) {
         match self.latest_s {
             // The board has restarted, and its clock with it.
@@ -39,24 +40,24 @@ impl TemperatureHistory {
         }
     }
 
-    /// Returns the measured temperatures.
+    /// Returns the measured temperatures with their times.
     pub fn readings(&self) -> &[(f64, f64)] {
         &self.readings
     }
 
-    /// Returns the target temperatures.
+    /// Returns the target temperatures with their times.
     pub fn targets(&self) -> &[(f64, f64)] {
         &self.targets
     }
 
-    /// Returns the first and the last time with readings, s.
+    /// Returns the first and the last time with a temperature, s of the board's clock. `None` without temperatures.
     pub fn span(&self) -> Option<(f64, f64)> {
         let tracks = [&self.readings, &self.targets];
         let first = tracks.iter().filter_map(|track| track.first()).map(|(at, _)| *at).reduce(f64::min)?;
         Some((first, self.latest_s.unwrap_or(first).max(first)))
     }
 
-    /// Returns the minimum and the maximum temperature of readings and targets.
+    /// Returns the minimum and the maximum of all measured and target temperatures, degrees Celsius.
     pub fn range(&self) -> Option<(f64, f64)> {
         let all = || self.readings.iter().chain(&self.targets).map(|(_, celsius)| *celsius);
         Some((all().reduce(f64::min)?, all().reduce(f64::max)?))
