@@ -140,6 +140,33 @@ fn a_resumption_with_a_full_disk_is_followed_after_a_lost_line() {
 }
 
 #[test]
+fn the_resumed_jobs_of_several_robots_are_active_while_the_disk_is_full() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    for step in [Step::Grow, Step::Stop] {
+        order(&mut case, step);
+    }
+    wait_for_end(&case);
+    let ours = latest(&service);
+    let other = Job { id: "other-1".to_owned(), robot: "other".to_owned(), ..ours.clone() };
+    let mut jobs = service.shared.jobs();
+    jobs.insert(&other, None).unwrap();
+    fs::write(jobs.log_path(&other.id), "").unwrap();
+    for job in [&ours, &other] {
+        jobs.set_state(&job.id, JobState::Failed, None);
+    }
+    jobs.database.pragma_update(None, "query_only", true).unwrap();
+    for job in [&ours, &other] {
+        jobs.set_state(&job.id, JobState::Active, None);
+    }
+    for job in [&ours, &other] {
+        assert_eq!(jobs.active(&job.robot).unwrap().map(|job| job.id).as_ref(), Some(&job.id));
+    }
+}
+
+#[test]
 fn only_the_body_of_the_board_can_be_resumed() {
     let directory = tempfile::tempdir().unwrap();
     let service = service(&directory);

@@ -27,11 +27,12 @@ impl JobStore {
     /// board did not store them. The newest job comes first.
     fn unsettled(&self, robot: &str, plan_id: u64) -> Result<Vec<Job>, JobStoreError> {
         let query = format!(
-            "SELECT {COLUMNS} FROM job WHERE robot = :robot AND (state IN ('active', 'interrupted') OR id = :kept OR \
+            "SELECT {COLUMNS} FROM job WHERE robot = :robot AND (state IN ('active', 'interrupted') OR \
+             id IN (SELECT value FROM json_each(:kept)) OR \
              state = 'failed' AND why = :why AND plan_id = :plan) ORDER BY rowid DESC"
         );
         let plan = format!("{plan_id:016x}");
-        let kept = self.kept_active().unwrap_or_default();
+        let kept = serde_json::json!(self.kept_active()).to_string();
         let mut statement = self.database.prepare(&query)?;
         let parameters = named_params! { ":robot": robot, ":why": NOT_ON_BOARD, ":plan": plan, ":kept": kept };
         let mut jobs: Vec<Job> = statement.query_map(parameters, of_row)?.collect::<Result<_, _>>()?;

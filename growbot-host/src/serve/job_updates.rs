@@ -171,12 +171,12 @@ impl JobStore {
         })
     }
 
-    /// Returns the identifier of the job that the latest change in memory to the active state concerns. `None` without
-    /// such a change.
-    pub(super) fn kept_active(&self) -> Option<&str> {
-        self.kept.iter().rev().find_map(|update| match update {
+    /// Returns the identifiers of the jobs that a change in memory makes active.
+    pub(super) fn kept_active(&self) -> Vec<&str> {
+        let active = self.kept.iter().filter_map(|update| match update {
             JobUpdate::State { id, state: JobState::Active, .. } => Some(id.as_str()),
             _ => None,
-        })
+        });
+        active.collect()
     }
 }
