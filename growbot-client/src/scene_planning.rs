@@ -115,8 +115,8 @@ pub enum NoPathError {
     },
     /// No path was found at this resolution.
     #[error(
-        "no path exists at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
-         smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
+        "no path exists at the resolution of this search (arcs and lines of {} mm, bends in {rolls} directions, cells \
+         of {} mm): give a smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
         /// Length of an arc or line, mm.
@@ -128,12 +128,12 @@ pub enum NoPathError {
     },
     /// The two-plane planner has no clear path.
     #[error(
-        "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
-         shortest, which does"
+        "no path of the planner two-plane is clear of the scene, and this planner does not search for others: use the \
+         planner shortest, which does"
     )]
     TwoPlaneBlocked,
     /// No path was found with the effort, or within the time.
-    #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
+    #[error("no path was found with this effort and time limit, but a path may exist: raise --effort or --time-limit")]
     NotFound,
 }
 
@@ -201,8 +201,8 @@ pub enum SceneCheckError {
     },
     /// The body comes nearer than the scene allows.
     #[error(
-        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan through \
-         the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan \
+         through the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {

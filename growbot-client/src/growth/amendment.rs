@@ -120,13 +120,14 @@ impl JobRunner<'_> {
             };
             let handed_over = total.min(from.saturating_add(HORIZON));
             self.sent.pending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
-            match self.client.request("to amend the job", &PassiveRequest::Amend(amend)) {
+            const WHAT: &str = "the request to amend the job";
+            match self.client.request(WHAT, &PassiveRequest::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.sent.accepted = accepted;
                     self.apply_amendment();
                     return Ok(());
                 }
-                Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
+                Ok(other) => return Err(ClientError::Unexpected { request: WHAT, kind: other.kind() }),
                 Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
                     self.sent.pending = None;
                     let why = match refusal {
@@ -161,7 +162,7 @@ impl JobRunner<'_> {
             return Ok(());
         }
         on_event(&JobEvent::ClearanceViolation(too_near));
-        match self.client.request("to pause", &PassiveRequest::Pause(Empty {})) {
+        match self.client.request("the request to pause", &PassiveRequest::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
             // It is paused already. The check is repeated after its next layer.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}
