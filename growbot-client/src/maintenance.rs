@@ -152,7 +152,7 @@ pub fn task_message(task: MaintenanceTask) -> String {
             "the nozzle heats to {} C; the heater switches off by itself after 10 minutes without commands",
             f64::from(target_centi_c) / 100.0
         ),
-        MaintenanceTask::CoolDown => "the heater and the steppers are off".to_owned(),
+        MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
         MaintenanceTask::DryRun => "the head and the feed can now be moved with the heater off".to_owned(),
         MaintenanceTask::Home => "the head turns to its index mark".to_owned(),
         MaintenanceTask::Rotate { centi_deg } => format!("the head turns by {} degrees", f64::from(centi_deg) / 100.0),

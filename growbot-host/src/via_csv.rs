@@ -17,28 +17,29 @@ pub const MAX_GOALS: usize = 1000;
 #[derive(Debug, thiserror::Error)]
 pub enum ViaError {
     /// A column is unknown.
-    #[error("the header has an unknown column {name:?}{}; write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
+    #[error(
+        "the header of the CSV file has an unknown column {name:?}{}: write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
     UnknownColumn {
         /// Name of the column.
         name: String,
     },
     /// A column is missing.
-    #[error("the header has no column {name}; write x,y,z or x,y,z,heading,pitch")]
+    #[error("the header of the CSV file has no column {name}: write x,y,z or x,y,z,heading,pitch")]
     MissingColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// A column occurs twice.
-    #[error("the header has column {name} twice: remove one")]
+    #[error("the header of the CSV file has column {name} twice: remove one of them")]
     DuplicateColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// No line follows the header.
-    #[error("there is no line after the header: write a line for each position on the way")]
+    #[error("the CSV file has no line after its header: write a line for each position on the way")]
     NoRows,
     /// The file has more lines than a plan can have legs.
-    #[error("there are more than {MAX_GOALS} lines after the header: remove some, or plan in several parts")]
+    #[error("the CSV file has more than {MAX_GOALS} lines after its header: remove some, or plan in several parts")]
     TooManyRows,
     /// A line is invalid.
     #[error("line {line}: {error}")]
@@ -58,7 +59,7 @@ pub enum ViaError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LineError {
     /// The line has more or fewer fields than the header.
-    #[error("it has {found} fields, but the header has {expected}: write as many")]
+    #[error("the line has {found} fields, but the header has {expected}: write a field for each column")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -74,7 +75,9 @@ pub enum LineError {
         text: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
+    #[error(
+        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
+    )]
     IncompleteDirection {
         /// Name of the column that is empty.
         column: &'static str,

@@ -165,7 +165,7 @@ fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
     for part in [
         "heats to 200 C",
         "pushes 20 mm of filament",
-        "turns the head by 90 degrees",
+        "the head turns by 90 degrees",
         "to its index mark",
         "state        maintenance\n",
         "heater and steppers are off",

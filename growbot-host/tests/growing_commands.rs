@@ -422,7 +422,8 @@ fn invalid_run_logs_are_reported() {
     assert_eq!(growbot(&["grow", "--to", "0,0,5,0,90", "--log", &log]).code, Some(0));
     let old = std::fs::read_to_string(&log).unwrap().replacen("growbot-run/4", "growbot-run/3", 1);
     std::fs::write(&log, &old).unwrap();
-    let refusal = "the format is \"growbot-run/3\", but this version of growbot reads \"growbot-run/4\": use the version that wrote";
+    let refusal =
+        "the format is \"growbot-run/3\", but this version of growbot reads \"growbot-run/4\": use the version";
     for args in [&["replay", &log][..], &["resume", &log, "--port", "sim", "--yes"], &["view", &log, "-o", "-"]] {
         let ran = growbot(args);
         assert_refused(&ran, &["run.jsonl", refusal]);

@@ -345,8 +345,8 @@ fn the_job_list_is_rebuilt_from_the_run_logs() {
         let heard = lab.heard().replace("\n    ", " ");
         assert!(
             heard.contains(
-                "the format is \"growbot-run/5\", but this version of growbot reads \"growbot-run/4\": use the version that \
-                 wrote the file (0.1.0)"
+                "the format is \"growbot-run/5\", but this version of growbot reads \"growbot-run/4\": use the version \
+                 that wrote the file (0.1.0)"
             ),
             "{heard}"
         );

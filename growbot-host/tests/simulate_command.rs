@@ -357,12 +357,12 @@ fn bad_input_is_refused_in_one_message() {
     }
     let to = ["simulate", "--to", "0,0,100,0,90"];
     for (args, part) in [
-        (&["--slice", "whole", "--step", "0"][..], "it is 0 mm: give 0.01 to 10000"),
-        (&["--slice", "whole", "--step", "nan"], "it is NaN mm"),
+        (&["--slice", "whole", "--step", "0"][..], "the value is 0 mm: give 0.01 to 10000"),
+        (&["--slice", "whole", "--step", "nan"], "the value is NaN mm"),
         (&["--slice", "thick"], "exact, whole"),
-        (&["--noise", "91"], "it is 91 percent: give 0 to 90"),
+        (&["--noise", "91"], "the value is 91 percent: give 0 to 90"),
         (&["--odometry-scale", "2"], "--feedback"),
-        (&["--feedback", "--odometry-scale", "-91"], "it is -91 percent: give -90 to 90"),
+        (&["--feedback", "--odometry-scale", "-91"], "the value is -91 percent: give -90 to 90"),
         (&["--gravity-only"], "--feedback"),
         (&["--repeat", "0"], "0 is not in 1.."),
         (&["--threads", "2"], "--repeat"),

@@ -32,7 +32,7 @@ pub enum BatchError {
     #[error(transparent)]
     Header(#[from] HeaderError),
     /// The source cannot be read any further.
-    #[error("reading failed: {0}")]
+    #[error("cannot read the batch: {0}")]
     Reading(#[source] csv::Error),
 }
 
@@ -40,7 +40,7 @@ pub enum BatchError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum QueryError {
     /// The line has more or fewer fields than the header.
-    #[error("the line has {found} fields, but the header has {expected}")]
+    #[error("the line of the batch has {found} fields, but the header has {expected}: write a field for each column")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -48,7 +48,7 @@ pub enum QueryError {
         expected: usize,
     },
     /// A field is not UTF-8.
-    #[error("field {field} of the line is not UTF-8 text (at its byte {position}): save the batch as UTF-8")]
+    #[error("field {field} of the line is not UTF-8 text (at byte {position} of the field): save the batch as UTF-8")]
     NotText {
         /// Number of the field, from 1.
         field: usize,
@@ -70,7 +70,9 @@ pub enum QueryError {
         reason: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
+    #[error(
+        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
+    )]
     HalfADirection {
         /// Name of the column that is empty.
         column: &'static str,
@@ -373,7 +375,11 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
-        assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, but the header has 11\"}\n");
+        assert_eq!(
+            error,
+            "{\"id\":\"8\",\"error\":\"the line of the batch has 2 fields, but the header has 11: write \
+                           a field for each column\"}\n"
+        );
         assert_eq!(plan.matches('\n').count(), 1);
     }
 

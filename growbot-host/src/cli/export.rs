@@ -169,7 +169,8 @@ impl ExportArgs {
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(
-                "no format given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or pass --format",
+                "the export's format is not given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, \
+                 or pass --format",
             )
         })
     }

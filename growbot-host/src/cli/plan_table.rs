@@ -91,9 +91,11 @@ fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
-        (_, 1) if plan.scene.is_some() => format!("the shortest of {candidates} paths, except 1 that is not clear"),
+        (_, 1) if plan.scene.is_some() => {
+            format!("the shortest of {candidates} paths, except 1 that is not clear of obstacles")
+        }
         _ if plan.scene.is_some() => {
-            format!("the shortest of {candidates} paths, except {passed_over} that are not clear")
+            format!("the shortest of {candidates} paths, except {passed_over} that are not clear of obstacles")
         }
         (_, 1) => format!("the shortest of {candidates} paths, except 1 that runs into the body"),
         _ => format!("the shortest of {candidates} paths, except {passed_over} that run into the body"),

@@ -289,7 +289,10 @@ impl ServiceRobot {
             });
         });
         if let Err(error) = installed {
-            growbot_host::warning!("Ctrl-C will end this program, but will not stop the robot ({error})");
+            growbot_host::warning!(
+                "Ctrl-C will end this program, but will not stop the robot ({error}): stop the robot with `growbot \
+                 stop` or `growbot estop`"
+            );
         }
     }
 }

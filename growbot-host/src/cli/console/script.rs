@@ -48,14 +48,14 @@ pub fn still_active_text(state: State, robot: &Robot, port: &SelectedPort) -> St
         return format!("the simulated robot is {name} and ends with this program");
     }
     let future = if state == State::Tuning {
-        "it continues to heat until tuning is done".to_owned()
+        "the robot continues to heat until tuning is done".to_owned()
     } else if state == State::Maintenance {
-        "its heater goes off 10 minutes after the latest command".to_owned()
+        "the heater is switched off 10 minutes after the latest command".to_owned()
     } else {
         let off_after = robot.description().pause.off_after_s;
         format!(
-            "without a host it pauses after the current layer and switches its heater off after {off_after} s more, or \
-             continues if it was started that way"
+            "without a host the robot pauses after the current layer and switches its heater off after {off_after} s \
+             more, or continues if it was started with --on-host-silence continue"
         )
     };
     format!("the robot is {name}: {future}; to stop it: `growbot stop --port {}`", port.text())

@@ -138,7 +138,7 @@ impl ConsoleSession {
             let done = match String::from_utf8(bytes) {
                 Ok(text) => self.command(&text),
                 Err(error) => Err(Failure::request_failed(format!(
-                    "the line {:?} is not UTF-8 text (at byte {}) and was not executed: send UTF-8",
+                    "the input line {:?} is not UTF-8 text (at byte {}) and was not executed: send UTF-8 text",
                     String::from_utf8_lossy(error.as_bytes()),
                     error.utf8_error().valid_up_to()
                 ))),

@@ -127,7 +127,11 @@ const STEPS_MM: [f64; 2] = [0.01, 1e4];
 fn step_mm(text: &str) -> Result<f64, String> {
     let [min, max] = STEPS_MM;
     let number = mm(text)?;
-    if (min..=max).contains(&number) { Ok(number) } else { Err(format!("it is {number} mm: give {min} to {max}")) }
+    if (min..=max).contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("the value is {number} mm: give {min} to {max} mm"))
+    }
 }
 
 /// Runs the command.

@@ -129,7 +129,7 @@ impl Screen {
         // After a panic, ratatui restores the terminal.
         ratatui::try_init().map(Self).map_err(|error| {
             ratatui::restore();
-            Failure::bad_input(format!("cannot use the whole screen ({error}): remove --tui"))
+            Failure::bad_input(format!("cannot control the terminal's screen ({error}): remove --tui"))
         })
     }
 }
