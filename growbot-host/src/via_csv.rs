@@ -18,7 +18,9 @@ pub const MAX_GOALS: usize = 1000;
 pub enum ViaError {
     /// A column is unknown.
     #[error(
-        "the header of the CSV file has an unknown column {name:?}{}: write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
+        "the header of the CSV file has an unknown column {name:?}{}: write x,y,z or x,y,z,heading,pitch",
+        suggestion(.name)
+    )]
     UnknownColumn {
         /// Name of the column.
         name: String,
@@ -184,18 +186,18 @@ mod tests {
     #[test]
     fn errors_are_reported_with_the_line() {
         for (text, part) in [
-            ("", "the header has no column x;"),
-            ("x,y\n1,2\n", "the header has no column z; write x,y,z or x,y,z,heading,pitch"),
-            ("x,y,z,pitch\n", "the header has no column heading"),
+            ("", "the header of the CSV file has no column x:"),
+            ("x,y\n1,2\n", "the header of the CSV file has no column z: write x,y,z or x,y,z,heading,pitch"),
+            ("x,y,z,pitch\n", "the header of the CSV file has no column heading"),
             ("x,y,z,headin\n", "unknown column \"headin\" (did you mean heading?)"),
-            ("x,y,z,x_mm\n", "the header has column x twice"),
-            ("x,y,z\n", "there is no line after the header"),
+            ("x,y,z,x_mm\n", "the header of the CSV file has column x twice"),
+            ("x,y,z\n", "has no line after its header"),
             ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, but the header has 3"),
             ("x,y,z\n1,2,\n", "line 2: z is \"\", which is not a number"),
             ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
             ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),
             ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
-            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is not"),
+            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is given"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");

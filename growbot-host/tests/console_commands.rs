@@ -120,7 +120,7 @@ fn a_script_fails_if_standard_output_is_closed() {
     let ran = growbot_unread(&["console"], script);
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     for part in [
-        "standard output was closed by its reader",
+        "standard output was closed by the program that reads it",
         "4 more commands are not executed, among them `stop` in line 4",
         "heater and steppers of the simulated robot are off",
     ] {

@@ -389,11 +389,11 @@ fn a_direct_command_leases_the_link_of_the_service() {
     assert_eq!(lab.ask_page(&lab.at("/page-urls"), &["host: 127.0.0.1"], "GET", ""), 403);
     // A growth is watched on the page of the service.
     let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
-    assert!(code == Some(2) && answer.contains("--pace is for growths without a service"), "{answer}");
+    assert!(code == Some(2) && answer.contains("--pace applies only to growths without a service"), "{answer}");
     let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch"]);
     let (port, [_, look]) = lab.pages.clone().unwrap();
     assert_eq!(code, Some(0), "{answer}");
-    let at = answer.split_once("watch it at").unwrap().1.split_whitespace().next().unwrap();
+    let at = answer.split_once("watch the growth at").unwrap().1.split_whitespace().next().unwrap();
     assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{answer}");
     let (status, _) = http(lab.page(), "GET", at.split_once(&port.to_string()).unwrap().1, &["host: 127.0.0.1"], "");
     assert_eq!(status, 200, "{at}");

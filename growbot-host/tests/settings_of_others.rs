@@ -86,7 +86,7 @@ impl Place {
             let ran = self.run(args);
             assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
             let is_reported =
-                ran.err.contains("settings are ignored") && words.iter().all(|words| ran.err.contains(words));
+                ran.err.contains("settings cannot be read") && words.iter().all(|words| ran.err.contains(words));
             assert!(is_reported, "{args:?}: {}", ran.err);
         }
         assert!(self.projects_robot.accept().is_err(), "a robot of another user was reached");

@@ -377,8 +377,8 @@ mod tests {
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
         assert_eq!(
             error,
-            "{\"id\":\"8\",\"error\":\"the line of the batch has 2 fields, but the header has 11: write \
-                           a field for each column\"}\n"
+            "{\"id\":\"8\",\"error\":\"the line of the batch has 2 fields, but the header has 11: write a field for \
+             each column\"}\n"
         );
         assert_eq!(plan.matches('\n').count(), 1);
     }
@@ -398,7 +398,7 @@ mod tests {
         assert_eq!(plan(1).start, parse_pose("1,2,3,4,5").unwrap());
         let error = |index: usize| mixed[index].outcome.as_ref().unwrap_err().to_string();
         assert!(error(2).contains("from_y_mm is \"\""), "{}", error(2));
-        assert!(error(3).contains("to_pitch_deg is empty, but the other angle is not"), "{}", error(3));
+        assert!(error(3).contains("to_pitch_deg is empty, but the other angle is given"), "{}", error(3));
     }
 
     #[test]

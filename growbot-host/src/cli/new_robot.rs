@@ -65,8 +65,8 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let output = output.display();
     let mut notes = String::new();
     if robot.description().test_bench {
-        notes += "\ntest_bench is true, as in the base robot: the board heats although a debug probe is attached. Remove \
-             this line before the robot works unattended.\n";
+        notes += "\ntest_bench is true, as in the base robot: the board heats although a debug probe is attached. \
+                  Remove this line before the robot works unattended.\n";
     }
     if let Err(error) = robot.check_for_board() {
         notes += &format!("\nThe robot can be planned for and simulated, but no board can drive it: {error}.\n");

@@ -205,9 +205,10 @@ impl SimulateArgs {
             )),
             (SliceArg::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
             (SliceArg::Exact, None) => Ok(Slicing::Exact),
-            (SliceArg::Exact, Some(_)) => {
-                Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or remove --step"))
-            }
+            (SliceArg::Exact, Some(_)) => Err(Failure::bad_input(
+                "--step is the height of whole steps, but --slice whole is not given: add --slice whole, or remove \
+                     --step",
+            )),
         }
     }
 
