@@ -253,7 +253,7 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
 fn requests_of_another_release_are_refused_with_the_advice_to_reload() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
-    let reload = "reload the page, or update the program, that sent it";
+    let reload = "reload the page, or update the program that sent the request";
     for (method, path, body, status, cause) in [
         (
             "POST",
@@ -361,7 +361,7 @@ fn a_direct_command_leases_the_link_of_the_service() {
     let mut console = console.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let trouble = || lab.ask("GET", "/robots/lab", "").1["connection_error"].clone();
     wait_for("the line is lent", || {
-        (trouble() == "its port is in use by growbot console, which must end first").then_some(())
+        (trouble() == "the port is in use by growbot console: end that program first").then_some(())
     });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("in use by growbot console"), "{problem}");
@@ -393,7 +393,7 @@ fn a_direct_command_leases_the_link_of_the_service() {
     let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch"]);
     let (port, [_, look]) = lab.pages.clone().unwrap();
     assert_eq!(code, Some(0), "{answer}");
-    let at = answer.split_once("watch the growth at").unwrap().1.split_whitespace().next().unwrap();
+    let at = answer.split_once("live view:").unwrap().1.split_whitespace().next().unwrap();
     assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{answer}");
     let (status, _) = http(lab.page(), "GET", at.split_once(&port.to_string()).unwrap().1, &["host: 127.0.0.1"], "");
     assert_eq!(status, 200, "{at}");

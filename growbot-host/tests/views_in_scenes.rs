@@ -273,7 +273,7 @@ fn page_of(growing: &mut Child) -> String {
     let answer = BufReader::new(growing.stderr.as_mut().unwrap());
     let address = answer.lines().find_map(|line| {
         let line = line.unwrap();
-        Some(line.split_once("watch the growth at http://")?.1.to_owned())
+        Some(line.split_once("live view: http://")?.1.to_owned())
     });
     let address = address.expect("the growth says where it can be watched");
     let (host, path) = address.split_once('/').unwrap();

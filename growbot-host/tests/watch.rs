@@ -186,5 +186,5 @@ fn a_watched_growth_ends_like_an_unwatched_one() {
     let plain = growbot(&goal);
     let watched = growbot(&[&goal[..], &["--watch", "--pace", "100000"]].concat());
     assert_eq!((watched.code, &watched.out), (Some(0), &plain.out));
-    assert!(watched.err.contains("note: watch the growth at http://127.0.0.1:"), "{}", watched.err);
+    assert!(watched.err.contains("note: live view: http://127.0.0.1:"), "{}", watched.err);
 }

@@ -204,7 +204,7 @@ impl ServiceRobot {
         let Some(page) = page else { return Ok(()) };
         let PageUrls { control_url: operate, view_url: look } = self.caller.get("/page-urls")?;
         let at = if page == PageAccess::Control { operate } else { look };
-        growbot_host::note!("watch the growth at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
+        growbot_host::note!("live view: {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
         Ok(())
     }
 

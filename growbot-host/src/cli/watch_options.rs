@@ -79,7 +79,7 @@ impl WatchArgs {
         let orders = self.control.then(|| Arc::clone(orders));
         let watch =
             WatchPage::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
-        growbot_host::note!("watch the growth at {}", watch.address());
+        growbot_host::note!("live view: {}", watch.address());
         Ok(Some(watch))
     }
 }

@@ -207,7 +207,7 @@ impl SimulateArgs {
             (SliceArg::Exact, None) => Ok(Slicing::Exact),
             (SliceArg::Exact, Some(_)) => Err(Failure::bad_input(
                 "--step is the height of whole steps, but --slice whole is not given: add --slice whole, or remove \
-                     --step",
+                 --step",
             )),
         }
     }
