@@ -47,7 +47,7 @@ pub enum InputError {
         what: &'static str,
     },
     /// Standard input is already read by another argument.
-    #[error("standard input (-) holds only one file: give the other as a file")]
+    #[error("standard input (-) can be only one of the inputs: give the other input as a file")]
     ReadAlready,
     /// Standard output would destroy the input.
     #[error(transparent)]

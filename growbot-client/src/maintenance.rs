@@ -97,8 +97,10 @@ impl MaterialPresets {
             if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes no arguments: remove {rest:?}")) }
         };
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
-        let number =
-            || parse_number(rest).ok_or_else(|| format!("{rest:?} is not a number: give one, for example `{word} 10`"));
+        let number = || {
+            parse_number(rest)
+                .ok_or_else(|| format!("{rest:?} is not a number: give a number, for example `{word} 10`"))
+        };
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
             ("", _) => Ok(of(&MaterialPreset::default())),

@@ -32,7 +32,7 @@ impl FirmwareImage {
     pub fn open(path: &Path) -> Result<Self, String> {
         let wrong = |reason: String| {
             format!(
-                "cannot look addresses up in {}: {reason}; give the ELF image that the board was flashed with",
+                "cannot find the crash addresses in {}: {reason}; give the ELF image that the board was flashed with",
                 path.display()
             )
         };

@@ -110,7 +110,7 @@ fn a_failed_script_reports_skipped_commands_and_the_robot_state() {
         "stop\ndance\nestop\n",
         &["1 more command is not executed, among them `estop` in line 3", "(it is in state stopped)"],
     );
-    told("dance", &["there were no commands after it", "heater and steppers of the simulated robot are off"]);
+    told("dance", &["there were no later commands", "heater and steppers of the simulated robot are off"]);
 }
 
 #[cfg(unix)]

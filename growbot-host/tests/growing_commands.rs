@@ -539,7 +539,7 @@ fn messages_of_a_simulated_robot_are_marked() {
     let grown = growbot(&["grow", "--to", "0,0,7.74,0,90", "--port", &board.port(), "--json"]);
     assert_eq!(json(&grown)["simulated"], false);
     let tuned = growbot(&["tune", "--port", "sim"]);
-    assert!(tuned.out.contains("# found on a simulated robot"), "{}", tuned.out);
+    assert!(tuned.out.contains("# These gains are for a simulated robot"), "{}", tuned.out);
     assert_eq!(json(&growbot(&["tune", "--port", "sim", "--json"]))["simulated"], true);
     let told = growbot_reading(&["console"], "stop\nestop\n");
     assert_eq!(told.out.matches("simulated").count(), 3, "{}", told.out);

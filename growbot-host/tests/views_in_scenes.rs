@@ -150,7 +150,7 @@ fn a_glb_has_translucent_obstacles() {
     assert!((told - fixture.clearance()).abs() < 0.01, "{told}");
     let stl = growbot(&["export", &fixture.path("past.json"), "-o", &fixture.path("a.stl"), "--scene", "room.toml"]);
     assert_eq!(stl.code, Some(2), "{}", stl.err);
-    assert!(stl.err.contains("--scene is for GLB") && !fixture.0.path().join("a.stl").exists(), "{}", stl.err);
+    assert!(stl.err.contains("--scene applies only to GLB") && !fixture.0.path().join("a.stl").exists(), "{}", stl.err);
 }
 
 #[test]

@@ -86,8 +86,8 @@ pub enum ClientError {
     },
     /// Another host owns the board.
     #[error(
-        "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it \
-         has been silent for 10 s, or take over the board (--take-over)"
+        "the board at {port} is owned by {host}, whose last message arrived {silent_s:.1} s ago: end that program, \
+         wait until 10 s after its last message, or take over the board (--take-over)"
     )]
     Owned {
         /// The port.
@@ -230,8 +230,8 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
         Refusal::OwnedByOtherHost { silent_ms } => format!(
-            "another host owns the board and was last heard {silent_ms} ms ago: end that program, or take over the \
-             board (--take-over)"
+            "another host owns the board, and its last message arrived {silent_ms} ms ago: end that program, or take \
+             over the board (--take-over)"
         ),
         Refusal::LayerAlreadyBegun { first } => {
             format!("the robot has already started some of these layers: replace layers from layer {first} on")

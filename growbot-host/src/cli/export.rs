@@ -130,13 +130,14 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     }
     if args.ros2 && format != ExportFormat::Mcap {
         return Err(Failure::bad_input(format_args!(
-            "--ros2 is for MCAP, not for {}: remove it, or name a file that ends in .mcap",
+            "--ros2 applies only to MCAP files, not to {}: remove --ros2, or name a file that ends in .mcap",
             format.ending()
         )));
     }
     if args.scene.is_some() && format != ExportFormat::Glb {
         return Err(Failure::bad_input(format_args!(
-            "--scene is for GLB, and {} holds only the body: remove it, or name a file that ends in .glb",
+            "--scene applies only to GLB files, and {} holds only the body: remove --scene, or name a file that ends \
+             in .glb",
             format.ending()
         )));
     }

@@ -176,7 +176,7 @@ impl ServiceRobot {
             ..GrowRequest::default()
         };
         let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
-        growbot_host::note!("the service runs it as job {}; the job continues after this command ends", job.id);
+        growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
         self.say_page(&job, options.page)?;
         self.follow(&job, options)
     }

@@ -63,7 +63,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
         }))
     } else {
         let caution = if port.is_simulated() {
-            "# found on a simulated robot: do not use them on a real robot, tune that instead\n"
+            "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"
         } else {
             ""
         };

@@ -370,7 +370,9 @@ impl ViewArgs {
             }
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
-            return Err(Failure::bad_input("standard input holds only one plan or run log: give the other as a file"));
+            return Err(Failure::bad_input(
+                "standard input can be only one of the plans or run logs: give the other one as a file",
+            ));
         }
         let output = match &self.output {
             Some(output) => output.clone(),

@@ -124,7 +124,7 @@ impl SkippedCommands {
         let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };
         match self.stop {
-            _ if self.is_nothing() => "there were no commands after it".to_owned(),
+            _ if self.is_nothing() => "there were no later commands".to_owned(),
             None if count == 0 => "later commands are not executed".to_owned(),
             None => format!("{some}{count} more {commands} not executed"),
             Some(StopCommand { name, line }) => {
@@ -154,7 +154,7 @@ mod tests {
     #[test]
     fn skipped_commands_are_counted_and_the_first_stop_is_named() {
         let text = |lines: &[&str]| left_out(lines, true).text();
-        assert_eq!(text(&[]), "there were no commands after it");
+        assert_eq!(text(&[]), "there were no later commands");
         assert_eq!(text(&["", "status", " "]), "1 more command is not executed");
         assert_eq!(
             text(&["wait 5", "", "stop", "estop", "quit", "start"]),

@@ -61,7 +61,7 @@ pub fn check_terminal() -> Result<(), Failure> {
     {
         if !is_terminal {
             return Err(Failure::bad_input(format!(
-                "--tui needs a terminal, and {what} is not one: remove --tui and give commands line by line"
+                "--tui needs a terminal, but {what} is not a terminal: remove --tui and give commands line by line"
             )));
         }
     }
@@ -278,7 +278,9 @@ impl TuiApp {
             self.model.log_error(&format!("{}: {}", warning.code, warning.message));
         }
         if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
-            self.model.log_error("not planned: choose another pose, or grow it with `growbot grow --force`");
+            self.model.log_error(
+                "the body was not planned: choose another pose, or grow the body with `growbot grow --force`",
+            );
             return false;
         }
         let request = BoardRequest::Plan(plan.goal);
