@@ -160,7 +160,7 @@ pub fn task_message(task: MaintenanceTask) -> String {
         MaintenanceTask::Rotate { centi_deg } => format!("the head turns by {} degrees", f64::from(centi_deg) / 100.0),
         MaintenanceTask::Feed { um } => {
             let way = if um < 0 { "pulls" } else { "pushes" };
-            format!("{way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
+            format!("the feed {way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
         }
     }
 }

@@ -182,8 +182,8 @@ pub enum ScenePlanError {
 pub enum SceneCheckError {
     /// The scene cannot be read.
     #[error(
-        "the plan leads through a scene: {0}; put the scene next to the plan, or pass it to `grow` or `simulate` with \
-         --scene"
+        "the plan leads through a scene: {0}; put the scene file next to the plan, or pass the scene file with --scene \
+         to `grow` or `simulate`"
     )]
     Scene(#[from] SceneError),
     /// The scene has changed.

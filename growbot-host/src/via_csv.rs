@@ -69,7 +69,7 @@ pub enum LineError {
         expected: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,

@@ -325,7 +325,7 @@ fn the_body_file_format_follows_the_extension() {
     for (args, part) in [
         (&["-o", "body.obj"][..], "its extension .obj is not supported here"),
         (&["-o", "body"], "unknown format of"),
-        (&["--repeat", "2", "-o", "body.stl"], "--repeat grows many bodies"),
+        (&["--repeat", "2", "-o", "body.stl"], "--repeat simulates many growths"),
     ] {
         let ran = growbot(&with(&GOAL, args));
         assert!(ran.code == Some(2) && ran.out.is_empty() && ran.err.contains(part), "{}", ran.err);
@@ -335,7 +335,7 @@ fn the_body_file_format_follows_the_extension() {
 #[test]
 fn repeating_a_deterministic_growth_gives_a_note() {
     let ran = growbot(&with(&GOAL, &["--bias", "5", "--repeat", "4"]));
-    assert_eq!(ran.err, "note: nothing is random, so all 4 growths are the same\n");
+    assert_eq!(ran.err, "note: no noise is given, so all 4 growths are the same\n");
 }
 
 #[test]

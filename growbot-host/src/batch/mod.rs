@@ -56,7 +56,7 @@ pub enum QueryError {
         position: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,

@@ -137,7 +137,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let is_drive = args.board != FlashTarget::Stm32f405;
     if !is_drive && (args.uf2.is_some() || args.drive.is_some()) {
         return Err(Failure::bad_input(
-            "--uf2 and --drive are for boards that take UF2 files: pass --board pico or skr-pico",
+            "--uf2 and --drive apply only to boards that take UF2 files: pass --board pico or --board skr-pico",
         ));
     }
     let (build, image) = match &args.firmware {

@@ -183,7 +183,8 @@ impl ResumeArgs {
         match given.into_iter().find(|(_, is_given)| *is_given) {
             None => Ok(()),
             Some((option, _)) => Err(Failure::bad_input(format!(
-                "a service owns this robot and does not support {option}: remove it, or end `growbot serve` first"
+                "a service owns this robot and does not support {option}: remove this option, or end `growbot serve` \
+                 first"
             ))),
         }
     }
@@ -246,7 +247,7 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
     }
     if !io::stdin().is_terminal() {
         return Err(Failure::bad_input(
-            "cannot ask for confirmation without a terminal: pass --yes to heat and resume",
+            "cannot ask for confirmation, because standard input is not a terminal: pass --yes to heat and resume",
         ));
     }
     eprint!("Heat the nozzle, find the index mark of the head and resume the growth? [y/N] ");

@@ -86,8 +86,8 @@ fn introduction(page: &mut String, of: &Reproduction) {
          <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s planner: two planar Dubins paths that meet on the \
          line from start to goal. <i>shortest</i> is growbot&#8217;s own planner.</li>\n\
          <li><b>Closed loop.</b> This is growbot&#8217;s own method: after each layer its growth (odometry, standard \
-         deviation 1 % of the layer) and the tip&#8217;s direction (0.5 degrees about each of two axes) are measured, and the rest of \
-         the path is planned again.</li>\n\
+         deviation 1 % of the layer) and the tip&#8217;s direction (0.5 degrees about each of two axes) are measured, \
+         and the rest of the path is planned again.</li>\n\
          <li><b>Numbers.</b> Mean &plusmn; standard deviation. All numbers, also those of each single growth, are in \
          the CSV files beside this page.</li>\n</ul>\n",
     );

@@ -228,8 +228,8 @@ impl SimulateArgs {
         refuse_inputs(file)?;
         match format {
             Some(_) if self.repeat.is_some() => Err(Failure::bad_input(
-                "--repeat grows many bodies, but -o holds one: remove --repeat and choose the growth by --seed, or end \
-                 the file in .json",
+                "--repeat simulates many growths, but the file of -o holds one body: remove --repeat and choose a \
+                 growth with --seed, or give a file that ends in .json",
             )),
             format => Ok(format),
         }
@@ -256,7 +256,7 @@ impl SimulateArgs {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
-            growbot_host::note!("nothing is random, so all {runs} growths are the same");
+            growbot_host::note!("no noise is given, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), ResultTiming::AtEnd);
