@@ -57,7 +57,7 @@ pub struct MaterialPresets {
 
 /// Commands with their arguments and descriptions.
 pub const COMMANDS: [(&str, &str, &str); 8] = [
-    ("preheat", "[C|MATERIAL]", "heat the nozzle: to a temperature, that of a material, or by default that of growth"),
+    ("preheat", "[C|MATERIAL]", "heat the nozzle to a temperature, to that of a material, or to that of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
     ("load", "[MM|MATERIAL]", "push filament in, by default 60 mm"),
     ("unload", "[MM|MATERIAL]", "pull filament out, by default 80 mm"),

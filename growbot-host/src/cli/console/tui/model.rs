@@ -164,10 +164,10 @@ pub fn explanation(state: State) -> &'static str {
         State::Parked => "the heater is off after a long pause; g heats and continues",
         State::Done => "every layer is laid, heater and steppers are off",
         State::Stopped => "stopped on request, heater and steppers are off",
-        State::Maintenance => "hot for maintenance; the heater goes off 10 minutes after the latest command",
-        State::Tuning => "the nozzle's temperature swings round the target to find the heater's gains",
+        State::Maintenance => "hot for maintenance; heater off 10 minutes after the latest command",
+        State::Tuning => "the nozzle's temperature swings to find the heater's gains",
         State::Fault => "heater and steppers are off; fix the cause, then c clears the fault",
-        State::EmergencyStop => "everything is off; release the button, then c clears the emergency stop",
+        State::EmergencyStop => "all is off; release the button, then c clears the emergency stop",
     }
 }
 
