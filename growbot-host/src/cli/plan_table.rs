@@ -92,10 +92,10 @@ fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
         (_, 1) if plan.scene.is_some() => {
-            format!("the shortest of {candidates} paths, except 1 that is not clear of obstacles")
+            format!("the shortest of {candidates} paths, except 1 that is not clear")
         }
         _ if plan.scene.is_some() => {
-            format!("the shortest of {candidates} paths, except {passed_over} that are not clear of obstacles")
+            format!("the shortest of {candidates} paths, except {passed_over} that are not clear")
         }
         (_, 1) => format!("the shortest of {candidates} paths, except 1 that runs into the body"),
         _ => format!("the shortest of {candidates} paths, except {passed_over} that run into the body"),

@@ -103,10 +103,10 @@ fn verdicts_text(text: &mut String, of: &Reproduction) {
     let (by_text, by_table) = (verdicts(SlicingRule::Text), verdicts(SlicingRule::Table));
     let _ = writeln!(
         text,
-        "p Welch: p-value of Welch's test that the means do not differ. p TOST: p-value of\n\
-         two one-sided tests that the means differ by more than the paper's SD; a small\n\
-         value shows that they are equivalent within the SD. Both p-values have Holm's\n\
-         correction for {} comparisons, at the level {LEVEL}.\n",
+        "p Welch: p-value of Welch's test that the means do not differ. p TOST: p-value\n\
+         of two one-sided tests that the means differ by more than the paper's SD; a\n\
+         small value shows that they are equivalent within the SD. Both p-values have\n\
+         Holm's correction for {} comparisons, at the level {LEVEL}.\n",
         by_text.cells
     );
     let _ = writeln!(text, "means of {:<37}{:>16}{:>16}", by_text.cells, "3.096 mm steps", "0.774 mm steps");
@@ -165,7 +165,7 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
     }
     let _ = writeln!(
         text,
-        "\nRobot A, uniform noise of +-{} %, exact slicing: position error over length, and direction error",
+        "\nRobot A, uniform noise of +-{} %, exact slicing: error over length, direction",
         100.0 * NOISE_OF_FEEDBACK
     );
     let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();

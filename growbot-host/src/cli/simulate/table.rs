@@ -109,7 +109,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
     table += &line("direction, deg", &campaign.direction_error_deg, 1.0);
     table += &line("heading, deg", &campaign.heading_error_deg, 1.0);
     table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
-    table += &format!("\nMedian and 95 % are accurate to {} %", 100.0 * Statistics::RESOLUTION);
+    table += &format!("\nMedian and 95 %: exact to {} %", 100.0 * Statistics::RESOLUTION);
     if let Some(WorstRun { seed, .. }) = campaign.farthest {
         table += &format!("; the max position error is that of --seed {seed}");
     }
