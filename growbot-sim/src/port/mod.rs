@@ -42,7 +42,7 @@ pub enum OpenError {
     #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
     NoEmergencyPort,
     /// The robot exceeds the limits of the boards. The fields are the robot's name and the reason.
-    #[error("no board, real or emulated, can run robot {0}: {1}")]
+    #[error("no board, real or emulated, can drive robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
     /// Error of the background process of a simulated robot (port `sim:NAME`).
     #[error(transparent)]
@@ -252,7 +252,7 @@ mod tests {
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
         let message = refused.to_string();
         assert!(
-            message.starts_with("no board, real or emulated, can run robot growbot-c")
+            message.starts_with("no board, real or emulated, can drive robot growbot-c")
                 && message.contains("above 100000"),
             "{message}"
         );
