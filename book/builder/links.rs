@@ -73,7 +73,7 @@ pub fn check(directory: &Path) -> Result<LinkCheckSummary> {
         }
     }
     if pages.is_empty() || links == 0 {
-        bail!("there are no pages in {}", directory.display());
+        bail!("there are no pages with links in {}", directory.display());
     }
     if !wrong.is_empty() {
         bail!("the pages are wrong in {} places:\n  {}", wrong.len(), wrong.join("\n  "));

@@ -35,9 +35,9 @@ pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning for a body that needs more filament than the spool holds. Value and limit are
 /// lengths, mm.
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning for layers that the robot cannot lay: too high (value and limit in mm), too tilted (degrees),
-/// without material at a point (mm), with too much acceleration of a motor, or with too many steps per second (value
-/// and limit are 0).
+/// Code of the warning for layers that the robot cannot lay. The units of value and limit depend on the reason: too high
+/// (mm), too tilted (degrees), without material at a point (mm, the limit is 0), or too much acceleration of a motor
+/// (turns/s^2 for the head, mm/s^2 for the feed). Both are 0 if the layer needs too many steps per second.
 pub const LAYER_LIMIT: &str = "layer-limit";
 
 /// Code of the warning for a plan whose clearance from obstacles is smaller than the expected deviation of the robot.
@@ -176,7 +176,7 @@ mod tests {
         let warnings = warnings(&path, &requirements(&path, &robot), &robot);
         let found = &warnings[0];
         assert_eq!((found.value, found.limit), (0.0, 45.6));
-        assert!(found.message.contains("at 8") && found.message.contains("45.6 mm wide"), "{}", found.message);
+        assert!(found.message.contains("at 8") && found.message.contains("width of 45.6 mm"), "{}", found.message);
     }
 
     #[test]
@@ -206,8 +206,8 @@ mod tests {
         let warnings = warnings(&path, &requirements(&path, &robot), &robot);
         assert!(warnings.iter().all(|warning| warning.code == "thin-layer" && warning.limit == 0.3));
         let [line, arc] = &warnings[..] else { panic!("{warnings:?}") };
-        assert!(line.message.starts_with("segment 1 (straight") && line.value == 0.2, "{line:?}");
-        assert!(arc.message.starts_with("segment 3 (arc"), "{arc:?}");
+        assert!(line.message.starts_with("segment 1 of the plan (straight") && line.value == 0.2, "{line:?}");
+        assert!(arc.message.starts_with("segment 3 of the plan (arc"), "{arc:?}");
         assert!((arc.value - (0.3 - 22.0 * 0.003)).abs() < 1e-15);
     }
 }

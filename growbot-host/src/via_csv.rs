@@ -193,7 +193,7 @@ mod tests {
             ("x,y,z,headin\n", "unknown column \"headin\" (did you mean heading?)"),
             ("x,y,z,x_mm\n", "the header of the CSV file has column x twice"),
             ("x,y,z\n", "has no line after its header"),
-            ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, but the header has 3"),
+            ("x,y,z\n1,2,3\n\n1,2\n", "line 4: the line has 2 fields, but the header has 3"),
             ("x,y,z\n1,2,\n", "line 2: z is \"\", which is not a number"),
             ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
             ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),

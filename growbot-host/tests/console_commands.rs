@@ -200,7 +200,12 @@ fn unsafe_requests_are_refused_with_value_limit_and_remedy() {
 #[test]
 fn maintenance_works_on_the_command_line() {
     let ran = growbot(&["maintain", "preheat", "--port", "sim"]);
-    assert_eq!((ran.code, ran.out.starts_with("simulated robot: heats to 200 C")), (Some(0), true), "{}", ran.err);
+    assert_eq!(
+        (ran.code, ran.out.starts_with("simulated robot: the nozzle heats to 200 C")),
+        (Some(0), true),
+        "{}",
+        ran.err
+    );
     let ran = growbot(&["maintain", "jog", "-5", "--port", "sim"]);
     assert_eq!(ran.code, Some(1));
     assert!(ran.err.contains("state idle"), "{}", ran.err);

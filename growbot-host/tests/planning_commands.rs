@@ -283,8 +283,8 @@ fn the_radius_defaults_to_the_robots_and_is_at_least_r_min() {
     for (text, parts) in [
         ("98.1", ["98.1 mm", "R_min = 98.2 mm"]),
         ("-5", ["-5 mm", "R_min = 98.2 mm"]),
-        ("nan", ["NaN mm", "up to 1000000 mm"]),
-        ("inf", ["inf mm", "up to 1000000 mm"]),
+        ("nan", ["NaN mm", "at most 1000000 mm"]),
+        ("inf", ["inf mm", "at most 1000000 mm"]),
     ] {
         assert_refused_in_a_line(&growbot(&with(&TO, &["--radius", text])), 2, &parts);
     }

@@ -118,11 +118,11 @@ fn a_file_of_another_user_is_refused_but_prevents_no_stop() {
     let place = Place::new();
     // Only root can change the owner of a file. Without root, only the unit tests of src/ownership.rs check the owner.
     if chown(place.path("lab/growbot.toml"), Some(OTHER_USER), None).is_ok() {
-        place.check_refused(&["belongs to user 54321", "(chown)"]);
+        place.check_refused(&["belongs to user 54321", "run `chown "]);
     }
     if chown(place.path("lab"), Some(OTHER_USER), None).is_ok() {
         chown(place.path("lab/growbot.toml"), Some(0), None).unwrap();
-        place.check_refused(&["lab belongs to user 54321", "(chown)"]);
+        place.check_refused(&["lab belongs to user 54321", "run `chown "]);
     }
 }
 

@@ -265,7 +265,7 @@ fn scene_shows_what_was_read_from_a_file() {
     }
     assert!((glb["box"]["max_mm"][2].as_f64().unwrap() - 300.0).abs() < 0.01, "{glb}");
     let with_seed = growbot(&["scene", &fixture.path("body.stl"), "--seed", "2"]);
-    assert!(with_seed.code == Some(2) && with_seed.err.contains("remove them"), "{}", with_seed.err);
+    assert!(with_seed.code == Some(2) && with_seed.err.contains("remove these options"), "{}", with_seed.err);
 }
 
 /// Requests the live page of a growth from the address that the growth prints, and returns the page.

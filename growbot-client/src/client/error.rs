@@ -58,9 +58,9 @@ pub enum ClientError {
         board_name: String,
         /// Hash of the description of the board's robot.
         board: u64,
-        /// Name of the job's robot.
+        /// Name of the robot that the host expects, for example that of the job or of `--robot`.
         host_name: String,
-        /// Hash of the description of the job's robot.
+        /// Hash of the description of the robot that the host expects.
         host: u64,
     },
     /// The board has no robot description.

@@ -362,7 +362,7 @@ mod tests {
             (1, "to: pitch is 95 deg"),
             (3, "to_z_mm is \"5oo\""),
             (4, "6 fields, but the header has 13"),
-            (5, "radius is 50 mm, below R_min = 98.2 mm"),
+            (5, "bends is 50 mm, below R_min = 98.2 mm"),
             (6, "unknown variant `teleport`, expected `two-plane`"),
             (7, "to: z is NaN"),
         ] {

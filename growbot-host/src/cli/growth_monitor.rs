@@ -282,7 +282,8 @@ impl LogHealth {
     }
 }
 
-/// Prints the line of JSON of a growth that did not start. The reason is printed even if this line cannot be.
+/// Prints the line of JSON of a growth that did not start. If the line cannot be printed, prints that error instead of
+/// returning it, so that the caller can still report why the growth did not start.
 pub fn print_refusal(result: &GrowthResult) {
     if let Err(error) = print(&json_line(result)) {
         Failure::from(error).print();

@@ -105,7 +105,7 @@ pub fn made(cut: InterruptedLayer) -> String {
         "it is unknown how much of this layer was made".to_string()
     } else {
         format!(
-            "this layer was made from 0 to {:.1} or {:.1} degrees of the head's turn",
+            "at least {:.1} and at most {:.1} of the 360 degrees of this layer were made",
             degrees(cut.min),
             degrees(cut.max)
         )

@@ -55,7 +55,7 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
         SettingOrigin::BuiltIn => none(),
         origin => describe(&origin),
     };
-    text += &format!("robots of the service    {service}\n");
+    text += &format!("service configuration    {service}\n");
     Ok(print(&text)?)
 }
 

@@ -68,8 +68,8 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             ""
         };
         format!(
-            "{caution}# swung by {:.2} C with a period of {:.1} s round {target} C\n[heater]\nkp = {:.5}\nki = \
-             {:.6}\nkd = {:.4}\n",
+            "{caution}# the temperature swung by {:.2} C to either side of {target} C, with a period of {:.1} \
+             s\n[heater]\nkp = {:.5}\nki = {:.6}\nkd = {:.4}\n",
             tuned.amplitude_c, tuned.period_s, gains.kp, gains.ki, gains.kd
         )
     })?;

@@ -152,7 +152,9 @@ impl NotificationContext<'_> {
             NotificationEvent::FilamentRunout => format!("{robot} pauses{at}: {why}"),
             NotificationEvent::Interrupted => format!("{robot} abandoned its job{at}: {why}"),
             NotificationEvent::Parked => {
-                format!("{robot} is parked{at}, with its heater off: continue the job, or cancel the job")
+                format!(
+                    "{robot} is parked{at}, with its heater off: continue the job, or stop the job and then cancel it"
+                )
             }
             NotificationEvent::EmergencyStop => format!(
                 "{robot} was stopped by the emergency stop{at}: release the button, clear the emergency stop, and \

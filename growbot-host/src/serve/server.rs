@@ -157,7 +157,8 @@ fn site(
         .layer(map_response(as_problem))
 }
 
-/// Converts an error response with plain text to problem details. Returns other responses unchanged.
+/// Converts an error response with plain text or without a content type to problem details. Returns other responses
+/// unchanged.
 async fn as_problem(response: Response) -> Response {
     let status = response.status();
     let is_text = |kind: &HeaderValue| kind.as_bytes().starts_with(b"text/plain");

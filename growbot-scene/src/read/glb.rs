@@ -226,9 +226,7 @@ impl<'a> GlbReader<'a> {
             ));
         }
         if accessor.sparse.is_some() {
-            return Err(format!(
-                "accessor {index} of the file is sparse, which is not supported: export the accessor in full"
-            ));
+            return Err(format!("accessor {index} is sparse, which is not supported: switch sparse accessors off"));
         }
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
         let view = view.ok_or_else(|| format!("accessor {index} of the file has no bytes"))?;

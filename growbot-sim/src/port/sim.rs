@@ -55,7 +55,7 @@ pub struct Sim {
     handover: Mailbox,
     controller: Controller<SimBoard>,
     tick_hz: u64,
-    /// Ticks since power-on.
+    /// Ticks since the simulation began or its robot was replaced. They continue through resets and losses of power.
     tick: u64,
     /// Time of the board's latest start, ticks.
     boot_tick: u64,
@@ -159,7 +159,7 @@ impl Sim {
         Box::new(Rc::clone(&self.tip))
     }
 
-    /// Returns the virtual time since the robot was switched on, s.
+    /// Returns the virtual time since the simulation began, s. It continues through resets and losses of power.
     #[must_use]
     pub fn now_s(&self) -> f64 {
         self.epoch_s + self.tick as f64 / self.tick_hz as f64
