@@ -55,10 +55,10 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 
+use fault::StuckReading;
 use filament::{FeedResult, SimulatedFilament};
 use nozzle::Nozzle;
 use plastic::Plastic;
-use sensors::StuckReading;
 
 /// The simulated tip of one robot.
 #[derive(Debug, Clone)]
