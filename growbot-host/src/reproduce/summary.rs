@@ -4,10 +4,10 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::Reproduction;
 use super::comparison::{ExactErrors, OurMean, SignificanceTest, capital, p_text};
 use super::experiments::{ErrorQuantity, NOISE_OF_FEEDBACK};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
+use super::reproduction::Reproduction;
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, TestResult};
 use super::table2::{Cell, Verdicts};
