@@ -8,12 +8,15 @@
 //! | [`experiments`], [`slicing_rule`] | growths: planned, sliced, laid, compared with the goal |
 //! | [`statistics`] | means and significance tests |
 //! | [`comparison`], [`table2`] | comparison of our results with the paper's; `differences` explains them |
+//! | `compared_values` | means that the paper quotes, with ours, and significance tests |
 //! | [`tables`], [`summary`] | CSV files and JSON; the printed summary |
+//! | `texts` | texts that several outputs share |
 //! | [`figures`], [`page`] | figures as SVG; an HTML page with all results |
 //!
 //! Each random number comes from a stream that is named by the seed and by its purpose. So the same seed gives the same
 //! bytes on any number of threads.
 
+mod compared_values;
 pub mod comparison;
 mod differences;
 pub mod experiments;
@@ -28,6 +31,7 @@ pub mod statistics;
 pub mod summary;
 pub mod table2;
 pub mod tables;
+mod texts;
 
 pub use reproduction::{Reproduction, ResultFile};
 pub use request::{FIGURES, REPEATS, ReproduceRequest, SEED, TABLES};

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{ExactErrors, SignificanceTest, capital, p_text};
+use super::comparison::{ExactErrors, SignificanceTest};
 use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
@@ -15,6 +15,7 @@ use super::statistics::{SampleSummary, TestResult};
 use super::summary::error_text;
 use super::table2::Cell;
 use super::tables::parameters;
+use super::texts::{capital, p_text};
 use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");

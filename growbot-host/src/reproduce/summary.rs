@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{ExactErrors, OurMean, SignificanceTest, capital, p_text};
+use super::comparison::{ExactErrors, OurMean, SignificanceTest};
 use super::experiments::{ErrorQuantity, NOISE_OF_FEEDBACK};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
 use super::reproduction::Reproduction;
@@ -12,6 +12,7 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, TestResult};
 use super::table2::{Cell, Verdicts};
 use super::tables::parameters;
+use super::texts::{capital, p_text};
 
 /// Returns the summary, a short text that is 80 columns wide.
 #[must_use]
