@@ -190,21 +190,27 @@ impl Point {
             // The first report is either that the board has restarted, or the fault for which it did.
             (Interruption::Board, Ok(Outcome::Interrupted | Outcome::Fault(Fault::StackOverflow))) => {}
             (Interruption::Host | Interruption::Power, Err(_)) => {}
-            (_, other) => return Err(format!("{what}: then {other:?}")),
+            (_, other) => return Err(format!("{what}: the interrupted growth ended unexpectedly with {other:?}")),
         }
         let second = flash.map(|flash| board(job.robot, &flash)).transpose()?;
         let laid = known.len();
         let (found, grown) = reconnect_and_resume(second.as_ref().unwrap_or(&first), job, known, *crash)
             .map_err(|error| format!("{what}: {error}"))?;
         if grown.outcome != Outcome::Done {
-            return Err(format!("{what}: resumed, it ended by {:?}", grown.outcome));
+            return Err(format!("{what}: the resumed growth ended with {:?} instead of done", grown.outcome));
         }
         let feed_steps: u64 = [Some(&first), second.as_ref()].into_iter().flatten().map(feed_steps).sum();
         let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
-        let told = format!("{what}: {laid} layers known, {} laid, cut {:?}", found.layers_laid, found.interrupted);
+        let told = format!(
+            "{what}: {laid} layers known to the host, {} laid by the board, interrupted layer {:?}",
+            found.layers_laid, found.interrupted
+        );
         let recovered = Recovery { found, as_built: grown.as_built, more_feed_steps };
         crash::check(job, undisturbed, *crash, &recovered).map_err(|wrong| format!("{told}: {wrong}"))?;
-        Ok(format!("{told}: resumed, {} layers, {more_feed_steps} feed steps laid again", recovered.as_built.len()))
+        Ok(format!(
+            "{told}: the resumed body has {} layers, and {more_feed_steps} feed steps were made twice",
+            recovered.as_built.len()
+        ))
     }
 
     /// Grows until the interruption. Also returns the flash of a board that loses power.

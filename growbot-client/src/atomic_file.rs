@@ -22,7 +22,7 @@ pub enum FileError {
         directory: String,
     },
     /// The file that was to be written is an input of the command.
-    #[error("cannot write {file}: it is an input of this command and would be lost; choose another file")]
+    #[error("cannot write {file}: this file is an input of this command and would be lost; choose another file")]
     Input {
         /// Path of the file that was to be written.
         file: String,

@@ -75,8 +75,8 @@ impl std::fmt::Display for ClearanceViolation {
         let Self { layer, point_mm: [x, y, z], obstacle, clearance_mm, deviation_mm, no_detour } = self;
         write!(
             f,
-            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, but must stay clear by \
-             {deviation_mm:.2} mm, 3 standard deviations of the position there",
+            "layer {layer}, at {x:.1}, {y:.1}, {z:.1} mm, would {} {obstacle}, but the body must keep a distance of \
+             {deviation_mm:.2} mm there, 3 standard deviations of its position",
             describe_clearance(*clearance_mm)
         )?;
         if let Some(why) = no_detour {
@@ -309,7 +309,9 @@ impl<'a> ClearanceGuard<'a> {
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
         let around = self.scene;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
-            return Err(format!("the body has already taken {MAX_DETOURS} detours, the maximum; plan it again"));
+            return Err(format!(
+                "the body has already taken {MAX_DETOURS} detours, the maximum: plan the rest of the body again"
+            ));
         };
         let estimate = tracker.estimate();
         let start = Pose::from_frame(tracker.reference_start());
@@ -342,7 +344,7 @@ impl<'a> ClearanceGuard<'a> {
                     let clearance = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
                     return Ok((followed, plan.requirements.length, clearance));
                 }
-                Err(too_near) => why = format!("there too {too_near}"),
+                Err(too_near) => why = format!("on the detour found, too, {too_near}"),
             }
         }
         Err(why)

@@ -28,7 +28,7 @@ pub enum InputError {
         error: io::Error,
     },
     /// The input is longer than the limit for its kind.
-    #[error("{name} is longer than {max} bytes, the limit for a {}: is it the right file?", kind(.max))]
+    #[error("{name} is longer than {max} bytes, the limit for a {}: check that this is the right file", kind(.max))]
     TooLong {
         /// Name of the input.
         name: String,
@@ -47,7 +47,7 @@ pub enum InputError {
         what: &'static str,
     },
     /// Standard input is already read by another argument.
-    #[error("standard input (-) holds only one file: give the other as a file")]
+    #[error("standard input (-) can be only one of the inputs: give the other input as a file")]
     ReadAlready,
     /// Standard output is redirected to the input and would overwrite it.
     #[error(transparent)]
@@ -173,7 +173,10 @@ impl<R: Read> Read for BoundedLines<R> {
         for byte in buffer.get(..count).unwrap_or_default() {
             self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
             if self.length > MAX_TEXT_BYTES {
-                let reason = format!("a line is longer than {MAX_TEXT_BYTES} bytes, the limit: is it the right file?");
+                let reason = format!(
+                    "a line of the input is longer than {MAX_TEXT_BYTES} bytes, the limit: check that this is the \
+                     right file"
+                );
                 return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
             }
         }

@@ -39,7 +39,7 @@ fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
     if mm.is_finite() && mm >= 0.0 {
         Ok(mm)
     } else {
-        Err(D::Error::custom(format!("{mm} mm is not a length: give 0 or more")))
+        Err(D::Error::custom(format!("{mm} mm is not a length of filament: give 0 mm or more")))
     }
 }
 
@@ -57,14 +57,14 @@ pub struct MaterialPresets {
 
 /// Maintenance commands: name, arguments and description of each.
 pub const COMMANDS: [(&str, &str, &str); 8] = [
-    ("preheat", "[C|MATERIAL]", "heat the nozzle for maintenance: to a temperature, a material's, or that of growth"),
+    ("preheat", "[C|MATERIAL]", "heat the nozzle to a temperature, to that of a material, or to that of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
-    ("load", "[MM|MATERIAL]", "push filament in (60)"),
-    ("unload", "[MM|MATERIAL]", "pull filament out (80)"),
-    ("purge", "[MM|MATERIAL]", "push filament through the hot nozzle (30)"),
+    ("load", "[MM|MATERIAL]", "push filament in, by default 60 mm"),
+    ("unload", "[MM|MATERIAL]", "pull filament out, by default 80 mm"),
+    ("purge", "[MM|MATERIAL]", "push filament through the hot nozzle, by default 30 mm"),
     ("home", "", "turn the head to its index mark"),
-    ("rotate", "DEGREES", "turn the head by an angle, -360 to 360"),
-    ("jog", "MM", "move filament, forwards or backwards"),
+    ("rotate", "DEGREES", "turn the head by an angle of -360 to 360 degrees"),
+    ("jog", "MM", "move filament forwards, or backwards if MM is negative"),
 ];
 
 impl MaterialPresets {
@@ -98,13 +98,17 @@ impl MaterialPresets {
             if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes no arguments: remove {rest:?}")) }
         };
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
-        let number =
-            || parse_number(rest).ok_or_else(|| format!("{rest:?} is not a number: give one, for example `{word} 10`"));
+        let number = || {
+            parse_number(rest)
+                .ok_or_else(|| format!("{rest:?} is not a number: give a number, for example `{word} 10`"))
+        };
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
             ("", _) => Ok(of(&MaterialPreset::default())),
             (_, Some(number)) if number >= 0.0 => Ok(number),
-            (_, Some(number)) => Err(format!("{number} mm: `{word}` takes 0 or more; `jog` moves either way")),
+            (_, Some(number)) => Err(format!(
+                "`{word}` cannot move {number} mm: give a length of 0 or more, or use `jog`, which also moves backwards"
+            )),
             (name, None) => self.find(name).map(|preset| of(&preset)),
         };
         Some(match word {
@@ -135,11 +139,11 @@ impl MaterialPresets {
 #[must_use]
 pub fn request_name(task: MaintenanceTask) -> &'static str {
     match task {
-        MaintenanceTask::Preheat { .. } => "to preheat",
-        MaintenanceTask::CoolDown => "to cool down",
-        MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => "to turn the head",
+        MaintenanceTask::Preheat { .. } => "the request to preheat",
+        MaintenanceTask::CoolDown => "the request to cool down",
+        MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => "the request to turn the head",
         MaintenanceTask::Feed { .. } => crate::client::MOVE_FILAMENT,
-        MaintenanceTask::DryRun => "to move without heat",
+        MaintenanceTask::DryRun => "the request to move without heat",
     }
 }
 
@@ -148,16 +152,16 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
 pub fn task_message(task: MaintenanceTask) -> String {
     match task {
         MaintenanceTask::Preheat { target_centi_c } => format!(
-            "heats to {} C; the heater switches off by itself after a long time without commands",
+            "the nozzle heats to {} C; the heater switches off by itself after 10 minutes without commands",
             f64::from(target_centi_c) / 100.0
         ),
         MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
-        MaintenanceTask::DryRun => "moves head and feed with the heater off".to_owned(),
-        MaintenanceTask::Home => "turns the head to its index mark".to_owned(),
-        MaintenanceTask::Rotate { centi_deg } => format!("turns the head by {} degrees", f64::from(centi_deg) / 100.0),
+        MaintenanceTask::DryRun => "the head and the feed can now be moved with the heater off".to_owned(),
+        MaintenanceTask::Home => "the head turns to its index mark".to_owned(),
+        MaintenanceTask::Rotate { centi_deg } => format!("the head turns by {} degrees", f64::from(centi_deg) / 100.0),
         MaintenanceTask::Feed { um } => {
             let way = if um < 0 { "pulls" } else { "pushes" };
-            format!("{way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
+            format!("the feed {way} {} mm of filament", f64::from(um.unsigned_abs()) / 1000.0)
         }
     }
 }
@@ -192,7 +196,7 @@ mod tests {
         assert_eq!((task("home"), task("cooldown")), (Ok(MaintenanceTask::Home), Ok(MaintenanceTask::CoolDown)));
         for (line, part) in [
             ("preheat plaa", "did you mean pla?"),
-            ("load -3", "takes 0 or more"),
+            ("load -3", "give a length of 0 or more"),
             ("rotate", "is not a number"),
             ("jog far", "is not a number"),
             ("home 3", "takes no arguments"),
@@ -218,7 +222,7 @@ mod tests {
         for length in ["-60.0", "nan", "inf"] {
             let wrong = format!("{text}\n[materials.pla]\nload_mm = {length}\n");
             let message = robot_file::materials(&wrong, "mine.toml").unwrap_err().to_string();
-            assert!(message.contains("is not a length: give 0 or more"), "{message}");
+            assert!(message.contains("is not a length of filament: give 0 mm or more"), "{message}");
         }
     }
 }

@@ -92,9 +92,9 @@ impl PlanDeviation {
         (max_mm > limit_mm).then(|| Warning {
             code: FAR_FROM_PLAN.to_owned(),
             message: format!(
-                "the body lies up to {max_mm:.1} mm from its plan, {at_mm:.0} mm along, above {limit_mm:.1} mm (0.5 % of \
-                 the length, or the width of the wall): check what it passes there, and grow with feedback or calibrate \
-                 the robot"
+                "the body lies up to {max_mm:.1} mm from its plan, {at_mm:.0} mm along, above the limit of \
+                 {limit_mm:.1} mm (0.5 % of the length, or the width of the wall if that is larger): check the \
+                 distance to obstacles at that place, and grow with feedback or calibrate the robot"
             ),
             value: max_mm,
             limit: limit_mm,
@@ -161,8 +161,8 @@ impl BodyClearance {
         contact.then(|| Warning {
             code: TOUCHES_OBSTACLE.to_owned(),
             message: format!(
-                "the body lies {:.2} mm inside {obstacle}, {at_mm:.0} mm along, at {x:.1}, {y:.1}, {z:.1} mm, so it \
-                 touches it: inspect both, and plan with a larger margin",
+                "the body lies {:.2} mm inside {obstacle}, {at_mm:.0} mm along, at {x:.1}, {y:.1}, {z:.1} mm, so the \
+                 body touches this obstacle: inspect both, and plan with a larger margin",
                 -clearance_mm
             ),
             value: *clearance_mm,

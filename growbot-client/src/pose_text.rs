@@ -48,10 +48,10 @@ pub enum PoseTextError {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// The text is not a length.
-    #[error("which is not a length: write it like -120, 600mm or 0.6m")]
+    #[error("which is not a length: write a length like -120, 600mm or 0.6m")]
     Length,
     /// The text is not an angle.
-    #[error("which is not an angle: write it like -45, 90deg or 1.57rad")]
+    #[error("which is not an angle: write an angle like -45, 90deg or 1.57rad")]
     Angle,
 }
 
@@ -292,7 +292,7 @@ mod tests {
             ("1,2,3,4,-1e300", "pitch is -1e300 deg"),
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
-            ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write it like -120, 600mm or 0.6m"),
+            ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write a length like -120, 600mm or 0.6m"),
             ("1,2,3,4m,5", "heading is \"4m\", which is not an angle"),
             ("1,2,3,4,2rad", "pitch is 114.59"),
         ] {

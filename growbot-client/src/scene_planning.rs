@@ -117,8 +117,8 @@ pub enum NoPathError {
     },
     /// The search has tried all paths at its finest resolution, and none of them reaches the goal.
     #[error(
-        "no path exists at this resolution: arcs and lines of {} mm in {rolls} directions, cells of {} mm; give a \
-         smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
+        "no path exists at the resolution of this search (arcs and lines of {} mm, bends in {rolls} directions, cells \
+         of {} mm): give a smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
         /// Length of an arc or a line that the search appends to a path, mm.
@@ -130,12 +130,12 @@ pub enum NoPathError {
     },
     /// The only path of the two-plane planner is too near to an obstacle.
     #[error(
-        "no path of the planner two-plane is clear of the scene, and it does not search for others: use the planner \
-         shortest, which does"
+        "no path of the planner two-plane is clear of the scene, and this planner does not search for others: use the \
+         planner shortest, which does"
     )]
     TwoPlaneBlocked,
     /// The search ended without a path because its effort or its time was used up.
-    #[error("no path was found with this effort and time limit; one may exist: raise --effort or --time-limit")]
+    #[error("no path was found with this effort and time limit, but a path may exist: raise --effort or --time-limit")]
     NotFound,
 }
 
@@ -184,8 +184,8 @@ pub enum ScenePlanError {
 pub enum SceneCheckError {
     /// The scene cannot be read.
     #[error(
-        "the plan leads through a scene: {0}; put the scene next to the plan, or pass it to `grow` or `simulate` with \
-         --scene"
+        "the plan leads through a scene: {0}; put the scene file next to the plan, or pass the scene file with --scene \
+         to `grow` or `simulate`"
     )]
     Scene(#[from] SceneError),
     /// The scene's file is not the one for which the plan was made.
@@ -203,8 +203,8 @@ pub enum SceneCheckError {
     },
     /// The body would come nearer to an obstacle than the scene's margin.
     #[error(
-        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan through \
-         the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan \
+         through the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {

@@ -75,8 +75,8 @@ fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
     let limit = robot.outer_diameter();
     let Collision { distance: value, at: [from, to] } = closest_self_approach(path, limit, 0.0)?;
     let message = format!(
-        "the body runs into itself: after {to:.0} mm its centreline comes within {value:.1} mm of where it was after \
-         {from:.0} mm, and the tube is {limit:.1} mm wide"
+        "the body runs into itself: at {to:.0} mm of its length its centreline is {value:.1} mm from its centreline at \
+         {from:.0} mm, less than the tube's width of {limit:.1} mm; plan another path (--avoid-self-collision)"
     );
     Some(Warning { code: SELF_COLLISION.to_owned(), message, value, limit })
 }
@@ -87,8 +87,8 @@ fn filament_short(needs: &Requirements, robot: &Robot) -> Option<Warning> {
         let (takes, holds) = (value / 1000.0, limit / 1000.0);
         let enough = needs.length * limit / value;
         let message = format!(
-            "the body takes {takes:.1} m of filament, but the spool holds {holds:.1} m, enough for {enough:.0} mm of \
-             {:.0}",
+            "the body takes {takes:.1} m of filament, but the spool holds {holds:.1} m, which is enough for \
+             {enough:.0} mm of {:.0} mm of body; be ready to change the spool",
             needs.length
         );
         Warning { code: FILAMENT_SHORT.to_owned(), message, value, limit }
@@ -111,7 +111,7 @@ fn layer_limit(index: usize, segment: &Segment, robot: &Robot, left: &mut usize)
         LayerError::Acceleration { value, limit, .. } => (value, limit),
         LayerError::NotFinite | LayerError::StepRate => (0.0, 0.0),
     };
-    let message = format!("segment {index} ({}) cannot be laid: {error}", kind(segment));
+    let message = format!("segment {index} of the plan ({}) cannot be laid: {error}", kind(segment));
     Some(Warning { code: LAYER_LIMIT.to_owned(), message, value, limit })
 }
 
@@ -139,8 +139,8 @@ fn thin_layer(index: usize, segment: &Segment, robot: &Robot) -> Option<Warning>
     let layers = if count == 1 { "1 layer" } else { &format!("{count} layers") };
     let (length, thinnest) = (readable(segment.length()), readable(value));
     let message = format!(
-        "segment {index} ({kind}, {length} mm) takes {layers} of {thinnest} mm{side}, below the {limit} mm that print \
-         well"
+        "segment {index} of the plan ({kind}, {length} mm) takes {layers} of {thinnest} mm{side}, thinner than the \
+         {limit} mm that can be printed well"
     );
     Some(Warning { code: THIN_LAYER.to_owned(), message, value, limit })
 }
@@ -176,7 +176,7 @@ mod tests {
         let warnings = warnings(&path, &requirements(&path, &robot), &robot);
         let found = &warnings[0];
         assert_eq!((found.value, found.limit), (0.0, 45.6));
-        assert!(found.message.contains("after 8") && found.message.contains("45.6 mm wide"), "{}", found.message);
+        assert!(found.message.contains("at 8") && found.message.contains("45.6 mm wide"), "{}", found.message);
     }
 
     #[test]

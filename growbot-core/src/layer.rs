@@ -31,7 +31,10 @@ pub enum LayerError {
     #[error("the layer holds a number that is not finite")]
     NotFinite,
     /// The outer side would be higher than the nozzle can lay.
-    #[error("the layer is {height} mm high on its outer side; the robot lays {limit} mm at most")]
+    #[error(
+        "the layer is {height} mm high on its outer side, but the robot lays at most {limit} mm: plan with a larger \
+         radius"
+    )]
     TooHigh {
         /// Height of the outer side, mm.
         height: f64,
@@ -39,7 +42,10 @@ pub enum LayerError {
         limit: f64,
     },
     /// The tilt is negative or greater than the robot can lay.
-    #[error("the layer tilts by {tilt} rad; the robot lays 0 to {limit} rad")]
+    #[error(
+        "the layer tilts by {tilt} rad, but the robot lays layers that tilt by 0 to {limit} rad: plan with a larger \
+         radius"
+    )]
     Tilt {
         /// Tilt of the layer, radians.
         tilt: f64,
@@ -47,18 +53,24 @@ pub enum LayerError {
         limit: f64,
     },
     /// The inner side would have a height of zero or less.
-    #[error("the layer is {height} mm high on its inner side; there must be some material all round")]
+    #[error(
+        "the layer is {height} mm high on its inner side, but a layer must be higher than 0 mm all round: plan with a \
+         larger radius"
+    )]
     NoMaterial {
         /// Height of the inner side, mm.
         height: f64,
     },
     /// Head or feed would have to make more than one step in two ticks of the step interrupt.
-    #[error("the layer needs more than one step in two ticks: raise motion.tick_hz or lower the steps")]
+    #[error(
+        "the layer needs more than one motor step in two ticks of the step interrupt: raise motion.tick_hz, or lower \
+         head.steps_per_turn or feed.steps_per_mm"
+    )]
     StepRate,
     /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
     #[error(
-        "the layer needs an acceleration of {value} of the {axis}, above {limit}: tilt it less, lengthen its period, \
-         or raise the axis's acceleration and speed jump"
+        "the layer needs an acceleration of {value} of the {axis}, above the limit of {limit}: tilt the layer less, \
+         raise layer.period_s, or raise the axis's acceleration and speed jump"
     )]
     Acceleration {
         /// Name of the axis, with the unit of the acceleration.

@@ -133,7 +133,10 @@ pub struct Path(Vec<Segment, MAX_SEGMENTS>);
 
 /// Error of a path that has no space for another segment.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("a planned path holds at most {MAX_SEGMENTS} segments: please report these poses")]
+#[error(
+    "the planner needed more than {MAX_SEGMENTS} segments, the maximum of a path: this is a bug, please report the \
+     poses"
+)]
 pub struct PathFull;
 
 impl Path {

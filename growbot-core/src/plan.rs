@@ -35,7 +35,8 @@ pub struct PlannedPath {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.
-    #[error("radius is {} mm, below R_min = {limit} mm of this robot: give at least R_min", CompactNumber(.radius))]
+    #[error("the radius of the bends is {} mm, below R_min = {limit} mm of this robot: give a radius of at least \
+             R_min", CompactNumber(.radius))]
     RadiusTooSmall {
         /// Requested radius, mm.
         radius: f64,
@@ -43,7 +44,7 @@ pub enum PlanError {
         limit: f64,
     },
     /// The radius is not finite or above [`MAX_RADIUS_MM`].
-    #[error("radius is {} mm: give a number up to {limit} mm", CompactNumber(.radius))]
+    #[error("the radius of the bends is {} mm: give a radius of at most {limit} mm", CompactNumber(.radius))]
     RadiusTooLarge {
         /// Requested radius, mm.
         radius: f64,

@@ -33,7 +33,7 @@ impl FirmwareImage {
     pub fn open(path: &Path) -> Result<Self, String> {
         let wrong = |reason: String| {
             format!(
-                "cannot look addresses up in {}: {reason}; give the ELF image that the board was flashed with",
+                "cannot find the crash addresses in {}: {reason}; give the ELF image that the board was flashed with",
                 path.display()
             )
         };
@@ -163,9 +163,11 @@ impl<'a> CrashReport<'a> {
         if self.image.is_none() {
             text += &match self.record.image {
                 Some(crc) => {
-                    format!("             for functions and lines give its image, CRC {crc:08x}: --elf FILE\n")
+                    format!("             for functions and lines, give the image with CRC {crc:08x} with --elf FILE\n")
                 }
-                None => "             for functions and lines give its image: --elf FILE\n".to_string(),
+                None => {
+                    "             for functions and lines, give the flashed ELF image with --elf FILE\n".to_string()
+                }
             };
         }
         text

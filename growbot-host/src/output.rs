@@ -13,13 +13,13 @@ use growbot_client::sanitize::lines;
 #[derive(Debug, thiserror::Error)]
 pub enum OutputError {
     /// The reader of standard output has closed it, as `head` does. This needs no message.
-    #[error("standard output was closed by its reader")]
+    #[error("standard output was closed by the program that reads it")]
     Closed,
     /// Standard output cannot be written, for example because a disk is full.
     #[error("cannot write to standard output: {0}")]
     Stdout(io::Error),
     /// Standard output is a terminal, and the result is binary.
-    #[error("this format is not for terminals: name a file with -o, or redirect the output")]
+    #[error("this format is binary and cannot be shown on a terminal: name a file with -o, or redirect the output")]
     Terminal,
     /// A file cannot be written.
     #[error(transparent)]

@@ -31,8 +31,8 @@ pub enum Protection {
 pub enum OwnershipError {
     /// Another user owns the file or folder.
     #[error(
-        "{path} belongs to user {owner}, but this command runs as user {user}, which trusts only its own files and \
-         those of root: remove it, or, if you trust its content, give it to user {user} (chown)",
+        "{path} belongs to user {owner}, but this command runs as user {user} and trusts only files of this user and \
+         of root: remove {path}, or, if you trust its content, run `chown {user} {path}`",
         path = .path.display()
     )]
     Owner {
@@ -168,8 +168,9 @@ fn check_links(path: &Path, links: usize) -> Result<(), OwnershipError> {
     for part in parts {
         check_one(part, Protection::Write)?;
         if let Ok(target) = fs::read_link(part) {
-            let left =
-                links.checked_sub(1).ok_or_else(|| unknown(part, io::Error::other("too many symbolic links")))?;
+            let left = links
+                .checked_sub(1)
+                .ok_or_else(|| unknown(part, io::Error::other("the path has too many symbolic links")))?;
             check_links(&part.parent().unwrap_or(part).join(target), left)?;
         }
     }
@@ -257,7 +258,7 @@ mod tests {
         }
         set_mode("open", 0o1777).unwrap();
         assert_eq!(check("open/inner/file"), Ok(()), "the sticky bit");
-        assert!(check("safe/loop").unwrap_err().contains("too many symbolic links"));
+        assert!(check("safe/loop").unwrap_err().contains("the path has too many symbolic links"));
         assert!(check("safe/none").unwrap_err().contains("cannot read the owner"));
         if geteuid().is_root() {
             chown(root.join("open"), Some(12_345), None).unwrap();

@@ -95,7 +95,7 @@ pub enum SettingsError {
     #[error(transparent)]
     Input(#[from] InputError),
     /// Another user can have written a file.
-    #[error("settings file {file} is refused, because another user can have written it: {error}")]
+    #[error("the settings file {file} is not used, because another user may have written it: {error}")]
     Ownership {
         /// Name of the file.
         file: String,
@@ -104,8 +104,8 @@ pub enum SettingsError {
     },
     /// A `growbot.toml` that is not the user's own names receivers of notifications.
     #[error(
-        "{file}: [serve.notify] is for your own settings only, because it names a command to run or an address to \
-         call: move it to {user_file}"
+        "{file}: [serve.notify] is allowed only in your own settings, because it names a command to run or an address \
+         to call: move this section to {user_file}"
     )]
     ProjectNotify {
         /// Name of the file.

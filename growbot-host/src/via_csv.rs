@@ -17,28 +17,31 @@ pub const MAX_GOALS: usize = 1000;
 #[derive(Debug, thiserror::Error)]
 pub enum ViaError {
     /// A column is unknown.
-    #[error("the header has an unknown column {name:?}{}; write x,y,z or x,y,z,heading,pitch", suggestion(.name))]
+    #[error(
+        "the header of the CSV file has an unknown column {name:?}{}: write x,y,z or x,y,z,heading,pitch",
+        suggestion(.name)
+    )]
     UnknownColumn {
         /// Name of the column.
         name: String,
     },
     /// A column is missing.
-    #[error("the header has no column {name}; write x,y,z or x,y,z,heading,pitch")]
+    #[error("the header of the CSV file has no column {name}: write x,y,z or x,y,z,heading,pitch")]
     MissingColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// A column occurs twice.
-    #[error("the header has column {name} twice: remove one")]
+    #[error("the header of the CSV file has column {name} twice: remove one of them")]
     DuplicateColumn {
         /// Name of the column.
         name: &'static str,
     },
     /// No line follows the header.
-    #[error("there is no line after the header: write a line for each position on the way")]
+    #[error("the CSV file has no line after its header: write a line for each position on the way")]
     NoRows,
     /// The file has more lines than a plan can have legs.
-    #[error("there are more than {MAX_GOALS} lines after the header: remove some, or plan in several parts")]
+    #[error("the CSV file has more than {MAX_GOALS} lines after its header: remove some, or plan in several parts")]
     TooManyRows,
     /// A line is invalid.
     #[error("line {line}: {error}")]
@@ -58,7 +61,7 @@ pub enum ViaError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LineError {
     /// The line has more or fewer fields than the header.
-    #[error("it has {found} fields, but the header has {expected}: write as many")]
+    #[error("the line has {found} fields, but the header has {expected}: write a field for each column")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -66,7 +69,7 @@ pub enum LineError {
         expected: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,
@@ -74,7 +77,9 @@ pub enum LineError {
         text: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
+    #[error(
+        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
+    )]
     IncompleteDirection {
         /// Name of the column that is empty.
         column: &'static str,
@@ -182,18 +187,18 @@ mod tests {
     #[test]
     fn errors_are_reported_with_the_line() {
         for (text, part) in [
-            ("", "the header has no column x;"),
-            ("x,y\n1,2\n", "the header has no column z; write x,y,z or x,y,z,heading,pitch"),
-            ("x,y,z,pitch\n", "the header has no column heading"),
+            ("", "the header of the CSV file has no column x:"),
+            ("x,y\n1,2\n", "the header of the CSV file has no column z: write x,y,z or x,y,z,heading,pitch"),
+            ("x,y,z,pitch\n", "the header of the CSV file has no column heading"),
             ("x,y,z,headin\n", "unknown column \"headin\" (did you mean heading?)"),
-            ("x,y,z,x_mm\n", "the header has column x twice"),
-            ("x,y,z\n", "there is no line after the header"),
+            ("x,y,z,x_mm\n", "the header of the CSV file has column x twice"),
+            ("x,y,z\n", "has no line after its header"),
             ("x,y,z\n1,2,3\n\n1,2\n", "line 4: it has 2 fields, but the header has 3"),
             ("x,y,z\n1,2,\n", "line 2: z is \"\", which is not a number"),
             ("x,y,z\n1,2,inf\n", "line 2: z is inf: give a finite number"),
             ("x,y,z\n1,2,1e8\n", "line 2: z is 100000000 mm: keep coordinates within"),
             ("x,y,z,heading,pitch\n1,2,3,4,91\n", "line 2: pitch is 91 deg"),
-            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is not"),
+            ("x,y,z,heading,pitch\n1,2,3,4,\n", "line 2: pitch is empty, but the other angle is given"),
         ] {
             let message = read(text).unwrap_err().to_string();
             assert!(message.contains(part), "{text:?}: {message}");

@@ -70,7 +70,7 @@ fn a_description_is_sent_stored_and_reported() {
     let done = robot.run(&["configure", mine]);
     assert!(done.out.starts_with("the simulated board is now configured as mine ("), "{}", done.out);
     assert!(done.out.ends_with(&format!("; it was growbot-a ({hash})\n")), "{}", done.out);
-    assert!(done.err.contains("note: name this robot in other commands, too: --robot "), "{}", done.err);
+    assert!(done.err.contains("note: give this robot in other commands, too, with --robot "), "{}", done.err);
     let configured = robot.described();
     assert_eq!(configured.0, "mine");
     assert!(done.out.contains(&configured.1), "{}", done.out);

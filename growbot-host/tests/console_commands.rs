@@ -110,7 +110,7 @@ fn a_failed_script_reports_skipped_commands_and_the_robot_state() {
         "stop\ndance\nestop\n",
         &["1 more command is not executed, among them `estop` in line 3", "(it is in state stopped)"],
     );
-    told("dance", &["there were no commands after it", "heater and steppers of the simulated robot are off"]);
+    told("dance", &["there were no later commands", "heater and steppers of the simulated robot are off"]);
 }
 
 #[cfg(unix)]
@@ -120,7 +120,7 @@ fn a_script_fails_if_standard_output_is_closed() {
     let ran = growbot_unread(&["console"], script);
     assert_eq!(ran.code, Some(1), "{}", ran.err);
     for part in [
-        "standard output was closed by its reader",
+        "standard output was closed by the program that reads it",
         "4 more commands are not executed, among them `stop` in line 4",
         "heater and steppers of the simulated robot are off",
     ] {
@@ -166,7 +166,7 @@ fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
     for part in [
         "heats to 200 C",
         "pushes 20 mm of filament",
-        "turns the head by 90 degrees",
+        "the head turns by 90 degrees",
         "to its index mark",
         "state        maintenance\n",
         "heater and steppers are off",

@@ -202,7 +202,7 @@ fn new_robot_writes_a_file_from_answers_in_a_pipe() {
     let ran = growbot_reading(&["new-robot", "-o", file], "my-robot\n14\n60\n25\n\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert!(
-        ran.err.contains("geometry.tip_radius_mm [22.0]:") && ran.err.contains("the answers end here"),
+        ran.err.contains("geometry.tip_radius_mm [22.0]:") && ran.err.contains("standard input ends here"),
         "{}",
         ran.err
     );
@@ -229,7 +229,7 @@ fn an_invalid_answer_leaves_no_file() {
     for (answers, part) in [
         ("mine\n14\n60\n10\n", "geometry.tip_radius_mm is 10, below 14"),
         ("mine\nfourteen\n", "expected a number"),
-        ("growbot-a\n", "growbot-a is a built-in robot"),
+        ("growbot-a\n", "growbot-a is the name of a built-in robot"),
         ("mine\n1e400\n", "finite"),
     ] {
         let ran = growbot_reading(&["new-robot", "-o", path.to_str().unwrap()], answers);

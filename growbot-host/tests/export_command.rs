@@ -162,7 +162,7 @@ fn failed_exports_give_one_line_and_leave_no_file() {
         (vec![plan.as_str(), "-o", &bodies.path("a.mcap")], "run log"),
         (vec![&plan, "-o", &bodies.path("a.obj")], "use .stl, .glb, .csv, .tum or .mcap"),
         (vec![&plan], "--format"),
-        (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 is for MCAP"),
+        (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 applies only to MCAP"),
         (vec![&bodies.path("empty.jsonl"), "-o", &kept], "0 mm long"),
         (vec![&bodies.path("old.jsonl"), "-o", &kept], "growbot-run/1"),
         (vec![&kept, "-o", &bodies.path("a.glb")], "not JSON"),

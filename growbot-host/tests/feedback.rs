@@ -148,7 +148,7 @@ fn a_growth_with_feedback_is_replayed_from_its_log() {
 #[test]
 fn invalid_requests_are_refused_before_the_job() {
     for (args, part) in [
-        (vec!["--noise", "95"], "it is 95 percent: give 0 to 90"),
+        (vec!["--noise", "95"], "the value is 95 percent: give 0 to 90"),
         (
             vec!["--bias", "2", "--port", "tcp:localhost:1"],
             "its tip is not simulated: remove the noise and bias options",

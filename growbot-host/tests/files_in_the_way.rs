@@ -154,10 +154,10 @@ fn a_dash_means_standard_input_for_at_most_one_input_file() {
     let ran = growbot_reading(&["resume", "-", "--yes"], &plan);
     assert!(ran.code == Some(1) && ran.err.contains("no unfinished body"), "{}", ran.err);
     let ran = growbot_reading(&["resume", "-", "--yes"], &log);
-    assert!(ran.code == Some(2) && ran.err.contains("continued in place"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("continued in its own file"), "{}", ran.err);
     for args in [&["layers", "-", "--robot", "-"][..], &["view", "--compare", "-", "-", "-o", "-"]] {
         let ran = growbot_reading(args, &plan);
-        assert!(ran.code == Some(2) && ran.err.contains("holds only one"), "{args:?}: {}", ran.err);
+        assert!(ran.code == Some(2) && ran.err.contains("can be only one"), "{args:?}: {}", ran.err);
     }
     let ran = growbot_reading(&["new-robot", "--base", "-"], robot);
     assert!(ran.code == Some(2) && ran.err.contains("standard input"), "{}", ran.err);

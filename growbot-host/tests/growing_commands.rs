@@ -229,7 +229,7 @@ fn invalid_responses_of_boards_are_reported() {
     let status = |board: &FakeBoard| growbot(&["status", "--port", &board.port()]);
     assert_refused(&status(&FakeBoard::silent()), &["has not responded", "power"]);
     assert_refused(&status(&FakeBoard::garbage()), &["no valid frame", "115200"]);
-    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this side 2"]);
+    assert_refused(&status(&FakeBoard::of_frame_version(9)), &["version 9", "this end uses version 2"]);
     assert_refused(&status(&FakeBoard::of_schema(0x1234)), &["0000000000001234", "flash"]);
     assert_refused(&status(&FakeBoard::that_hangs_up()), &["lost the connection", "closed"]);
 }
@@ -375,7 +375,7 @@ fn a_body_on_a_board_of_another_release_is_kept_and_can_be_stopped() {
     board.set_other_release(true);
     let refusal = [
         "the board's firmware is of another release",
-        "finish or cancel a body that it stores with the growbot of that release, then flash this release",
+        "finish or cancel a body that the board stores with the growbot of that release, then flash this release",
         "stop and estop work with any release",
     ];
     let log = log.to_str().unwrap();
@@ -425,7 +425,7 @@ fn invalid_run_logs_are_reported() {
     let old = std::fs::read_to_string(&log).unwrap().replacen("growbot-run/4", "growbot-run/3", 1);
     std::fs::write(&log, &old).unwrap();
     let refusal =
-        "its format is \"growbot-run/3\", but this version reads \"growbot-run/4\": use the growbot that wrote it";
+        "the format is \"growbot-run/3\", but this version of growbot reads \"growbot-run/4\": use the version";
     for args in [&["replay", &log][..], &["resume", &log, "--port", "sim", "--yes"], &["view", &log, "-o", "-"]] {
         let ran = growbot(args);
         assert_refused(&ran, &["run.jsonl", refusal]);
@@ -541,7 +541,7 @@ fn messages_of_a_simulated_robot_are_marked() {
     let grown = growbot(&["grow", "--to", "0,0,7.74,0,90", "--port", &board.port(), "--json"]);
     assert_eq!(json(&grown)["simulated"], false);
     let tuned = growbot(&["tune", "--port", "sim"]);
-    assert!(tuned.out.contains("# found on a simulated robot"), "{}", tuned.out);
+    assert!(tuned.out.contains("# These gains are for a simulated robot"), "{}", tuned.out);
     assert_eq!(json(&growbot(&["tune", "--port", "sim", "--json"]))["simulated"], true);
     let told = growbot_reading(&["console"], "stop\nestop\n");
     assert_eq!(told.out.matches("simulated").count(), 3, "{}", told.out);

@@ -505,8 +505,8 @@ fn workspace_prints_a_table_a_line_or_a_picture() {
 
     let refused =
         |more: &[&str], parts: &[&str]| assert_refused_in_a_line(&growbot(&with(&["workspace"], more)), 2, parts);
-    refused(&["--length", "0"], &["length is 0 mm", "1000000 mm"]);
-    refused(&["--length", "nan"], &["length is NaN mm"]);
+    refused(&["--length", "0"], &["length of the body is 0 mm", "1000000 mm"]);
+    refused(&["--length", "nan"], &["length of the body is NaN mm"]);
     refused(&["--radius", "50"], &["50 mm", "R_min = 98.2 mm"]);
     refused(&["--heading", "0", "--pitch", "91"], &["pitch is 91 deg"]);
     refused(&["--length", "100", "-o", "-", "--json"], &["both go to standard output"]);

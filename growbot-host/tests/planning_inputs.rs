@@ -68,7 +68,7 @@ fn waypoints_come_from_options_or_a_file() {
         let ran = growbot_reading(&["plan", "--via-csv", "-", "--to", "800,0,0"], text);
         assert_refused(&ran, &[&["standard input: "], parts].concat());
     };
-    refused("x,y,z\n1,2,3\n\n4,five,6\n", &["line 4: y is \"five\"", "write it like"]);
+    refused("x,y,z\n1,2,3\n\n4,five,6\n", &["line 4: y is \"five\"", "write a number like"]);
     refused("x,y\n", &["no column z", "write x,y,z"]);
     assert_refused(&growbot(&["plan", "--via-csv", "none.csv", "--to", "1,2,3"]), &["cannot read none.csv"]);
     assert_refused(&growbot(&["plan", "--via-csv", "-", "--via", "1,2,3", "--to", "1,2,3"]), &["--via-csv", "--via"]);

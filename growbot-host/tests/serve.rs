@@ -255,7 +255,7 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
 fn requests_of_another_release_are_refused_with_the_advice_to_reload() {
     let lab = Lab::new(100.0);
     lab.wait_until_ready();
-    let reload = "reload the page, or update the program, that sent it";
+    let reload = "reload the page, or update the program that sent the request";
     for (method, path, body, status, cause) in [
         (
             "POST",
@@ -347,7 +347,8 @@ fn the_job_list_is_rebuilt_from_the_run_logs() {
         let heard = lab.heard().replace("\n    ", " ");
         assert!(
             heard.contains(
-                "its format is \"growbot-run/5\", but this version reads \"growbot-run/4\": use the growbot that wrote it (0.1.0)"
+                "the format is \"growbot-run/5\", but this version of growbot reads \"growbot-run/4\": use the version \
+                 that wrote the file (0.1.0)"
             ),
             "{heard}"
         );
@@ -362,7 +363,7 @@ fn a_direct_command_leases_the_link_of_the_service() {
     let mut console = console.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let trouble = || lab.ask("GET", "/robots/lab", "").1["connection_error"].clone();
     wait_for("the line is lent", || {
-        (trouble() == "its port is in use by growbot console, which must end first").then_some(())
+        (trouble() == "the port is in use by growbot console: end that program first").then_some(())
     });
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("in use by growbot console"), "{problem}");
@@ -390,11 +391,11 @@ fn a_direct_command_leases_the_link_of_the_service() {
     assert_eq!(lab.ask_page(&lab.at("/page-urls"), &["host: 127.0.0.1"], "GET", ""), 403);
     // A growth is watched on the page of the service.
     let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch", "--pace", "3"]);
-    assert!(code == Some(2) && answer.contains("--pace is for growths without a service"), "{answer}");
+    assert!(code == Some(2) && answer.contains("--pace applies only to growths without a service"), "{answer}");
     let (code, answer) = lab.run(&["grow", "--to", GOAL, "--watch"]);
     let (port, [_, look]) = lab.pages.clone().unwrap();
     assert_eq!(code, Some(0), "{answer}");
-    let at = answer.split_once("watch it at").unwrap().1.split_whitespace().next().unwrap();
+    let at = answer.split_once("live view:").unwrap().1.split_whitespace().next().unwrap();
     assert!(at.starts_with(&format!("http://127.0.0.1:{port}/{look}/api/v1/jobs/")), "{answer}");
     let (status, _) = http(lab.page(), "GET", at.split_once(&port.to_string()).unwrap().1, &["host: 127.0.0.1"], "");
     assert_eq!(status, 200, "{at}");

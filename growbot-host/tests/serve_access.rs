@@ -299,7 +299,7 @@ fn only_one_socket_of_this_machine_alone_is_taken_over() {
     let public = TcpListener::bind(("0.0.0.0", 0)).unwrap();
     let local = TcpListener::bind(("127.0.0.1", 0)).unwrap();
     for (listener, sockets, reason) in
-        [(&public, "1", "which other machines can reach"), (&local, "2", "there are 2: correct ListenStream")]
+        [(&public, "1", "which other machines can reach"), (&local, "2", "there are 2 sockets: correct ListenStream")]
     {
         let output = handed_over(&lab, sockets, listener).output().unwrap();
         let text = in_lines(&String::from_utf8(output.stderr).unwrap());

@@ -105,7 +105,7 @@ fn late_orders_are_refused_unless_they_stop_or_pause() {
     let preheat = json!({ "task": "preheat", "value": "200" }).to_string();
     let refused = |path: &str, body: &str| {
         let (status, problem) = order(&lab, path, "0", body);
-        let cause = "s after it was given (limit 5 s), so it was not carried out: check the robot's state";
+        let cause = "s after it was given (limit 5 s), so the order was not carried out: check the robot's state";
         assert!(status == 409 && problem.contains(cause), "{path} {body}: {status} {problem}");
     };
     refused("/robots/lab/jobs", &grow);

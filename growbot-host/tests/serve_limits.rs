@@ -74,7 +74,10 @@ fn authenticated_connections_are_limited_and_commands_get_through() {
     assert!(open.iter().all(|(_, answer)| answer == "HTTP/1.1 200"));
     assert_eq!(keep().1, "HTTP/1.1 503");
     let (status, problem) = http(lab.page(), "GET", &lab.at("/robots"), &[], "");
-    assert!(status == 503 && problem.contains("256 connections are already open: try again"), "{problem}");
+    assert!(
+        status == 503 && problem.contains("256 connections to the service are already open: try again"),
+        "{problem}"
+    );
     assert_eq!(lab.ask("POST", "/robots/lab/commands", STOP).0, 200);
     drop(open);
     wait_for("there is room again", || (lab.ask_page(&lab.at("/robots"), &[], "GET", "") == 200).then_some(()));
@@ -231,7 +234,7 @@ fn too_many_layers_and_reused_keys_are_refused() {
     assert_eq!(status, 201, "{first}");
     assert_eq!(begin("one", json!({ "to": GOAL })).0, 200);
     let (status, answer) = begin("one", json!({ "to": "0,0,100,0,90" }));
-    assert!(status == 409 && answer.contains("whose request was another"), "{status}: {answer}");
+    assert!(status == 409 && answer.contains("with a different request"), "{status}: {answer}");
     assert_eq!(lab.ask("POST", "/robots/lab/commands", r#"{"command":"stop"}"#).0, 200);
     let id = serde_json::from_str::<Value>(&first).unwrap()["id"].as_str().unwrap().to_owned();
     assert_eq!(lab.wait_for_end(&id)["state"], "interrupted");

@@ -172,9 +172,9 @@ fn bodies_names_and_waypoints_are_bounded() {
     let (status, problem) = ask(&lab.at("/robots/lab/commands"), &long(5000));
     assert!(status == 413 && problem.contains("longer than 4096 bytes"), "{status}: {problem}");
     let (status, problem) = ask(&lab.at(jobs), &json!({ "to": GOAL, "name": "n".repeat(513) }).to_string());
-    assert!(status == 422 && problem.contains("name has 513 characters: give 512 at most"), "{status}: {problem}");
+    assert!(status == 422 && problem.contains("has 513 characters: give at most 512"), "{status}: {problem}");
     let (status, problem) = ask(&view_at(&lab, plans), &json!({ "to": GOAL, "via": vec![GOAL; 101] }).to_string());
-    assert!(status == 422 && problem.contains("via has 101 waypoints: give 100 at most"), "{status}: {problem}");
+    assert!(status == 422 && problem.contains("has 101 waypoints: give at most 100"), "{status}: {problem}");
     let (status, problem) = ask(&view_at(&lab, plans), &json!({ "to": "0,0,9000000,0,90" }).to_string());
     assert!(status == 409 && problem.contains("layers, but a board can store 6143"), "{status}: {problem}");
     assert_eq!(lab.ask("GET", "/jobs", "").1, json!([]));

@@ -181,8 +181,8 @@ fn a_page_sends_its_scenes_and_cannot_name_local_files() {
     }
     let points = "format = \"growbot-scene/1\"\n[[points]]\nfile = \"/etc/passwd\"\nradius_mm = 1\n";
     for (name, body, why) in [
-        ("room.exe", BALL, "no extension of a scene"),
-        ("no-ending", BALL, "no extension of a scene"),
+        ("room.exe", BALL, "does not have the extension of a scene"),
+        ("no-ending", BALL, "does not have the extension of a scene"),
         ("points.toml", points, "which was not sent"),
         ("wrong.toml", "ball", "wrong.toml"),
         ("wrong.stl", "ball", "wrong.stl"),

@@ -225,7 +225,7 @@ fn a_plan_embeds_its_robot_and_another_one_is_refused() {
     // The hash is checked against a given robot, and against the description in the plan.
     for (name, args, part) in [
         ("plan.json", &["--robot", "growbot-b"][..], "is for robot \"ours\""),
-        ("other.json", &[], "the description has changed"),
+        ("other.json", &[], "the robot description has changed"),
         ("broken.json", &[], "robot_description"),
     ] {
         for (name, period_s) in [("other.json", 17.0), ("broken.json", -1.0)] {

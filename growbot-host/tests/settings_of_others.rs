@@ -80,7 +80,7 @@ impl Place {
         {
             let ran = self.run(args);
             assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{args:?}: {}", ran.err);
-            for words in words.iter().chain(&["lab/growbot.toml is refused, because another user can have written it"])
+            for words in words.iter().chain(&["lab/growbot.toml is not used, because another user may have written it"])
             {
                 assert!(ran.err.contains(words), "{args:?}, {words}: {}", ran.err);
             }
@@ -89,7 +89,7 @@ impl Place {
             let ran = self.run(args);
             assert_eq!(ran.code, Some(0), "{args:?}: {}", ran.err);
             let is_reported =
-                ran.err.contains("settings are ignored") && words.iter().all(|words| ran.err.contains(words));
+                ran.err.contains("settings cannot be read") && words.iter().all(|words| ran.err.contains(words));
             assert!(is_reported, "{args:?}: {}", ran.err);
         }
         assert!(self.projects_robot.accept().is_err(), "a robot of another user was reached");
@@ -134,9 +134,13 @@ fn only_the_users_file_names_commands_and_webhooks() {
         place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.notify]\n{receiver}\n"));
         let ran = place.run(&["serve", "--page-port", "0"]);
         let expected =
-            "lab/growbot.toml: [serve.notify] is for your own settings only, because it names a command to run";
+            "lab/growbot.toml: [serve.notify] is allowed only in your own settings, because it names a command to run";
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
-        assert!(ran.err.contains(expected) && ran.err.contains(&format!("move it to {users_file}")), "{}", ran.err);
+        assert!(
+            ran.err.contains(expected) && ran.err.contains(&format!("move this section to {users_file}")),
+            "{}",
+            ran.err
+        );
     }
     // The user's settings of notices apply to the robots of a project. An invalid setting shows that they are read.
     place.write("lab/growbot.toml", "[robots.lab]\nport = \"sim:lab\"\n");

@@ -326,7 +326,7 @@ fn the_body_file_format_follows_the_extension() {
     for (args, part) in [
         (&["-o", "body.obj"][..], "its extension .obj is not supported here"),
         (&["-o", "body"], "unknown format of"),
-        (&["--repeat", "2", "-o", "body.stl"], "--repeat grows many bodies"),
+        (&["--repeat", "2", "-o", "body.stl"], "--repeat simulates many growths"),
     ] {
         let ran = growbot(&with(&GOAL, args));
         assert!(ran.code == Some(2) && ran.out.is_empty() && ran.err.contains(part), "{}", ran.err);
@@ -336,7 +336,7 @@ fn the_body_file_format_follows_the_extension() {
 #[test]
 fn repeating_a_deterministic_growth_gives_a_note() {
     let ran = growbot(&with(&GOAL, &["--bias", "5", "--repeat", "4"]));
-    assert_eq!(ran.err, "note: nothing is random, so all 4 growths are the same\n");
+    assert_eq!(ran.err, "note: no noise is given, so all 4 growths are the same\n");
 }
 
 #[test]
@@ -358,12 +358,12 @@ fn bad_input_is_refused_in_one_message() {
     }
     let to = ["simulate", "--to", "0,0,100,0,90"];
     for (args, part) in [
-        (&["--slice", "whole", "--step", "0"][..], "it is 0 mm: give 0.01 to 10000"),
-        (&["--slice", "whole", "--step", "nan"], "it is NaN mm"),
+        (&["--slice", "whole", "--step", "0"][..], "the value is 0 mm: give 0.01 to 10000"),
+        (&["--slice", "whole", "--step", "nan"], "the value is NaN mm"),
         (&["--slice", "thick"], "exact, whole"),
-        (&["--noise", "91"], "it is 91 percent: give 0 to 90"),
+        (&["--noise", "91"], "the value is 91 percent: give 0 to 90"),
         (&["--odometry-scale", "2"], "--feedback"),
-        (&["--feedback", "--odometry-scale", "-91"], "it is -91 percent: give -90 to 90"),
+        (&["--feedback", "--odometry-scale", "-91"], "the value is -91 percent: give -90 to 90"),
         (&["--gravity-only"], "--feedback"),
         (&["--repeat", "0"], "0 is not in 1.."),
         (&["--threads", "2"], "--repeat"),

@@ -75,7 +75,7 @@ fn a_plan_becomes_one_self_contained_page() {
     assert_eq!(data["built"], Value::Null);
     assert_eq!(number(&data, "Plan", "Length"), "1006.4 mm");
     assert_eq!(number(&data, "Plan", "From the goal"), "0.000 mm");
-    assert_eq!(number(&data, "Plan", "Clearance to itself"), "nowhere near");
+    assert_eq!(number(&data, "Plan", "Clearance to itself"), "not near itself anywhere");
     // The z axis of the start's frame points upwards.
     assert_eq!(data["start"].as_array().unwrap().len(), 12);
     assert!((data["start"][8].as_f64().unwrap() - 1.0).abs() < 1e-12);

@@ -261,9 +261,9 @@ fn a_picture_for_a_paper_has_axes_a_range_a_palette_and_no_title() {
         assert!(ran.code == Some(2) && ran.err.contains(part) && !path("none.svg").exists(), "{}", ran.err);
     }
     let ran = growbot(&["view", text(&plan), "--axes"]);
-    assert!(ran.code == Some(2) && ran.err.contains("--axes is for pictures"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("--axes applies only to pictures"), "{}", ran.err);
     let ran = growbot(&["view", "--compare", text(&plan), text(&run), text(&plan)]);
-    assert!(ran.code == Some(2) && ran.err.contains("a page shows two bodies"), "{}", ran.err);
+    assert!(ran.code == Some(2) && ran.err.contains("a page can show two bodies at most"), "{}", ran.err);
 }
 
 #[test]

@@ -150,7 +150,7 @@ fn a_glb_has_translucent_obstacles() {
     assert!((told - fixture.clearance()).abs() < 0.01, "{told}");
     let stl = growbot(&["export", &fixture.path("past.json"), "-o", &fixture.path("a.stl"), "--scene", "room.toml"]);
     assert_eq!(stl.code, Some(2), "{}", stl.err);
-    assert!(stl.err.contains("--scene is for GLB") && !fixture.0.path().join("a.stl").exists(), "{}", stl.err);
+    assert!(stl.err.contains("--scene applies only to GLB") && !fixture.0.path().join("a.stl").exists(), "{}", stl.err);
 }
 
 #[test]
@@ -181,7 +181,7 @@ fn a_missing_scene_is_an_error_for_a_plan_and_a_warning_for_a_growth() {
     let warned = growbot(&["view", &run, "-o", &fixture.path("bare.html")]);
     assert_eq!(warned.code, Some(0), "{}", warned.err);
     let words = warned.err.replace("\n    ", " ");
-    assert!(words.contains("warning: ") && words.contains("shown without it"), "{words}");
+    assert!(words.contains("warning: ") && words.contains("shown without the scene"), "{words}");
     assert!(data(&fs::read(fixture.path("bare.html")).unwrap())["scene"].is_null());
     // The scene was moved. Another scene is refused for plans and growths.
     let moved = fixture.path("moved.toml");
@@ -273,7 +273,7 @@ fn page_of(growing: &mut Child) -> String {
     let answer = BufReader::new(growing.stderr.as_mut().unwrap());
     let address = answer.lines().find_map(|line| {
         let line = line.unwrap();
-        Some(line.split_once("watch it at http://")?.1.to_owned())
+        Some(line.split_once("live view: http://")?.1.to_owned())
     });
     let address = address.expect("the growth says where it can be watched");
     let (host, path) = address.split_once('/').unwrap();

@@ -172,7 +172,7 @@ fn failed_watching_gives_the_reason() {
         (vec!["--pace", "1e-300"], "not between 0.1 and"),
         (vec!["--pace", "fast"], "is not a number"),
         (vec!["--pace", "nan"], "not between 0.1 and"),
-        (vec!["--pace", "2", "--port", "tcp:127.0.0.1:1"], "--pace is for --port sim"),
+        (vec!["--pace", "2", "--port", "tcp:127.0.0.1:1"], "--pace applies only to --port sim"),
     ] {
         let ran = growbot(&[&goal[..], &args].concat());
         assert_eq!(ran.code, Some(2), "{args:?}: {}", ran.err);
@@ -186,5 +186,5 @@ fn a_watched_growth_ends_like_an_unwatched_one() {
     let plain = growbot(&goal);
     let watched = growbot(&[&goal[..], &["--watch", "--pace", "100000"]].concat());
     assert_eq!((watched.code, &watched.out), (Some(0), &plain.out));
-    assert!(watched.err.contains("note: watch it at http://127.0.0.1:"), "{}", watched.err);
+    assert!(watched.err.contains("note: live view: http://127.0.0.1:"), "{}", watched.err);
 }

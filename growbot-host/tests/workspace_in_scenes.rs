@@ -34,7 +34,7 @@ fn every_goal_has_one_of_three_results() {
 
     let ran = growbot(&[&asked[..], &["-o", &goals]].concat());
     assert_eq!(ran.code, Some(0), "{}", ran.err);
-    for part in ["1000 goals", "a path, proven to be clear", "every passage to it is too narrow", "--effort 1"] {
+    for part in ["1000 goals", "a path, proven to be clear", "every passage to the goal is too narrow", "--effort 1"] {
         assert!(ran.out.contains(part), "no {part:?} in {}", ran.out);
     }
     let ran = growbot(&[&asked[..], &["--json"]].concat());

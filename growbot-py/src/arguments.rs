@@ -51,12 +51,7 @@ pub fn integer(name: &str, value: &Bound<PyAny>, min: u64, max: u64) -> Result<u
     let wanted = "a whole number";
     let given: i128 = value.extract().map_err(|error: PyErr| {
         if error.is_instance_of::<pyo3::exceptions::PyOverflowError>(value.py()) {
-            Error::with(
-                ErrorKind::Input,
-                format!("{name} is beyond {max}: give {min} to {max}"),
-                "too large",
-                max as f64,
-            )
+            Error::with(ErrorKind::Input, format!("{name} is too large: give {min} to {max}"), "too large", max as f64)
         } else {
             wrong_type(name, value, wanted)
         }
@@ -112,7 +107,7 @@ fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Error> 
     if length <= longest {
         return Ok(());
     }
-    let message = format!("{name} has {length} bytes, above {longest}: give a shorter one");
+    let message = format!("{name} has {length} bytes, above the limit of {longest}: give a shorter text");
     Err(Error::with(ErrorKind::Input, message, length as f64, longest as f64))
 }
 
@@ -142,7 +137,7 @@ pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Err
     let mut bytes = Vec::new();
     fs::File::open(path).map_err(failed)?.take(longest + 1).read_to_end(&mut bytes).map_err(failed)?;
     if bytes.len() as u64 > longest {
-        let message = format!("{name} has more than {longest} bytes: give another file");
+        let message = format!("{name} has more than {longest} bytes, the limit: give another file");
         return Err(Error::with(ErrorKind::File, message, about.len() as f64, longest as f64));
     }
     Ok((bytes, name))
@@ -209,7 +204,8 @@ pub fn check_rows(name: &str, count: usize) -> Result<(), Error> {
     if count <= MAX_ROWS {
         return Ok(());
     }
-    let message = format!("{name} needs {count} rows, above {MAX_ROWS}: split the work into several calls");
+    let message =
+        format!("{name} needs {count} rows, above the limit of {MAX_ROWS}: split the work into several calls");
     Err(Error::with(ErrorKind::Input, message, count as f64, MAX_ROWS as f64))
 }
 
@@ -239,7 +235,9 @@ fn numbers(name: &str, array: &Bound<PyUntypedArray>, wanted: &str) -> Result<Ve
     Ok(array
         .readonly()
         .as_slice()
-        .map_err(|_| Error::new(ErrorKind::Type, format!("{name} is not a plain array")))?
+        .map_err(|_| {
+            Error::new(ErrorKind::Type, format!("{name} is not a plain array: give a numpy array of real numbers"))
+        })?
         .to_vec())
 }
 

@@ -19,7 +19,7 @@ pub fn layer_array<'py>(
     layers: impl Iterator<Item = (usize, Layer)>,
 ) -> Result<Bound<'py, PyAny>, Error> {
     if count > MAX_LAYERS {
-        let message = format!("there are {count} layers, and a table has {MAX_LAYERS} at most: split the path");
+        let message = format!("the path has {count} layers, but a table can have at most {MAX_LAYERS}: split the path");
         return Err(Error::with(ErrorKind::Input, message, count as f64, MAX_LAYERS as f64));
     }
     let (mut segments, mut alphas, mut heights, mut tilts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());

@@ -132,7 +132,7 @@ impl BoardWorker {
         if self.link.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.link.as_mut().ok_or_else(|| board_error("the port is closed: connect again"))
+        self.link.as_mut().ok_or_else(|| board_error("the board's port is closed: connect again with growbot.connect"))
     }
 
     fn hello(&mut self) -> Result<String, Error> {
@@ -262,12 +262,15 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
     let why = match (result.outcome, result.log_lines_missing) {
         (OutcomeKind::Done | OutcomeKind::Stopped, None) => return None,
         (OutcomeKind::Done | OutcomeKind::Stopped, Some(missing)) => {
-            format!("the growth is {outcome}, and {missing} lines of its log are missing: make room on the disk")
+            format!("the growth ended with {outcome}, but {missing} lines of its run log are missing: free disk space")
         }
         (_, _) => {
             let of_fault = result.fault.as_ref().map_or_else(String::new, |fault| format!(" ({fault})"));
             let robot = if result.simulated { "simulated robot" } else { "robot" };
-            format!("the growth ended with {outcome}{of_fault}: check the {robot}; `growbot resume` resumes a body")
+            format!(
+                "the growth ended with {outcome}{of_fault}: check the {robot}, then resume the body with `growbot \
+                 resume`"
+            )
         }
     };
     Some(Error::with(ErrorKind::Board, why, outcome, "done"))
@@ -289,7 +292,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl PyBoard {
     fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
-        let closed = || board_error("the board is disconnected: connect again");
+        let closed = || board_error("the board is disconnected: connect again with growbot.connect");
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
@@ -306,7 +309,9 @@ impl PyBoard {
             match py.detach(|| lock(&receiver).recv_timeout(LOOK)) {
                 Ok(response) => return response,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
-                Err(RecvTimeoutError::Disconnected) => return Err(board_error("the port is closed: connect again")),
+                Err(RecvTimeoutError::Disconnected) => {
+                    return Err(board_error("the board's port is closed: connect again with growbot.connect"));
+                }
             }
         }
     }
@@ -334,8 +339,9 @@ impl PyBoard {
         let thread = thread::Builder::new().name("growbot".to_owned()).spawn(move || {
             BoardWorker { robot, port, name, take_over, link: None }.serve(&receiver);
         });
-        let thread =
-            thread.map_err(|error| board_error(format!("no thread for the port ({error}): end other programs")))?;
+        let thread = thread.map_err(|error| {
+            board_error(format!("cannot start a thread for the board's port ({error}): end other programs"))
+        })?;
         let board = Self {
             requests: Mutex::new(Some(sender)),
             thread: Mutex::new(Some(thread)),
@@ -458,7 +464,10 @@ impl Growth {
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(None, Some(board_error("the port is closed: connect again")))?;
+                    self.end(
+                        None,
+                        Some(board_error("the board's port is closed: connect again with growbot.connect")),
+                    )?;
                 }
             }
             if let Err(error) = py.check_signals() {

@@ -85,7 +85,8 @@ impl Conditions {
             ("exact", Some(_)) => {
                 return Err(Error::new(
                     ErrorKind::Input,
-                    "step_mm is the height of whole steps: set slicing=\"whole\", or remove step_mm",
+                    "step_mm is the height of whole steps, but slicing is not \"whole\": set slicing=\"whole\", or \
+                     remove step_mm",
                 ));
             }
             ("whole", _) if feedback => {
@@ -139,7 +140,7 @@ impl Conditions {
         let robot: &Robot = &plan.robot;
         let layers = plan.inner.requirements.layers;
         if layers > MAX_LAYERS {
-            let message = format!("the plan has {layers} layers, above {MAX_LAYERS}: split it");
+            let message = format!("the plan has {layers} layers, above the limit of {MAX_LAYERS}: split the plan");
             return Err(Error::with(ErrorKind::Input, message, layers as f64, MAX_LAYERS as f64));
         }
         let slicing = match self.whole_steps {

@@ -157,9 +157,12 @@ impl From<PoseError> for Error {
         match error {
             PoseError::NotFinite { value, .. } => Self::with(ErrorKind::Input, message, value, "finite"),
             PoseError::TooFar { value, limit, .. } => Self::with(ErrorKind::Input, message, value, limit),
-            PoseError::Pitch { value } => {
-                Self::with(ErrorKind::Input, format!("{message}: give one within"), value, 90.0_f64.copysign(value))
-            }
+            PoseError::Pitch { value } => Self::with(
+                ErrorKind::Input,
+                format!("{message}: give an angle within these limits"),
+                value,
+                90.0_f64.copysign(value),
+            ),
         }
     }
 }

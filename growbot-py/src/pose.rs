@@ -43,7 +43,7 @@ pub fn goal_of(numbers: &[f64]) -> Result<Goal, Error> {
     match *numbers {
         [x, y, z] => Ok(Goal::Position(Position::new(Vector3::new(x + 0.0, y + 0.0, z + 0.0))?)),
         [x, y, z, heading, pitch] => Ok(Goal::Pose(pose_of([x, y, z, heading, pitch])?)),
-        _ => Err(Error::new(ErrorKind::Type, "a goal has 3 or 5 numbers: give x, y, z, or with heading and pitch")),
+        _ => Err(Error::new(ErrorKind::Type, "a goal has 3 or 5 numbers: give x, y, z, or x, y, z, heading, pitch")),
     }
 }
 
@@ -133,7 +133,8 @@ impl PyPose {
         let off = off.max(last).max((rotation.determinant() - 1.0).abs());
         if off > ROTATION {
             let message = format!(
-                "matrix is off a rigid transform by {off:.3e}, above {ROTATION}: give a rotation, a translation in mm, and the last row 0, 0, 0, 1"
+                "matrix deviates from a rigid transform by {off:.3e}, above the limit of {ROTATION}: give a rotation, \
+                 a translation in mm, and the last row 0, 0, 0, 1"
             );
             return Err(Error::with(ErrorKind::Input, message, off, ROTATION));
         }

@@ -50,8 +50,8 @@ pub fn check_growable(plan: &PyPlan, conditions: &Conditions, simulated: bool, f
     if conditions.needs_simulation() {
         return Err(Error::new(
             ErrorKind::Input,
-            "sag, whole steps, gravity_only and odometry_scale_percent apply only without a board: use Plan.simulate, \
-             or remove them",
+            "sag, whole steps, gravity_only and odometry_scale_percent apply only to simulations without a board: use \
+             Plan.simulate, or remove these conditions",
         ));
     }
     if !simulated && conditions.disturbance() != Disturbance::default() {

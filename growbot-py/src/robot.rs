@@ -101,7 +101,7 @@ impl PyRobot {
             let reason: String = error.to_string().chars().take(MAX_REASON).collect();
             Error::new(
                 ErrorKind::Input,
-                format!("it is not a description ({reason}): give one in the form of Robot.description"),
+                format!("the dict is not a robot description ({reason}): give a dict in the form of Robot.description"),
             )
         })?;
         let robot = Described::new(description).map_err(|error| Error::new(ErrorKind::Input, error))?;

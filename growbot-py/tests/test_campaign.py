@@ -89,7 +89,7 @@ def test_chunks_of_another_campaign_twice_or_missing_are_refused() -> None:
     chunks = [growbot.run_chunk(spec(), chunk) for chunk in range(spec().chunk_count)]
     for wrong, words in (
         (chunks[:-1], "1 of 19 chunks are missing, the first is 18"),
-        (chunks + chunks[3:4], "chunk 3 was added before"),
+        (chunks + chunks[3:4], "chunk 3 was already added"),
     ):
         with pytest.raises(growbot.InputError, match=words):
             growbot.merge_chunks(spec(), wrong)

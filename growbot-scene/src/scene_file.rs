@@ -158,7 +158,7 @@ pub enum SceneError {
         found: String,
     },
     /// A value is not a number, or is out of range.
-    #[error("{file}: {field} is {value}, and must be {limit}")]
+    #[error("{file}: {field} is {value}, but it must be {limit}")]
     OutOfRange {
         /// Path of the file.
         file: String,
@@ -181,8 +181,8 @@ pub enum SceneError {
     },
     /// A solid mesh has a hole, so it encloses no volume.
     #[error(
-        "{file} is an open mesh, with {open} edges that only one face has, and cannot be solid: close it, or set \
-         `solid = false` in its [[mesh]] to use only its faces as obstacles"
+        "{file} is an open mesh, with {open} edges that belong to one face only, and cannot be solid: close the mesh, \
+         or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
     )]
     OpenMesh {
         /// Path of the mesh file.
@@ -204,15 +204,15 @@ pub enum SceneError {
     },
     /// The meshes and clouds of a scene exceed the total size limit.
     #[error(
-        "the meshes and clouds of {file} are longer than {MAX_GEOMETRY_BYTES} bytes together, the maximum: make them \
-         smaller, or remove some"
+        "the meshes and point clouds of {file} are together longer than {MAX_GEOMETRY_BYTES} bytes, the maximum: make \
+         them smaller, or remove some"
     )]
     TooLarge {
         /// Path of the scene file.
         file: String,
     },
     /// A file contains no triangles or points.
-    #[error("{file} has no {what}: give a file that has some")]
+    #[error("{file} has no {what}: give a file that contains {what}")]
     Empty {
         /// Path of the file.
         file: String,

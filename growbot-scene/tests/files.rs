@@ -270,7 +270,7 @@ fn errors_are_reported_with_value_and_limit() {
     };
     for (from, to, words) in [
         ("scene/1", "scene/2", "format \"growbot-scene/2\""),
-        ("radius_mm = 40", "radius_mm = -1", "radius_mm of [[ball]] 1 is -1, and must be above 0"),
+        ("radius_mm = 40", "radius_mm = -1", "radius_mm of [[ball]] 1 is -1, but it must be above 0"),
         ("margin_mm = 5.0", "margin_mm = nan", "margin_mm is NaN"),
         ("[0, 300, 0]", "[0, 1e9, 0]", "center_mm of [[ball]] 1 is 1000000000"),
         ("normal = [0, 0, 2]", "normal = [0, 0, 0]", "normal of [[halfspace]] 1"),

@@ -31,7 +31,10 @@ pub enum SealError {
         reason: String,
     },
     /// The image has a seal that does not match its content.
-    #[error("{file} does not match its seal: it was damaged or changed; build it again, or download it again")]
+    #[error(
+        "the firmware image {file} does not match its seal, so it was damaged or changed: build or download the image \
+         again"
+    )]
     Damaged {
         /// Path of the image file.
         file: String,
@@ -73,16 +76,17 @@ fn joined(mut parts: Vec<(u32, u32)>) -> Vec<(u32, u32)> {
 /// # Errors
 /// A message with the reason why the image cannot be sealed.
 pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
-    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is not a 32-bit ELF file ({error})"))?;
+    let file: ElfFile32 =
+        ElfFile32::parse(image).map_err(|error| format!("the file is not a 32-bit ELF file ({error})"))?;
     let symbol = file.symbols().find(|symbol| symbol.name() == Ok(SYMBOL));
-    let place = symbol.ok_or_else(|| format!("it has no {SYMBOL}"))?.address() as u32;
+    let place = symbol.ok_or_else(|| format!("the file has no symbol {SYMBOL}"))?.address() as u32;
     let loaded = |header: &<FileHeader32<Endianness> as object::read::elf::FileHeader>::ProgramHeader| {
         let endian = file.endian();
         (header.p_type(endian) == PT_LOAD && header.p_filesz(endian) > 0)
             .then(|| Some((header.p_paddr(endian), header.data(endian, image).ok()?, header.p_offset(endian))))
     };
     let segments: Option<Vec<(u32, &[u8], u32)>> = file.elf_program_headers().iter().filter_map(loaded).collect();
-    let segments = segments.ok_or("a segment lies outside the file")?;
+    let segments = segments.ok_or("a segment of the image lies outside the file")?;
 
     // The address range of the seal itself, which the CRC does not cover.
     let seal_bytes = 4 * SEAL_WORDS as u32;
@@ -90,10 +94,10 @@ pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
     let holder = segments.iter().find(|(address, bytes, _)| {
         place >= *address && u64::from(place) + u64::from(seal_bytes) <= u64::from(*address) + bytes.len() as u64
     });
-    let &(holder_address, _, holder_offset) = holder.ok_or("its seal is not in a segment")?;
+    let &(holder_address, _, holder_offset) = holder.ok_or("the seal is not in a segment of the image")?;
     let mut parts: Vec<(u32, u32)> = Vec::new();
     for &(address, bytes, _) in &segments {
-        let length = u32::try_from(bytes.len()).map_err(|_| "a segment is too long")?;
+        let length = u32::try_from(bytes.len()).map_err(|_| "a segment of the image is too long")?;
         if address == holder_address {
             parts.extend([(address, place - address), (end, (address + length).saturating_sub(end))]);
         } else {
@@ -102,7 +106,7 @@ pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
     }
     let parts = joined(parts);
     if parts.len() > PARTS {
-        return Err(format!("it has {} parts; a seal covers {PARTS}", parts.len()));
+        return Err(format!("the image has {} parts, but a seal covers at most {PARTS}", parts.len()));
     }
 
     let contents: Vec<ImagePart> = segments.iter().map(|(address, bytes, _)| (*address, *bytes)).collect();
@@ -114,12 +118,12 @@ pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
     for (into, (address, bytes)) in words[2..].as_chunks_mut::<2>().0.iter_mut().zip(parts) {
         *into = [address, bytes];
     }
-    let crc = crc_of(&words, byte).ok_or("its parts overlap")?;
+    let crc = crc_of(&words, byte).ok_or("the parts of the image overlap")?;
     words[1] = crc;
 
     let at = holder_offset as usize + (place - holder_address) as usize;
     let mut bytes = image.to_vec();
-    let into = bytes.get_mut(at..at + 4 * SEAL_WORDS).ok_or("its seal lies outside the file")?;
+    let into = bytes.get_mut(at..at + 4 * SEAL_WORDS).ok_or("the seal lies outside the file")?;
     for (into, word) in into.as_chunks_mut::<4>().0.iter_mut().zip(words) {
         *into = word.to_le_bytes();
     }

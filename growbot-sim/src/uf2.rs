@@ -53,7 +53,7 @@ pub fn is_uf2(file: &[u8]) -> bool {
 pub fn check(file: &[u8]) -> Result<(), String> {
     let (blocks, rest) = file.as_chunks::<BLOCK>();
     if blocks.is_empty() || !rest.is_empty() {
-        return Err(format!("it has {} bytes, which is not a multiple of {BLOCK}", file.len()));
+        return Err(format!("the file has {} bytes, which is not a multiple of {BLOCK}", file.len()));
     }
     let mut begin = FLASH.start;
     for (number, block) in blocks.iter().enumerate() {
@@ -66,7 +66,7 @@ pub fn check(file: &[u8]) -> Result<(), String> {
         let [first, second, last] = MAGIC;
         let head = [first, second, HAS_FAMILY, address, PAYLOAD as u32, number as u32, blocks.len() as u32, RP2040];
         if !FLASH.contains(&address) || !(0..).zip(head).all(|(at, is)| word(at) == is) || word(BLOCK / 4 - 1) != last {
-            return Err(format!("its block {number} of {} is damaged, or not for an RP2040", blocks.len()));
+            return Err(format!("block {number} of {} of the file is damaged, or not for an RP2040", blocks.len()));
         }
     }
     Ok(())
@@ -76,7 +76,8 @@ pub fn check(file: &[u8]) -> Result<(), String> {
 /// addresses. Bytes that do not belong to the image are 0. The boot ROM derives from a block's number whether its
 /// sector is erased already, so all pages in this range are returned.
 fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
-    let file: ElfFile32 = ElfFile32::parse(image).map_err(|error| format!("it is not a 32-bit ELF file ({error})"))?;
+    let file: ElfFile32 =
+        ElfFile32::parse(image).map_err(|error| format!("the file is not a 32-bit ELF file ({error})"))?;
     let mut pages: std::collections::BTreeMap<u32, [u8; PAYLOAD]> = std::collections::BTreeMap::new();
     for header in file.elf_program_headers() {
         let endian: Endianness = file.endian();
@@ -84,11 +85,13 @@ fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
         if header.p_type(endian) != PT_LOAD || header.p_filesz(endian) == 0 {
             continue;
         }
-        let bytes = header.data(endian, image).map_err(|()| "a segment lies outside the file")?;
+        let bytes = header.data(endian, image).map_err(|()| "a segment of the image lies outside the file")?;
         let from = header.p_paddr(endian);
         let end = u64::from(from) + bytes.len() as u64;
         if !FLASH.contains(&from) || end > u64::from(FLASH.end) {
-            return Err(format!("a part of it belongs to {from:#010x}, which is not flash of an RP2040"));
+            return Err(format!(
+                "a part of the image belongs to address {from:#010x}, which is not in the flash of an RP2040"
+            ));
         }
         for (address, byte) in (from..).zip(bytes) {
             let at = address % PAYLOAD as u32;
@@ -99,7 +102,7 @@ fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
         }
     }
     let (Some(first), Some(last)) = (pages.keys().next(), pages.keys().next_back()) else {
-        return Err("it contains nothing to write to flash".to_string());
+        return Err("the file contains nothing to write to flash".to_string());
     };
     let all = (first - first % SECTOR..=*last).step_by(PAYLOAD);
     Ok(all.map(|address| (address, pages.get(&address).copied().unwrap_or([0; PAYLOAD]))).collect())
@@ -206,8 +209,8 @@ mod tests {
     fn images_for_other_chips_are_refused() {
         for (image, part) in [
             (b"no image".to_vec(), "not a 32-bit ELF"),
-            (elf(0x0800_0000, &[1; 8]), "0x08000000, which is not flash"),
-            (elf(0x10FF_FFFC, &[1; 8]), "not flash"),
+            (elf(0x0800_0000, &[1; 8]), "0x08000000, which is not in the flash"),
+            (elf(0x10FF_FFFC, &[1; 8]), "not in the flash"),
             (elf(0x1000_0000, &[]), "nothing to write"),
         ] {
             let error = of_image(&image).unwrap_err();

@@ -22,7 +22,7 @@ pub fn build_image(alias: &str) {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let cargo = env::var_os("CARGO").unwrap_or("cargo".into());
     let status = Command::new(cargo).arg(alias).arg("--quiet").current_dir(workspace).status();
-    assert!(status.is_ok_and(|status| status.success()), "cargo {alias} failed");
+    assert!(status.is_ok_and(|status| status.success()), "the command `cargo {alias}` failed");
 }
 
 /// Returns the path of a board's image (`an386` or `stm32f405`), as `cargo build-an386` and `cargo build-stm32f405`
@@ -35,7 +35,7 @@ pub fn firmware(board: &str) -> PathBuf {
     let image = target().join("thumbv7em-none-eabihf/firmware").join(board);
     assert!(
         image.is_file(),
-        "there is no image {}: run tests/run, or `cargo build-an386` and `cargo build-stm32f405`",
+        "the firmware image {} does not exist: run tests/run, or `cargo build-an386` and `cargo build-stm32f405`",
         image.display()
     );
     image
@@ -50,7 +50,8 @@ pub fn pico_firmware(robot: &str) -> PathBuf {
     let image = target().join("thumbv6m-none-eabi/firmware").join(format!("pico-{robot}"));
     assert!(
         image.is_file(),
-        "there is no image {}: run tests/run, or `tests/rp2040/build`, and `npm ci --prefix tests/rp2040`",
+        "the firmware image {} does not exist: run tests/run, or `tests/rp2040/build` and `npm ci --prefix \
+         tests/rp2040`",
         image.display()
     );
     image

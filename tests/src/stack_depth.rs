@@ -155,7 +155,7 @@ impl Decoder<'_> {
                 function.own += u64::from((high >> 10 & 1) << 11 | (low >> 12 & 7) << 8 | low & 0xFF);
             }
             _ if high & 0xFFEF == 0xEBAD && register == 13 => {
-                panic!("{} takes a stack of unknown size at {at:#x}", function.name)
+                panic!("the function {} takes a stack of unknown size at {at:#x}", function.name)
             }
             _ if high & 0xFBF0 == 0xF240 && low & 0x8000 == 0 => self.halves[register] = immediate,
             _ if high & 0xFBF0 == 0xF2C0 && low & 0x8000 == 0 => {
@@ -217,7 +217,10 @@ impl Image {
         let sections = [".text", ".data"].map(|name| (file.section_by_name(name).unwrap().address(), data(name)));
         for (start, function) in &mut functions {
             let within = |(base, code): &&(u64, &[u8])| (*base..*base + code.len() as u64).contains(start);
-            let &(base, code) = sections.iter().find(within).unwrap_or_else(|| panic!("{} is nowhere", function.name));
+            let &(base, code) = sections
+                .iter()
+                .find(within)
+                .unwrap_or_else(|| panic!("the function {} has no address in the image", function.name));
             Decoder { start: *start, function, pointers: &mut pointers, halves: [0; 16], saved: 0 }
                 .read(base, code, &kinds);
         }
@@ -231,7 +234,7 @@ impl Image {
     /// Panics if the symbol does not exist.
     #[must_use]
     pub fn symbol(&self, name: &str) -> u64 {
-        *self.symbols.get(name).unwrap_or_else(|| panic!("no symbol {name}"))
+        *self.symbols.get(name).unwrap_or_else(|| panic!("the image has no symbol {name}"))
     }
 
     /// Returns the entry point and the handlers of exceptions and interrupts. The handler of faults is left out,
@@ -268,7 +271,12 @@ impl Image {
         // A branch into the middle of a function counts as one to that function.
         let Some((start, function)) = self.functions.range(..=at).next_back() else { return (0, Vec::new()) };
         let names = |chain: &[u64]| chain.iter().map(|at| self.functions[at].name.clone()).collect::<Vec<_>>();
-        assert!(!callers.contains(start), "recursion: {:?} calls {}", names(callers), function.name);
+        assert!(
+            !callers.contains(start),
+            "the stack depth has no bound, because of a recursion: {:?} calls {}",
+            names(callers),
+            function.name
+        );
         callers.push(*start);
         let pointed_at = self.pointed_at.iter().filter(|_| function.indirect);
         let mut deepest = (0, Vec::new());

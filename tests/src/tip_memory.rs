@@ -106,14 +106,14 @@ impl BoardLimit {
         let now = self.words.read(table::TICKS_LO);
         if now == self.clock {
             let stood = self.moved.elapsed();
-            assert!(stood < STANDING, "{what}: the board's clock has been standing for {stood:?}");
+            assert!(stood < STANDING, "{what}: the board's clock has not advanced for {stood:?}");
             return;
         }
         // The clock restarts at 0 after a reset.
         self.passed += u64::from(now.checked_sub(self.clock).unwrap_or(now));
         (self.clock, self.moved) = (now, Instant::now());
         let limit = u64::from(self.limit_s) * u64::from(self.words.read(table::TICK_HZ).max(1));
-        assert!(self.passed <= limit, "{what}: not within {} s of the board's clock", self.limit_s);
+        assert!(self.passed <= limit, "{what}: this did not happen within {} s of the board's clock", self.limit_s);
     }
 }
 

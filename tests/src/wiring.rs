@@ -25,7 +25,9 @@ pub fn rows() -> Vec<Row> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- pins")).skip(3);
     let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        let [_, signal, pins, kind, safe, _] = cells[..] else { panic!("a row of another shape: {line}") };
+        let [_, signal, pins, kind, safe, _] = cells[..] else {
+            panic!("a row of the table of pins in WIRING.md has the wrong number of columns: {line}")
+        };
         Row {
             signal: signal.to_owned(),
             pins: pins.split(',').map(|pin| pin.trim().to_owned()).collect(),
@@ -58,7 +60,9 @@ pub fn rp2040_rows() -> Vec<[String; 4]> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- rp2040")).skip(3);
     let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
         let cells: Vec<&str> = line.split('|').map(str::trim).collect();
-        let [_, signal, key, pico, skr_pico, _] = cells[..] else { panic!("a row of another shape: {line}") };
+        let [_, signal, key, pico, skr_pico, _] = cells[..] else {
+            panic!("a row of the table of pins in WIRING.md has the wrong number of columns: {line}")
+        };
         [signal, key.trim_matches('`'), pico, skr_pico].map(str::to_owned)
     });
     rows.collect()

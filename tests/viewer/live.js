@@ -38,7 +38,7 @@ async function grow(...args) {
   children.push(child);
   const ended = once(child, "exit").then(([code]) => code);
   for await (const line of createInterface({ input: child.stderr })) {
-    const address = /watch it at (.*)$/.exec(line)?.[1];
+    const address = /live view: (.*)$/.exec(line)?.[1];
     if (address) {
       child.stderr.resume();
       return { address, ended };

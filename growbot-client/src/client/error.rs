@@ -38,9 +38,9 @@ pub enum ClientError {
     },
     /// The board's messages have another schema than those of this program.
     #[error(
-        "the board's firmware is of another release (its messages have schema {board:016x}, those of this program \
-         {host:016x}): finish or cancel a body that it stores with the growbot of that release, then flash this \
-         release (`growbot flash`); stop and estop work with any release"
+        "the board's firmware is of another release (the board's messages have schema {board:016x}, those of this \
+         program {host:016x}): finish or cancel a body that the board stores with the growbot of that release, then \
+         flash this release (`growbot flash`); stop and estop work with any release"
     )]
     Schema {
         /// Schema hash of the board.
@@ -65,7 +65,7 @@ pub enum ClientError {
     },
     /// The board has no robot description.
     #[error(
-        "the board at {port} is not configured: it has no robot description and only communicates; send it one with \
+        "the board at {port} is not configured: it has no robot description and moves nothing; send a description with \
          `growbot configure`"
     )]
     NotConfigured {
@@ -86,8 +86,8 @@ pub enum ClientError {
     },
     /// Another host owns the board.
     #[error(
-        "the board at {port} is owned by {host}, last received {silent_s:.1} s ago: end that program, wait until it \
-         has been silent for 10 s, or take over the board (--take-over)"
+        "the board at {port} is owned by {host}, whose last message arrived {silent_s:.1} s ago: end that program, \
+         wait until 10 s after its last message, or take over the board (--take-over)"
     )]
     Owned {
         /// Name of the port.
@@ -113,7 +113,10 @@ pub enum ClientError {
     },
     /// The request was not sent, or not sent again, because a later stop has voided its permit, or a later pause the
     /// permit to continue a growth.
-    #[error("{request}: given up, because a later stop or pause has voided it: order it again, once that is confirmed")]
+    #[error(
+        "{request} was given up, because a stop or pause was ordered later: order it again once the stop or pause is \
+         confirmed"
+    )]
     Voided {
         /// Name of the request.
         request: &'static str,
@@ -134,7 +137,7 @@ pub enum ClientError {
 }
 
 /// Name of the request that moves filament, for error messages.
-pub const MOVE_FILAMENT: &str = "to move filament";
+pub const MOVE_FILAMENT: &str = "the request to move filament";
 
 /// Name of the request that sends part of a robot description, for error messages.
 pub const SEND_DESCRIPTION: &str = "the robot description";
@@ -143,50 +146,82 @@ pub const SEND_DESCRIPTION: &str = "the robot description";
 fn explain_description(why: DescriptionError) -> String {
     match why {
         DescriptionError::VersionMismatch { board } => format!(
-            "it reads descriptions of version {board}, but this one has version {ENCODING_VERSION}: flash the firmware \
-             of this release"
+            "the board reads robot descriptions of version {board}, but this description has version \
+             {ENCODING_VERSION}: flash the firmware of this release"
         ),
         DescriptionError::Unreadable => {
-            "it received an invalid description: flash the firmware of this release".to_string()
+            "the board received an invalid robot description: flash the firmware of this release".to_string()
         }
         DescriptionError::HashMismatch { found } => {
-            format!("it received another description ({found:016x}): try again")
+            format!(
+                "the robot description that the board received has another hash ({found:016x}) than the one that was \
+                 sent: send it again"
+            )
         }
-        DescriptionError::TooLong => "the description is too long: shorten the name".to_string(),
-        DescriptionError::Number => "a number is out of range: flash the firmware of this release".to_string(),
-        DescriptionError::Name => "the name is not a valid robot name: rename the robot".to_string(),
-        DescriptionError::Pins => "its pins are invalid: flash the firmware of this release".to_string(),
-        DescriptionError::Drivers => "its driver settings are invalid: flash the firmware of this release".to_string(),
+        DescriptionError::TooLong => "the robot description is too long for the board: shorten the robot's \
+                                      name"
+            .to_string(),
+        DescriptionError::Number => "a number of the robot description is out of range: flash the firmware of this \
+                                     release"
+            .to_string(),
+        DescriptionError::Name => "the name in the robot description is not a valid robot name: rename the \
+                                   robot"
+            .to_string(),
+        DescriptionError::Pins => "the pins in the robot description are invalid: flash the firmware of this \
+                                   release"
+            .to_string(),
+        DescriptionError::Drivers => "the driver settings in the robot description are invalid: flash the firmware of \
+                                      this release"
+            .to_string(),
         DescriptionError::BoardMismatch { asked, board } => format!(
-            "the description is for {asked}, but the firmware is for {board}: set board.kind, or flash the firmware \
-             for {asked}"
+            "the robot description is for board {asked}, but the firmware is for board {board}: set board.kind, or \
+             flash the firmware for {asked}"
         ),
-        DescriptionError::Thermistor => "the thermistor has no equation, or two: give exactly one".to_string(),
+        DescriptionError::Thermistor => "the thermistor in the robot description has no equation, or two: give either \
+                                         r25_ohm and beta_k, or steinhart_hart"
+            .to_string(),
     }
 }
 
 /// Returns the reason of a refusal, for an error message. `request` is the name of the refused request.
 fn explain(request: &str, refusal: &Refusal) -> String {
     match *refusal {
-        Refusal::UnknownRequest => "it does not understand the request".to_string(),
-        Refusal::SchemaMismatch { board } => format!("its messages have schema {board:016x}"),
-        Refusal::NoSession => "another host has taken it over, or it has restarted".to_string(),
-        Refusal::RobotMismatch { board } => format!("it is another robot ({board:016x})"),
-        Refusal::PlanMismatch { board: 0 } => "it stores no plan: send one first".to_string(),
-        Refusal::PlanMismatch { board } => format!("it stores another plan ({board:016x})"),
-        Refusal::OutOfOrder { expected } if request == SEND_DESCRIPTION => {
-            format!("it expects byte {expected} of the description next: try again")
+        Refusal::UnknownRequest => "the board does not know this request: flash the firmware of this \
+                                    release"
+            .to_string(),
+        Refusal::SchemaMismatch { board } => format!(
+            "the board's messages have schema {board:016x}, not that of this program: flash the firmware of this \
+             release"
+        ),
+        Refusal::NoSession => "another host has taken the board over, or the board has restarted: connect \
+                               again"
+            .to_string(),
+        Refusal::RobotMismatch { board } => {
+            format!("the board belongs to another robot ({board:016x}): choose the board's robot with --robot")
         }
-        Refusal::OutOfOrder { expected } => format!("it expects layer {expected} next"),
-        Refusal::LayerStoreFull => "its layer buffer is full".to_string(),
+        Refusal::PlanMismatch { board: 0 } => "the board stores no plan: send a plan first".to_string(),
+        Refusal::PlanMismatch { board } => {
+            format!("the board stores another plan ({board:016x}): finish or cancel its body first")
+        }
+        Refusal::OutOfOrder { expected } if request == SEND_DESCRIPTION => {
+            format!("the board expects byte {expected} of the robot description next: send the description again")
+        }
+        Refusal::OutOfOrder { expected } => {
+            format!("the board expects layer {expected} next: send the layers in order")
+        }
+        Refusal::LayerStoreFull => "the board's layer buffer is full: send the next layers when the robot has laid \
+                                    some"
+            .to_string(),
         Refusal::LayerOutOfLimits { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
-        Refusal::WrongState { state } => format!("this is not allowed in state {}", state.name()),
+        Refusal::WrongState { state } => format!("this is not allowed in state {} of the board", state.name()),
         Refusal::FaultRemains { fault } => {
             format!("the cause of {} is still present: {}", fault.code(), fault.explanation())
         }
-        Refusal::PlanningFailed => "it found no plan for these poses and this radius".to_string(),
+        Refusal::PlanningFailed => "the board found no plan for these poses and this radius: choose another goal or \
+                                    radius"
+            .to_string(),
         Refusal::PlanTooLong { layers, capacity } => {
-            format!("the plan has {layers} layers, but it can store {capacity}")
+            format!("the plan has {layers} layers, but the board can store at most {capacity}: choose a nearer goal")
         }
         Refusal::TemperatureOutOfRange { min, max } => format!(
             "the temperature must be between {} and {} C, the limits in the description that the board stores",
@@ -194,22 +229,27 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             f64::from(max) / 100.0
         ),
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
-        Refusal::OwnedByOtherHost { silent_ms } => format!("another host owns it, last received {silent_ms} ms ago"),
+        Refusal::OwnedByOtherHost { silent_ms } => format!(
+            "another host owns the board, and its last message arrived {silent_ms} ms ago: end that program, or take \
+             over the board (--take-over)"
+        ),
         Refusal::LayerAlreadyBegun { first } => {
-            format!("those layers have been started; the first that can be replaced is {first}")
+            format!("the robot has already started some of these layers: replace layers from layer {first} on")
         }
         Refusal::NozzleTooHot { below } if request == SEND_DESCRIPTION => format!(
-            "it writes to its flash only while the nozzle is below {} C, or after 20 minutes at rest: wait until the \
-             nozzle has cooled",
+            "the board writes to its flash only while the nozzle is below {} C, or after 20 minutes at rest: wait \
+             until the nozzle has cooled",
             f64::from(below) / 100.0
         ),
         Refusal::NozzleTooHot { below } => format!(
-            "it must free space in its journal, which it does only while the nozzle is below {} C: wait until the \
-             nozzle has cooled",
+            "the board must free space in its journal, which is possible only while the nozzle is below {} C: wait \
+             until the nozzle has cooled",
             f64::from(below) / 100.0
         ),
         Refusal::JournalNotWritable => {
-            "it cannot write its journal, and it does not start a job that it could not resume".to_string()
+            "the board cannot write its journal, and does not start a job that could not be resumed after a reset: \
+             flash the board again, and replace the board if the error returns"
+                .to_string()
         }
         Refusal::NozzleTooCold { now, min } => format!(
             "the nozzle is at {:.1} C and must reach {} C before anything moves: preheat, and wait until it is hot",
@@ -217,35 +257,39 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             f64::from(min) / 100.0
         ),
         Refusal::MoveTooLong { max } if request == MOVE_FILAMENT => {
-            format!("it moves at most {} mm of filament per command: move less, and repeat", f64::from(max) / 1000.0)
+            format!(
+                "the board moves at most {} mm of filament per command: give a shorter length, and repeat the command",
+                f64::from(max) / 1000.0
+            )
         }
         Refusal::MoveTooLong { max } => {
             format!(
-                "it turns the head by at most {} degrees per command: turn less, and repeat",
+                "the board turns the head by at most {} degrees per command: give a smaller angle, and repeat the \
+                 command",
                 f64::from(max) / 100.0
             )
         }
-        Refusal::StillMoving => "head or feed are still moving: try again when they have stopped".to_string(),
+        Refusal::StillMoving => "the head or the feed is still moving: try again when both have stopped".to_string(),
         Refusal::NoFilament => {
-            "there is no filament at its switch, or too much of it was pulled back: push it in up to the feed, then \
-             `load` and `purge`"
+            "the filament switch detects no filament, or too much filament was pulled back: push filament in up to the \
+             feed, then `load` and `purge`"
                 .to_string()
         }
-        Refusal::NotConfigured => "it is not configured: it has no robot description and only communicates; send it \
-                                   one with `growbot configure`"
+        Refusal::NotConfigured => "the board is not configured: it has no robot description and moves nothing; send a \
+                                   description with `growbot configure`"
             .to_string(),
         Refusal::JobNotDone { plan_id } => format!(
-            "it has an unfinished body (plan {plan_id:016x}), which would be lost: finish the body, or discard it with \
-             `growbot cancel`"
+            "the board has an unfinished body (plan {plan_id:016x}), which would be lost: finish the body, or discard \
+             it with `growbot cancel`"
         ),
         Refusal::InvalidDescription { error: why } => {
-            format!("{}; it keeps its current description", explain_description(why))
+            format!("{}; the board keeps its current description", explain_description(why))
         }
         Refusal::DescriptionNotStored => {
-            "it cannot write the description to its flash; it keeps its current description: try again, and if it \
-             fails again replace the board"
+            "the board cannot write the robot description to its flash and keeps its current description: try again, \
+             and replace the board if the error returns"
                 .to_string()
         }
-        Refusal::DebugProbe => format!("it does not heat: {}", Fault::DebugProbe.explanation()),
+        Refusal::DebugProbe => format!("the board does not heat: {}", Fault::DebugProbe.explanation()),
     }
 }

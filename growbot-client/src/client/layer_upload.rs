@@ -27,7 +27,7 @@ impl Client {
         layers: &[LayerBytes],
         accepted: Accepted,
     ) -> Result<Accepted, ClientError> {
-        let what = "to take layers";
+        let what = "the request to store layers";
         let mut handover = LayerUpload::new(plan_id, layers, accepted);
         let mut wait = ResponseWait::default();
         loop {

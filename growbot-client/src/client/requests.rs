@@ -36,7 +36,7 @@ impl StopOutcome {
             Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
             Self::ByEmergencyStop => format!(
                 "emergency stop, because the board did not respond to the stop request: heater and steppers of the \
-                 {kind}robot are off, until it is cleared (`clear` in `growbot console`)"
+                 {kind}robot are off until the emergency stop is cleared (`clear` in `growbot console`)"
             ),
         }
     }
@@ -48,7 +48,7 @@ impl Client {
     /// # Errors
     /// Like [`Client::request`].
     pub fn status(&mut self) -> Result<Status, ClientError> {
-        let what = "for its status";
+        let what = "the request for its status";
         let sent = self.port.now();
         match self.request(what, &PassiveRequest::GetStatus(Empty {}))? {
             Message::Status(status) => {
@@ -68,7 +68,8 @@ impl Client {
     /// Like [`Client::request`]. [`Refusal::NoSession`] if the session has ended.
     pub fn check_session(&mut self) -> Result<(), ClientError> {
         // The board accepts this request only in the open session. No layer has this index, so the response is short.
-        self.request("for its session", &PassiveRequest::ReadLayers(ReadLayers { first: u32::MAX })).map(drop)
+        self.request("the request for its session", &PassiveRequest::ReadLayers(ReadLayers { first: u32::MAX }))
+            .map(drop)
     }
 
     /// Reports whether events have arrived that [`Client::event`] has not returned yet.
@@ -84,7 +85,7 @@ impl Client {
     /// [`ClientError::Refused`]. [`ClientError::StopNotAcknowledged`] if it is unknown whether the board has stopped.
     /// The robot's power must then be cut.
     pub fn stop(&mut self) -> Result<StopOutcome, ClientError> {
-        match self.request("to stop", &PassiveRequest::Stop(Empty {})) {
+        match self.request("the request to stop", &PassiveRequest::Stop(Empty {})) {
             Ok(_) => Ok(StopOutcome::ByRequest),
             Err(error @ ClientError::Refused { .. }) => Err(error),
             Err(_) => self.emergency_stop().map(|()| StopOutcome::ByEmergencyStop),
@@ -98,7 +99,7 @@ impl Client {
     /// # Errors
     /// Like [`Client::request`].
     pub fn clear_fault(&mut self, permit: &Permit) -> Result<(), ClientError> {
-        let (what, request) = ("to clear the fault", EnergizingRequest::ClearFault(Empty {}));
+        let (what, request) = ("the request to clear the fault", EnergizingRequest::ClearFault(Empty {}));
         for _ in 0..MAX_LOOKS_AT_RELEASE {
             match self.energize(what, &request, permit) {
                 Err(ClientError::Refused { refusal: Refusal::EmergencyStop, .. }) => self.wait(LOOK_AT_RELEASE)?,
@@ -117,7 +118,7 @@ impl Client {
     /// be cut.
     pub fn stop_if_clock_drifts(&mut self) -> Result<Option<ClockDrift>, ClientError> {
         let Some(drift) = self.clocks.drift() else { return Ok(None) };
-        if self.request("to stop", &PassiveRequest::Stop(Empty {})).is_err() {
+        if self.request("the request to stop", &PassiveRequest::Stop(Empty {})).is_err() {
             self.emergency_stop()?;
         }
         // If the board is started again, its clock is compared again from the beginning.
@@ -149,7 +150,7 @@ impl Client {
     /// # Errors
     /// Like [`Client::request`].
     pub fn sensors(&mut self) -> Result<SensorReadings, ClientError> {
-        let what = "for its sensors";
+        let what = "the request for its sensor readings";
         match self.request(what, &PassiveRequest::GetSensorReadings(Empty {}))? {
             Message::SensorReadings(readings) => Ok(readings),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
@@ -161,7 +162,7 @@ impl Client {
     /// # Errors
     /// Like [`Client::request`].
     pub fn latest_fault(&mut self) -> Result<Option<FaultRecord>, ClientError> {
-        let what = "for its latest fault";
+        let what = "the request for its latest fault";
         match self.request(what, &PassiveRequest::GetLatestFault(Empty {}))? {
             Message::LatestFault(LatestFault { record }) => Ok(record),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),
@@ -173,7 +174,7 @@ impl Client {
     /// # Errors
     /// Like [`Client::request`].
     pub fn boot_report(&mut self) -> Result<BootReport, ClientError> {
-        let what = "how it came up";
+        let what = "the request for the cause of its start";
         match self.request(what, &PassiveRequest::GetBootReport(Empty {}))? {
             Message::BootReport(report) => Ok(report),
             other => Err(ClientError::Unexpected { request: what, kind: other.kind() }),

@@ -95,7 +95,7 @@ impl Client {
     /// # Errors
     /// If the board does not respond, sends no valid frames, or has another version of the protocol.
     pub fn identify(&mut self) -> Result<BoardInfo, ClientError> {
-        let what = "the question who it is";
+        let what = "the request for its identity";
         match self.request(what, &PassiveRequest::GetBoardInfo(Empty {})) {
             Ok(Message::BoardInfo(hello)) => self.wait_for_self_test(same_schema(hello)?),
             Ok(other) => Err(ClientError::Unexpected { request: what, kind: other.kind() }),

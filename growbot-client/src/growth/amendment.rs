@@ -123,13 +123,14 @@ impl JobRunner<'_> {
             };
             let handed_over = total.min(from.saturating_add(HORIZON));
             self.sent.pending = Some(PendingAmendment { plan_id, layers: amended, handed_over });
-            match self.client.request("to amend the job", &PassiveRequest::Amend(amend)) {
+            const WHAT: &str = "the request to amend the job";
+            match self.client.request(WHAT, &PassiveRequest::Amend(amend)) {
                 Ok(Message::Accepted(accepted)) => {
                     self.sent.accepted = accepted;
                     self.apply_amendment();
                     return Ok(());
                 }
-                Ok(other) => return Err(ClientError::Unexpected { request: "to amend the job", kind: other.kind() }),
+                Ok(other) => return Err(ClientError::Unexpected { request: WHAT, kind: other.kind() }),
                 Err(ClientError::Refused { refusal, request }) if refusal != Refusal::NoSession => {
                     self.sent.pending = None;
                     let why = match refusal {
@@ -164,7 +165,7 @@ impl JobRunner<'_> {
             return Ok(());
         }
         on_event(&JobEvent::ClearanceViolation(too_near));
-        match self.client.request("to pause", &PassiveRequest::Pause(Empty {})) {
+        match self.client.request("the request to pause", &PassiveRequest::Pause(Empty {})) {
             Ok(_) => self.sent.pausing = true,
             // The board is paused already. The check is repeated after the next layer.
             Err(ClientError::Refused { refusal: Refusal::WrongState { .. }, .. }) => {}

@@ -88,7 +88,8 @@ impl Command {
     /// Returns the message for a command that is not sent again although it is unknown whether the board executed it.
     pub(super) fn uncertain_message(self) -> String {
         format!(
-            "the connection was lost, so it is unknown whether `{}` was executed: check before sending it again",
+            "the connection was lost, so it is unknown whether the robot executed `{}`: check the robot's state before \
+             you send the command again",
             self.name()
         )
     }

@@ -181,7 +181,7 @@ pub enum GrowthError {
     #[error("{0}; the robot may still be growing: run `growbot status`, and if that fails cut the robot's power")]
     Interrupted(ClientError),
     /// The board does not store an unfinished job with the plan id that was to be resumed.
-    #[error("the board has no unfinished body of this plan ({plan_id:016x}); it has {stored}")]
+    #[error("the board has no unfinished body of this plan ({plan_id:016x}): {stored}")]
     NothingToResume {
         /// Plan id of the job that was to be resumed.
         plan_id: u64,
@@ -209,8 +209,11 @@ impl GrowthError {
     #[must_use]
     pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
         let stored = match status.plan_id {
-            0 => "no job".to_string(),
-            id => format!("plan {id:016x}, {} of {} layers laid", status.layers_laid, status.layer_count),
+            0 => "it stores none, so start a new growth".to_string(),
+            id => format!(
+                "it stores one of plan {id:016x}, with {} of {} layers laid: resume that one, or start a new growth",
+                status.layers_laid, status.layer_count
+            ),
         };
         Self::NothingToResume { plan_id, stored }
     }
@@ -459,7 +462,7 @@ impl<'a> JobRunner<'a> {
     }
 
     fn start(&mut self) -> Result<(), ClientError> {
-        let what = "to start";
+        let what = "the request to start";
         let is_continuation = self.permit.is_continuation();
         let start = Start { plan_id: self.job.plan_id, on_host_silence: self.silence, is_continuation };
         let response = self.client.energize(what, &EnergizingRequest::Start(start), &self.permit)?;

@@ -115,7 +115,7 @@ impl JobRunner<'_> {
         // A stop needs no session. A line on which no bytes arrive may still carry an emergency stop.
         match orders.requested_stop() {
             Some(StopLevel::EmergencyStop) => self.client.emergency_stop()?,
-            Some(StopLevel::Stop) => drop(self.client.request("to stop", &PassiveRequest::Stop(Empty {}))?),
+            Some(StopLevel::Stop) => drop(self.client.request("the request to stop", &PassiveRequest::Stop(Empty {}))?),
             None => {}
         }
         let hello = self.client.open_session_for(self.job.robot)?;
@@ -270,8 +270,8 @@ impl JobRunner<'_> {
                 self.permit = permit.clone();
                 self.start()
             }
-            Command::Pause => self.client.request("to pause", &PassiveRequest::Pause(Empty {})).map(drop),
-            Command::Stop => self.client.request("to stop", &PassiveRequest::Stop(Empty {})).map(drop),
+            Command::Pause => self.client.request("the request to pause", &PassiveRequest::Pause(Empty {})).map(drop),
+            Command::Stop => self.client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map(drop),
             Command::EmergencyStop => self.client.emergency_stop(),
         };
         match done {

@@ -36,7 +36,7 @@ impl<'a> JobRunner<'a> {
             layers: self.job.layers.len() as u32,
             robot_hash: self.job.robot.hash(),
         };
-        self.request_accepted("to begin a job", &PassiveRequest::BeginJob(begin))?;
+        self.request_accepted("the request to begin a job", &PassiveRequest::BeginJob(begin))?;
         self.hand_over(on_event)
     }
 
@@ -87,7 +87,7 @@ impl<'a> JobRunner<'a> {
         self.built.as_built.truncate(known);
         let from = status.layers_laid.saturating_add(u32::from(skip));
         let resume = Resume { plan_id: self.job.plan_id, start_layer: from, reported_layers: known as u32 };
-        self.request_accepted("to resume", &PassiveRequest::Resume(resume))?;
+        self.request_accepted("the request to resume", &PassiveRequest::Resume(resume))?;
         self.built.laid = from;
         self.count_from_here(on_event)?;
         // At rest, any remaining layer can be replaced.

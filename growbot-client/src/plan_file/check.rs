@@ -90,7 +90,12 @@ impl PlanFile {
         for (index, written) in self.segments.iter().enumerate() {
             if let SegmentJson::Helicoid { length_mm, .. } = written {
                 turns += length_mm / self.radius_mm;
-                range(format!("the helicoids' length up to segment {index}, in radii,"), turns, 0.0, MAX_TURNS)?;
+                range(
+                    format!("the sum of the lengths of the helicoids up to segment {index}, in radii,"),
+                    turns,
+                    0.0,
+                    MAX_TURNS,
+                )?;
             }
             let segment = segment(index, written, self.radius_mm, &base_from_tip, robot.min_radius())?;
             base_from_tip *= segment.step();

@@ -23,8 +23,8 @@ pub enum PlanCheckError {
     },
     /// The robot's description has changed since the plan was made.
     #[error(
-        "the plan is for {robot} with hash {plan}, but this {robot} has hash {here}: the description has changed; plan \
-         again, or give the old description with --robot FILE"
+        "the plan is for {robot} with hash {plan}, but this {robot} has hash {here}: the robot description has changed \
+         since the plan was made; plan again, or give the old description with --robot FILE"
     )]
     OtherHash {
         /// Name of the robot.
@@ -69,7 +69,7 @@ pub enum PlanCheckError {
         limit: f64,
     },
     /// The plan has too many segments.
-    #[error("the plan has {found} segments; growbot reads {MAX_SEGMENTS} at most: split it")]
+    #[error("the plan has {found} segments; growbot reads at most {MAX_SEGMENTS}: split the plan into several plans")]
     TooManySegments {
         /// Number of segments.
         found: usize,

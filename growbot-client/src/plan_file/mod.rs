@@ -68,8 +68,8 @@ pub enum PlanFileError {
     },
     /// The plan does not contain the description of its robot, and that robot is not built in.
     #[error(
-        "{file} is for robot {robot:?}, which it does not describe and which is not built in: give the robot's file \
-         with --robot"
+        "{file} is a plan for robot {robot:?}, but it contains no description of this robot, and the robot is not \
+         built in: give the robot's file with --robot"
     )]
     UnknownRobot {
         /// Name of the plan file.

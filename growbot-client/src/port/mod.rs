@@ -127,21 +127,26 @@ pub enum PortError {
     Missing(String, String),
     /// Another program uses the device.
     #[error(
-        "port {0} is in use by {1}: close that program first (in an emergency: `growbot estop --port {0}`, which does \
-         not wait for it)"
+        "port {0} is in use by {1}: close that program first (in an emergency, `growbot estop --port {0}` stops the \
+         robot without waiting for that program)"
     )]
     Busy(String, String),
     /// Another program has opened the device for exclusive use.
     #[error("port {0} is locked by {1}: end that program")]
     Exclusive(String, String),
     /// This user has no permission to use the device.
-    #[error("no permission to use port {0}: join its group (often `dialout`) and log in again")]
+    #[error(
+        "no permission to use port {0}: add your user to the group of the device (often `dialout`), and log in again"
+    )]
     Forbidden(String),
     /// No program listens at the address.
     #[error("no response at {0} ({1}): check the address and that the robot is on")]
     Unreachable(String, String),
     /// The connection worked before, but is now broken.
-    #[error("lost the connection to {0} ({1}): check the cable; laid layers are kept")]
+    #[error(
+        "lost the connection to {0} ({1}): check the cable, and connect again; layers that are already laid are not \
+         lost"
+    )]
     Lost(String, String),
     /// A simulated board has failed, for example because its time does not advance.
     #[error(transparent)]

@@ -134,7 +134,7 @@ impl Serial {
                 }
                 Err(error) if is_passing(&error) => {
                     if since.elapsed() > STALLED || gives_up() {
-                        return Err(io::Error::new(ErrorKind::TimedOut, "it accepts no more bytes"));
+                        return Err(io::Error::new(ErrorKind::TimedOut, "the device accepts no more bytes"));
                     }
                     self.wait(PollFlags::OUT, EMERGENCY_WAIT)?;
                 }
@@ -161,7 +161,7 @@ impl Serial {
             sent => sent,
         };
         if sent? < bytes.len() {
-            return Err(io::Error::new(ErrorKind::TimedOut, "it accepts no more bytes"));
+            return Err(io::Error::new(ErrorKind::TimedOut, "the device accepts no more bytes"));
         }
         Ok(())
     }

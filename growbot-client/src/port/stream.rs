@@ -54,7 +54,7 @@ impl Stream {
     /// [`PortError::Unreachable`] with the reason of the operating system.
     pub fn tcp(address: &str) -> Result<Self, PortError> {
         let unreachable = |error: io::Error| PortError::Unreachable(address.to_string(), error.to_string());
-        let mut last = io::Error::new(io::ErrorKind::NotFound, "the name has no address");
+        let mut last = io::Error::new(io::ErrorKind::NotFound, "the host name has no network address");
         for candidate in address.to_socket_addrs().map_err(unreachable)? {
             match TcpStream::connect_timeout(&candidate, CONNECT) {
                 Ok(stream) => return Self::over(format!("tcp:{address}"), stream).map_err(unreachable),
@@ -198,7 +198,7 @@ impl Port for Stream {
         };
         self.block_if_yielded();
         match received {
-            Ok(0) => Err(PortError::Lost(self.name.clone(), "the other side closed the connection".to_string())),
+            Ok(0) => Err(PortError::Lost(self.name.clone(), "the other end closed the connection".to_string())),
             Ok(count) => Ok(count),
             Err(error) if is_timeout(&error) => Ok(0),
             Err(error) => Err(self.lost(&error)),

@@ -81,7 +81,8 @@ pub mod hash {
     /// Deserializes a hash.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<u64, D::Error> {
         let text = String::deserialize(from)?;
-        u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash")))
+        u64::from_str_radix(&text, 16)
+            .map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash of 16 hexadecimal digits")))
     }
 }
 
@@ -99,7 +100,8 @@ pub mod hash_or_none {
     /// Deserializes a hash, or `None` from null.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<u64>, D::Error> {
         let read = |text: String| {
-            u64::from_str_radix(&text, 16).map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash")))
+            u64::from_str_radix(&text, 16)
+                .map_err(|_| D::Error::custom(format!("{text:?}, which is not a hash of 16 hexadecimal digits")))
         };
         Option::<String>::deserialize(from)?.map(read).transpose()
     }

@@ -71,8 +71,8 @@ pub enum RunLogError {
     },
     /// A line cannot be written and waits in memory.
     #[error(
-        "cannot write the run log {file}: {error}; its lines are kept in memory and written when possible: free space \
-         there, the growth continues"
+        "cannot write the run log {file}: {error}; the growth continues, and the missing lines are kept in memory \
+         until they can be written: free disk space there"
     )]
     Write {
         /// Name of the log's file.

@@ -29,8 +29,12 @@ impl Damage {
             1 => Some(format!("skipped line {first} of {file}: not a valid event")),
             _ => Some(format!("skipped {lines} lines of {file}, the first is line {first}: not valid events")),
         };
-        let cut = (*cut_off > 0)
-            .then(|| format!("the last {cut_off} bytes of {file} are not a complete line: the log was cut off there"));
+        let cut = (*cut_off > 0).then(|| {
+            format!(
+                "the last {cut_off} bytes of {file} are not a complete line: the run log was cut off there, and these \
+                 bytes are ignored"
+            )
+        });
         match (skipped, cut) {
             (Some(skipped), Some(cut)) => Some(format!("{skipped}; {cut}")),
             (skipped, cut) => skipped.or(cut),

@@ -175,11 +175,11 @@ impl RecordedRun {
     pub fn read(bytes: &[u8], file: &str) -> Result<Self, ReadRunLogError> {
         let wrong = |reason: &str| ReadRunLogError::Header { file: file.to_string(), reason: reason.to_string() };
         if bytes.is_empty() {
-            return Err(wrong("it is empty"));
+            return Err(wrong("the file is empty"));
         }
         let mut events = Events::of(bytes);
         let first = events.next_line().filter(|_| events.damage == Damage::default());
-        let mut record = match first.ok_or_else(|| wrong("its first line is not a complete line of JSON"))? {
+        let mut record = match first.ok_or_else(|| wrong("the first line is not complete JSON"))? {
             LogLine::Event(RunEvent::Header(header))
                 if header.format == FORMAT && header.plan.format == plan_file::FORMAT =>
             {
@@ -497,12 +497,13 @@ impl RecordedRun {
 fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
     let wrong = |reason: String| ReadRunLogError::Header { file: file.to_string(), reason };
     match fields.get("format").and_then(Value::as_str) {
-        None => return wrong("its header has no \"format\"".to_string()),
+        None => return wrong("the header has no \"format\"".to_string()),
         Some(FORMAT) => {}
         Some(format) => {
             let version = fields.get("growbot").and_then(Value::as_str).unwrap_or("of unknown version");
             return wrong(format!(
-                "its format is {format:?}, but this version reads {FORMAT:?}: use the growbot that wrote it ({version})"
+                "the format is {format:?}, but this version of growbot reads {FORMAT:?}: use the version that wrote \
+                 the file ({version})"
             ));
         }
     }
@@ -510,9 +511,9 @@ fn wrong_header(fields: &Value, file: &str) -> ReadRunLogError {
     match (serde_json::from_value::<RunHeader>(fields.clone()), PlanFile::parse(&plan, file)) {
         (_, Err(error)) => error.into(),
         (Err(error), Ok(_)) => wrong(match error.to_string().replace('`', "\"").strip_prefix("missing field ") {
-            Some(field) => format!("its header has no {field}"),
-            None => format!("its header has {}", error.to_string().replace('`', "\"")),
+            Some(field) => format!("the header has no {field}"),
+            None => format!("the header has {}", error.to_string().replace('`', "\"")),
         }),
-        (Ok(_), Ok(_)) => wrong("its first line is not a header".to_string()),
+        (Ok(_), Ok(_)) => wrong("the first line is not a header".to_string()),
     }
 }

@@ -95,11 +95,15 @@ impl DriverProblem {
                 "does not respond: check the motors' supply, without which the driver is off, and that the motor is \
                  connected"
             }
-            Self::NotConfigured => "does not accept its configuration: check the drivers' line for noise",
+            Self::NotConfigured => {
+                "does not accept its configuration: check the UART wire of the stepper drivers for noise"
+            }
             Self::Reset => "restarted while its motor was in use: check the motors' supply and its wires",
             Self::Undervoltage => "has too little voltage at its charge pump: check the motors' supply",
-            Self::Hot => "is nearly too hot: cool it, or lower the motor's current",
-            Self::OverTemperature => "is too hot and has switched itself off: cool it, or lower the motor's current",
+            Self::Hot => "is nearly too hot: cool the driver, or lower the motor's current",
+            Self::OverTemperature => {
+                "is too hot and has switched itself off: cool the driver, or lower the motor's current"
+            }
             Self::ShortToGround => "detects a motor wire shorted to ground: check the motor's wires",
             Self::ShortToSupply => {
                 "detects a motor wire shorted to the supply or another wire: check the motor's wires"

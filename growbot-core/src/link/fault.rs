@@ -156,8 +156,12 @@ impl Fault {
     #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
-            Self::ThermistorOpen => "the thermistor reads like an open circuit: check its connector",
-            Self::ThermistorShort => "the thermistor reads like a short circuit: check its insulation",
+            Self::ThermistorOpen => {
+                "the thermistor's reading is that of an open circuit: check its connector and wires"
+            }
+            Self::ThermistorShort => {
+                "the thermistor's reading is that of a short circuit: check the insulation of its wires"
+            }
             Self::ThermistorSilent => "no temperature reading for half a second: check the board",
             Self::OverTemperature => {
                 "the nozzle got hotter than heater.max_c: check the heater's switches and the thermistor's seat"
@@ -172,14 +176,18 @@ impl Fault {
                 "the head turned one and a half turns without passing its index mark: check the sensor, the motor \
                  and its driver"
             }
-            Self::StepRate => "a layer needs more than one step in two ticks: raise motion.tick_hz or lower the steps",
+            Self::StepRate => {
+                "a layer needs more than one motor step in two ticks of the step interrupt: raise motion.tick_hz, or \
+                 lower head.steps_per_turn or feed.steps_per_mm"
+            }
             Self::Hardware => "a pin or the heater's output refused a command: check the board",
             Self::ThermistorFrozen => {
                 "the thermistor's reading does not change although the heater's power varies: check the ADC and the \
                  board"
             }
             Self::ThermistorDetached => {
-                "the reading fell faster than the nozzle can cool: check that the thermistor sits in its place"
+                "the measured temperature fell faster than the nozzle can cool: check that the thermistor sits in its \
+                 place"
             }
             Self::TemperatureDrop => {
                 "the nozzle cools although the heater is driven: check the heater, its wires, the thermistor's seat \
@@ -197,10 +205,12 @@ impl Fault {
                 "the heater takes more energy than the nozzle needs: check the thermistor's seat, the fan and draught"
             }
             Self::IndexMissing => {
-                "a turn of the head passed without the index mark: check the head's motor, its driver and the index \
+                "the head made a turn without passing its index mark: check the head's motor, its driver and the index \
                  sensor"
             }
-            Self::IndexStuck => "the index sensor sees its mark everywhere: check the sensor and its wire",
+            Self::IndexStuck => {
+                "the index sensor reports its mark at every angle of the head: check the sensor and its wire"
+            }
             Self::HeadStepsLost => {
                 "the index mark is at another position, so the head has lost or gained steps: remove what blocks the \
                  head, raise the motor's current, or lower the speed"

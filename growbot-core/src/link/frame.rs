@@ -81,15 +81,21 @@ pub type FrameBytes = Vec<u8, MAX_FRAME_LEN>;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum FrameError {
     /// The bytes are not a COBS encoding, or are too short, or the checksum does not match.
-    #[error("garbled frame: noise on the wire, a wrong baud rate, or no growbot firmware at the other end")]
+    #[error(
+        "a frame was received garbled: check the wire for noise, the baud rate, and that the other end runs growbot \
+         firmware"
+    )]
     Garbled,
     /// More bytes arrived without a zero than the longest frame has.
-    #[error("{MAX_FRAME_LEN} bytes without the end of a frame: a wrong baud rate, or no growbot at the other end")]
+    #[error(
+        "received {MAX_FRAME_LEN} bytes without the end of a frame: check the baud rate, and that the other end runs \
+         growbot firmware"
+    )]
     TooLong,
     /// The frame is valid, but has another version.
     #[error(
-        "the other side uses version {version} of the link protocol, this side {FRAME_VERSION}: flash or install the \
-         same release"
+        "the other end uses version {version} of the link protocol, but this end uses version {FRAME_VERSION}: install \
+         the same release of growbot on the host and on the board"
     )]
     Version {
         /// Version in the received frame.

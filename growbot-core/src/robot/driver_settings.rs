@@ -82,12 +82,12 @@ fn check_driver(driver: &DriverSettings, fields: &DriverFields) -> Result<(), Ro
     CheckedField(fields.sense_ohm, driver.sense_ohm).between(
         0.05,
         1.0,
-        "ohm: it is printed on the board, R110 for 0.11",
+        "give the resistance of the driver's sense resistors in ohm, as printed on the board (R110 means 0.11)",
     )?;
     CheckedField(fields.current_a, driver.current_a).between(
         0.05,
         driver.max_current_a(),
-        "A rms: what the driver's sense resistors allow, and less is enough for most motors",
+        "give the motor's current in A rms, within what the driver's sense resistors allow; most motors need less",
     )?;
     if !driver.microsteps.is_power_of_two() || driver.microsteps > 256 {
         let (field, value) = (fields.microsteps, driver.microsteps);

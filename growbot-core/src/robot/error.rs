@@ -41,12 +41,12 @@ pub enum RobotError {
         advice: &'static str,
     },
     /// The robot's name is empty, or has a character that is not safe in a file name or a command.
-    #[error("name may have lower-case letters, digits and hyphens only, and not be empty: rename the robot")]
+    #[error("name may contain only lower-case letters, digits and hyphens, and must not be empty: rename the robot")]
     Name,
     /// The description gives no equation for the thermistor, or two equations.
     #[error(
-        "thermistor needs either r25_ohm and beta_k, or steinhart_hart, but not both: its data sheet gives one or the \
-         other"
+        "[thermistor] needs either r25_ohm and beta_k, or steinhart_hart, and not both: set the values that the \
+         thermistor's data sheet gives"
     )]
     ThermistorEquation,
     /// The board's pins are not valid.
@@ -56,12 +56,12 @@ pub enum RobotError {
     #[error(transparent)]
     Drivers(DriverError),
     /// The description is too long to encode.
-    #[error("the description does not fit its 768 bytes: shorten the name")]
+    #[error("the robot description does not fit into its 768 bytes: shorten the robot's name")]
     TooLong,
     /// The description is encoded in another version than the one that this release reads.
     #[error(
-        "the description has encoding version {version}, but this release reads {ENCODING_VERSION}: use firmware and \
-         desktop of the same release"
+        "the robot description has encoding version {version}, but this release reads version {ENCODING_VERSION}: use \
+         the firmware and the growbot program of the same release"
     )]
     VersionMismatch {
         /// Version of the encoding of the description.
@@ -69,8 +69,8 @@ pub enum RobotError {
     },
     /// The bytes are not a robot description in this version of the encoding.
     #[error(
-        "the bytes are not a robot description of this version: build the firmware and the desktop from the same \
-         source"
+        "the bytes are not a robot description of this version: use the firmware and the growbot program of the same \
+         release"
     )]
     Unreadable,
 }

@@ -13,7 +13,10 @@ pub const STEP_SLICE: u8 = 7;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PinError {
     /// A pin is given for a signal whose pin is fixed.
-    #[error("board.pins.{signal} is set, but that pin is fixed on {kind}: remove it, and wire it as in WIRING.md")]
+    #[error(
+        "board.pins.{signal} is set, but this signal has a fixed pin on {kind}: remove board.pins.{signal}, and wire \
+         the signal as in WIRING.md"
+    )]
     Fixed {
         /// Signal whose pin is not valid.
         signal: Signal,
@@ -21,7 +24,9 @@ pub enum PinError {
         kind: BoardKind,
     },
     /// The board has no default pin for a signal that the robot uses, and the description gives none.
-    #[error("{kind} has no default pin for {signal}: set board.pins.{signal}, or remove the sensor")]
+    #[error(
+        "{kind} has no default pin for {signal}: set board.pins.{signal}, or remove the sensor from the robot file"
+    )]
     Missing {
         /// Signal whose pin is not valid.
         signal: Signal,
@@ -29,7 +34,7 @@ pub enum PinError {
         kind: BoardKind,
     },
     /// The pin does not exist.
-    #[error("board.pins.{signal} is {pin}, but GPIO pins are 0 to 29")]
+    #[error("board.pins.{signal} is {pin}, but the GPIO pins of the board are 0 to 29: give one of them")]
     Unknown {
         /// Signal whose pin is not valid.
         signal: Signal,
@@ -59,7 +64,7 @@ pub enum PinError {
         second: Signal,
     },
     /// The pin has no channel of the analog-to-digital converter.
-    #[error("board.pins.{signal} is {pin}, but the ADC measures at pins 26 to 29: use one of these")]
+    #[error("board.pins.{signal} is {pin}, but the ADC measures only at pins 26 to 29: use one of these")]
     NotAnalog {
         /// Signal whose pin is not valid.
         signal: Signal,
@@ -67,7 +72,9 @@ pub enum PinError {
         pin: u8,
     },
     /// The PWM slice of the pin makes the ticks of the step interrupt.
-    #[error("board.pins.{signal} is {pin}, but the step interrupt uses that PWM slice: use a pin other than 14 and 15")]
+    #[error(
+        "board.pins.{signal} is {pin}, but the step interrupt uses the PWM slice of pins 14 and 15: use another pin"
+    )]
     UsesStepSlice {
         /// Signal whose pin is not valid.
         signal: Signal,
@@ -76,8 +83,8 @@ pub enum PinError {
     },
     /// Heater and fan share a PWM slice.
     #[error(
-        "heater at pin {heater} and fan at pin {fan} share a PWM slice, like pins 0 and 1, 2 and 3, and so on, or 16 \
-         and 0: use another pin for one of them"
+        "the heater at pin {heater} and the fan at pin {fan} share a PWM slice (pins 0 and 1 share one, as do 2 and 3 \
+         and so on, and as do pins 16 apart): use another pin for the heater or the fan"
     )]
     SharedSlice {
         /// Pin of the heater.

@@ -34,7 +34,7 @@ impl CheckedField {
     }
 
     fn size(&self) -> Result<(), RobotError> {
-        self.between(MIN_SIZE, MAX_SIZE, "sizes are in mm; check the unit")
+        self.between(MIN_SIZE, MAX_SIZE, "give the size in mm, and check the unit")
     }
 }
 
@@ -68,7 +68,8 @@ pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError
     CheckedField("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
         f64::from(MAX_BOARD_TICK_HZ),
-        "a board's step interrupt runs at 100 kHz at most: lower it; a robot that needs more can only be simulated",
+        "the step interrupt of a board runs at 100 kHz at most: lower motion.tick_hz; a robot that needs more can only \
+         be simulated",
     )
 }
 
@@ -88,7 +89,7 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("wall.width_mm", robot.wall.width_mm).between(
         MIN_SIZE,
         geometry.tip_radius_mm,
-        "the wall must be thinner than the tip's radius",
+        "give a wall in mm that is thinner than the tip's radius",
     )
 }
 
@@ -97,19 +98,23 @@ fn check_material(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("material.density_g_per_cm3", density_g_per_cm3).between(
         1e-3,
         25.0,
-        "grams per cubic centimetre: PLA has 1.24; check the unit",
+        "give the density in grams per cubic centimetre (PLA has 1.24), and check the unit",
     )?;
     CheckedField("material.youngs_modulus_mpa", youngs_modulus_mpa).between(
         1e-3,
         1e6,
-        "MPa, which is N/mm^2: printed PLA has about 2300; check the unit",
+        "give the modulus in MPa, which is N/mm^2 (printed PLA has about 2300), and check the unit",
     )?;
     CheckedField("material.strength_mpa", strength_mpa).between(
         1e-3,
         1e5,
-        "MPa, which is N/mm^2: printed PLA bears about 30 between layers; check the unit",
+        "give the strength in MPa, which is N/mm^2 (printed PLA bears about 30 between layers), and check the unit",
     )?;
-    CheckedField("tip.mass_g", robot.tip.mass_g).between(0.0, 1e6, "grams, at most a tonne; 0 for a weightless tip")
+    CheckedField("tip.mass_g", robot.tip.mass_g).between(
+        0.0,
+        1e6,
+        "give the tip's mass in grams, at most a tonne, or 0 for a weightless tip",
+    )
 }
 
 fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
@@ -118,23 +123,24 @@ fn check_layer(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("layer.height_min_mm", layer.height_min_mm).between(
         MIN_SIZE,
         layer.height_mm * (1.0 - 1e-6),
-        "the min height must be positive and below layer.height_mm",
+        "give a minimum height in mm that is positive and below layer.height_mm",
     )?;
     // 255 mm is the max height that a layer's bytes on the link can hold.
     CheckedField("layer.height_max_mm", layer.height_max_mm).between(
         layer.height_mm,
         255.0,
-        "the max height lies between layer.height_mm and what the link carries",
+        "give a maximum height in mm between layer.height_mm and 255 mm, the largest height that can be sent to a \
+         board",
     )?;
     CheckedField("layer.tilt_max_deg", layer.tilt_max_deg).between(
         1e-3,
         57.0,
-        "a layer's tilt lies between 0.001 and 57 degrees",
+        "give a maximum tilt between 0.001 and 57 degrees",
     )?;
     CheckedField("layer.period_s", layer.period_s).between(
         1e-3,
         86_400.0,
-        "a layer takes between a millisecond and a day",
+        "give the time for a layer in seconds, between a millisecond and a day",
     )
 }
 
@@ -152,8 +158,8 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("planning_radius_mm", robot.planning_radius_mm).between(
         by_packaging.max(by_layers),
         MAX_SIZE,
-        "the radius of plans cannot be below R_min, the larger of the packaging limit (Eq 7) and the limit by the \
-         layers",
+        "give a radius in mm of at least R_min, the larger of two limits: by the size of the parts in the tip (Eq 7) \
+         and by the tilt and height of layers",
     )
 }
 
@@ -163,19 +169,19 @@ fn check_motors(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("motion.tick_hz", f64::from(motion.tick_hz)).between(
         100.0,
         1e6,
-        "the step interrupt runs at 100 Hz to 1 MHz in simulations, and at 100 kHz at most on a board",
+        "the step interrupt can run at 100 Hz to 1 MHz in simulations, and at 100 kHz at most on a board",
     )?;
     check_head(motion, &robot.head)?;
     check_feed(motion, &robot.feed)?;
     CheckedField("filament.spool_mm", robot.filament.spool_mm).between(
         1.0,
         1e9,
-        "the length of filament on the spool, in mm: a spool of 1 kg of 1.75 mm holds some 330,000",
+        "give the length of filament on the spool in mm (1 kg of filament of 1.75 mm is some 330,000 mm)",
     )?;
     CheckedField("filament.heat_j_per_mm3_k", robot.filament.heat_j_per_mm3_k).between(
         0.0,
         0.01,
-        "density times specific heat, in J/(mm^3 K): PLA has 0.0022",
+        "give density times specific heat in J/(mm^3 K) (PLA has 0.0022)",
     )
 }
 
@@ -183,33 +189,40 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     CheckedField("head.steps_per_turn", f64::from(head.steps_per_turn)).between(
         8.0,
         1e6,
-        "a turn takes 8 to 1,000,000 steps",
+        "give 8 to 1,000,000 steps of the head's motor per turn of the head",
     )?;
     CheckedField("head.homing_turns_per_s", head.homing_turns_per_s).between(
         1e-4,
         f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
-        "homing takes a step every two ticks at most: lower it, lower head.steps_per_turn or raise motion.tick_hz",
+        "homing can make at most one motor step in two ticks of the step interrupt: lower head.homing_turns_per_s or \
+         head.steps_per_turn, or raise motion.tick_hz",
     )?;
-    CheckedField("head.index_angle_deg", head.index_angle_deg).between(-360.0, 360.0, "an angle within one turn")?;
+    CheckedField("head.index_angle_deg", head.index_angle_deg).between(
+        -360.0,
+        360.0,
+        "give an angle in degrees within one turn",
+    )?;
     CheckedField("head.index_width_deg", head.index_width_deg).between(
         2.0 * 360.0 / f64::from(head.steps_per_turn),
         180.0,
-        "the index mark spans two head steps at least and half a turn at most",
+        "give the width of the index mark in degrees, at least two steps of the head's motor and at most half a turn",
     )?;
     CheckedField("head.index_tolerance_deg", head.index_tolerance_deg).between(
         360.0 / f64::from(head.steps_per_turn),
         90.0,
-        "an edge of the mark is a head step off at least, and a quarter of a turn at most",
+        "give the allowed deviation of an edge of the index mark in degrees, at least one step of the head's motor and \
+         at most a quarter of a turn",
     )?;
     CheckedField("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
         1e-4,
         UNLIMITED,
-        "turns per second and second; remove it for no limit",
+        "give the acceleration in turns/s^2, or remove this line for no limit",
     )?;
     CheckedField("head.speed_jump_turns_per_s", head.speed_jump_turns_per_s).between(
         head.homing_turns_per_s,
         UNLIMITED,
-        "homing stops at an instant, so head.homing_turns_per_s must be within it; remove it for no limit",
+        "homing stops at once, without a ramp, so this speed jump must be at least head.homing_turns_per_s; remove \
+         this line for no limit",
     )
 }
 
@@ -217,30 +230,40 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
     CheckedField("feed.steps_per_mm", feed.steps_per_mm).between(
         1e-3,
         1e6,
-        "steps of the feed motor for a mm of filament",
+        "give the steps of the feed's motor per mm of filament",
     )?;
     CheckedField("feed.filament_diameter_mm", feed.filament_diameter_mm).size()?;
     CheckedField("feed.acceleration_mm_per_s2", feed.acceleration_mm_per_s2).between(
         1e-3,
         UNLIMITED,
-        "mm of filament per second and second; remove it for no limit",
+        "give the acceleration of the filament in mm/s^2, or remove this line for no limit",
     )?;
-    CheckedField("feed.retract_mm", feed.retract_mm).between(0.0, 100.0, "mm of filament; 0 for none")?;
+    CheckedField("feed.retract_mm", feed.retract_mm).between(
+        0.0,
+        100.0,
+        "give the length of filament that is pulled back in mm, or 0 to pull none back",
+    )?;
     let mut min_jump = 1e-3;
     // Maintenance uses this speed too, within the limit of the step interrupt.
-    CheckedField("feed.retract_mm_per_s", feed.retract_mm_per_s).between(min_jump, 1e6, "mm of filament a second")?;
+    CheckedField("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
+        min_jump,
+        1e6,
+        "give the speed of the filament in mm/s",
+    )?;
     if feed.retract_mm > 0.0 {
         CheckedField("feed.retract_mm_per_s", feed.retract_mm_per_s).between(
             min_jump,
             f64::from(motion.tick_hz) / (2.0 * feed.steps_per_mm),
-            "the step interrupt makes a step every two ticks at most: lower it or raise motion.tick_hz",
+            "the step interrupt makes at most one motor step in two ticks: lower feed.retract_mm_per_s, or raise \
+             motion.tick_hz",
         )?;
         min_jump = feed.retract_mm_per_s;
     }
     CheckedField("feed.speed_jump_mm_per_s", feed.speed_jump_mm_per_s).between(
         min_jump,
         UNLIMITED,
-        "filament is pulled back without a ramp, so feed.retract_mm_per_s must be within it; remove it for no limit",
+        "filament is pulled back without a ramp, so this speed jump must be at least feed.retract_mm_per_s; remove \
+         this line for no limit",
     )
 }
 
@@ -249,99 +272,141 @@ fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("heater.max_c", heater.max_c).between(
         40.0,
         500.0,
-        "the limit of the nozzle lies between 40 and 500 C",
+        "give the highest permitted temperature of the nozzle, between 40 and 500 C",
     )?;
     CheckedField("heater.target_c", heater.target_c).between(
         30.0,
         heater.max_c - 5.0,
-        "the target must stay 5 C below heater.max_c and above 30 C",
+        "give a temperature above 30 C and at least 5 C below heater.max_c",
     )?;
     CheckedField("heater.extrusion_min_c", heater.extrusion_min_c).between(
         25.0,
         heater.target_c - heater.band_c,
-        "filament is fed above this: it must lie below the target by heater.band_c at least",
+        "filament is fed only above this temperature, which must be at least heater.band_c below heater.target_c",
     )?;
     CheckedField("heater.band_c", heater.band_c).between(
         0.1,
         5.0,
-        "the band round the target, in degrees: well within what counts as a drop",
+        "give the permitted deviation from heater.target_c in degrees, 0.1 to 5",
     )?;
     CheckedField("heater.heating_timeout_s", heater.heating_timeout_s).between(
         1.0,
         3600.0,
-        "seconds from cold to hot",
+        "give the longest time for heating from cold to hot, in seconds",
     )?;
-    CheckedField("heater.kp", heater.kp).between(1e-9, 100.0, "duty per degree; heating needs a positive gain")?;
-    CheckedField("heater.ki", heater.ki).between(0.0, 100.0, "duty per degree and second")?;
-    CheckedField("heater.kd", heater.kd).between(0.0, 100.0, "duty per degree a second")?;
-    CheckedField("heater.power_w", heater.power_w).between(0.1, 10_000.0, "watts at full duty")?;
+    CheckedField("heater.kp", heater.kp).between(
+        1e-9,
+        100.0,
+        "give the proportional gain in duty per degree; heating needs a positive gain",
+    )?;
+    CheckedField("heater.ki", heater.ki).between(0.0, 100.0, "give the integral gain in duty per degree and second")?;
+    CheckedField("heater.kd", heater.kd).between(
+        0.0,
+        100.0,
+        "give the derivative gain in duty per degree per second",
+    )?;
+    CheckedField("heater.power_w", heater.power_w).between(
+        0.1,
+        10_000.0,
+        "give the power of the heater at full duty in W",
+    )?;
     CheckedField("heater.heat_capacity_j_per_k", heater.heat_capacity_j_per_k).between(
         0.01,
         1e5,
-        "joules per kelvin",
+        "give the heat capacity of the nozzle in J/K",
     )?;
-    CheckedField("heater.loss_w_per_k", heater.loss_w_per_k).between(1e-6, 1e3, "watts per kelvin")
+    CheckedField("heater.loss_w_per_k", heater.loss_w_per_k).between(
+        1e-6,
+        1e3,
+        "give the heat loss of the nozzle in W/K",
+    )
 }
 
 fn check_thermistor(robot: &RobotDescription) -> Result<(), RobotError> {
     let thermistor = &robot.thermistor;
     match (thermistor.r25_ohm, thermistor.beta_k, thermistor.steinhart_hart) {
         (Some(r25_ohm), Some(beta_k), None) => {
-            CheckedField("thermistor.r25_ohm", r25_ohm).between(10.0, 1e7, "ohms at 25 C")?;
-            CheckedField("thermistor.beta_k", beta_k).between(500.0, 10_000.0, "kelvin")?;
+            CheckedField("thermistor.r25_ohm", r25_ohm).between(10.0, 1e7, "give the resistance at 25 C in ohm")?;
+            CheckedField("thermistor.beta_k", beta_k).between(
+                500.0,
+                10_000.0,
+                "give the B value of the thermistor in K",
+            )?;
         }
         (None, None, Some([a, b, c])) => {
-            let advice = "a coefficient in 1/K, as data sheets print it: A near 1e-3, B near 2e-4, C near 1e-7";
+            let advice = "give the coefficient in 1/K from the data sheet: A is near 1e-3, B near 2e-4, C near 1e-7";
             CheckedField("thermistor.steinhart_hart[0]", a).between(-0.01, 0.01, advice)?;
             CheckedField("thermistor.steinhart_hart[1]", b).between(1e-6, 0.01, advice)?;
             CheckedField("thermistor.steinhart_hart[2]", c).between(0.0, 1e-4, advice)?;
         }
         _ => return Err(RobotError::ThermistorEquation),
     }
-    CheckedField("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(10.0, 1e7, "ohms")
+    CheckedField("thermistor.pull_up_ohm", thermistor.pull_up_ohm).between(
+        10.0,
+        1e7,
+        "give the resistance of the pull-up resistor in ohm",
+    )
 }
 
 fn check_fan_and_pause(robot: &RobotDescription) -> Result<(), RobotError> {
     let (fan, pause) = (&robot.fan, &robot.pause);
-    CheckedField("fan.growing_duty", fan.growing_duty).between(0.0, 1.0, "a share of full duty")?;
-    CheckedField("fan.loss_w_per_k", fan.loss_w_per_k).between(0.0, 1e3, "watts per kelvin")?;
+    CheckedField("fan.growing_duty", fan.growing_duty).between(
+        0.0,
+        1.0,
+        "give the fan's duty from 0 to 1, where 1 is full duty",
+    )?;
+    CheckedField("fan.loss_w_per_k", fan.loss_w_per_k).between(
+        0.0,
+        1e3,
+        "give the additional heat loss by the fan in W/K",
+    )?;
     CheckedField("pause.standby_c", pause.standby_c).between(
         0.0,
         500.0,
-        "degrees Celsius; above heater.target_c it means heater.target_c",
+        "give a temperature in C; a value above heater.target_c has the effect of heater.target_c",
     )?;
-    CheckedField("pause.standby_after_s", pause.standby_after_s).between(0.0, 86_400.0, "seconds, a day at most")?;
-    CheckedField("pause.off_after_s", pause.off_after_s).between(0.0, 86_400.0, "seconds, a day at most")
+    CheckedField("pause.standby_after_s", pause.standby_after_s).between(
+        0.0,
+        86_400.0,
+        "give a time in seconds, at most a day",
+    )?;
+    CheckedField("pause.off_after_s", pause.off_after_s).between(0.0, 86_400.0, "give a time in seconds, at most a day")
 }
 
 fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     let (supply, sensors) = (&robot.supply, &robot.sensors);
-    CheckedField("supply.nominal_v", supply.nominal_v).between(1.0, 100.0, "volts")?;
+    CheckedField("supply.nominal_v", supply.nominal_v).between(
+        1.0,
+        100.0,
+        "give the nominal voltage of the supply in V",
+    )?;
     CheckedField("supply.min_v", supply.min_v).between(
         0.5,
         supply.nominal_v,
-        "the min voltage is below supply.nominal_v",
+        "give a minimum voltage in V below supply.nominal_v",
     )?;
     CheckedField("supply.max_v", supply.max_v).between(
         supply.nominal_v,
         200.0,
-        "the max voltage is above supply.nominal_v",
+        "give a maximum voltage in V above supply.nominal_v",
     )?;
     CheckedField("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
         1000.0,
-        "the ADC must be able to measure supply.max_v: give the voltage at which its input is at the reference",
+        "give the supply's voltage in V at which the ADC's input reaches its reference; it must be above supply.max_v, \
+         so that the ADC can measure that voltage",
     )?;
     if let Some(motion) = sensors.filament_motion {
         CheckedField("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(
             1e-3,
             1e3,
-            "mm of filament",
+            "give the length of filament per pulse of the sensor in mm",
         )?;
         CheckedField("sensors.filament_motion.jam_mm", motion.jam_mm).between(
             2.0 * motion.mm_per_pulse,
             1e4,
-            "less than two pulses' worth of filament would be a false alarm",
+            "give a length of filament in mm of at least two pulses of the sensor, because a shorter one would give \
+             false alarms",
         )?;
     }
     Ok(())
@@ -362,13 +427,14 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("layer.period_s * motion.tick_hz", ticks).between(
         4.0 * f64::from(SECTORS as u32),
         f64::from(u32::MAX / 4),
-        "a layer takes at least four ticks a sector: raise motion.tick_hz",
+        "a layer must take at least four ticks of the step interrupt in each of its sectors: raise motion.tick_hz or \
+         layer.period_s",
     )?;
     // The steepest layer of a plan at the planning radius.
     let tilt = layer.height_mm / robot.planning_radius_mm;
     let busiest = BusiestSector::of(robot, layer.height_mm, tilt);
-    let advice = "the step interrupt makes a step every two ticks at most: lower the steps, raise motion.tick_hz or \
-        layer.period_s";
+    let advice = "the step interrupt makes at most one motor step in two ticks: lower head.steps_per_turn or \
+                  feed.steps_per_mm, or raise motion.tick_hz or layer.period_s";
     let max = libm::floor(busiest.ticks / 2.0);
     CheckedField("head steps in the busiest sector", busiest.head).between(0.0, max, advice)?;
     CheckedField("feed steps in the busiest sector", busiest.feed).between(0.0, max, advice)
@@ -384,12 +450,16 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
             return Ok(());
         }
         let min = 2.0 * motion.speed / MAX_RAMP_S;
-        acceleration.between(min, UNLIMITED, "the ramp to the speed of a layer takes ten seconds at most")?;
+        acceleration.between(
+            min,
+            UNLIMITED,
+            "the motor must reach the speed of a layer within ten seconds: raise this acceleration or layer.period_s",
+        )?;
         CheckedField(profile, motion.acceleration).between(
             0.0,
             motion.acceleration_limit,
-            "a layer at planning_radius_mm may take half of the axis's acceleration, and a quarter of its speed jump \
-             from sector to sector: raise these or layer.period_s",
+            "a layer of a bend of planning_radius_mm may use at most half of the axis's acceleration, and a quarter of \
+             its speed jump between sectors: raise the acceleration and the speed jump, or layer.period_s",
         )
     };
     let acceleration = CheckedField("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
@@ -413,11 +483,20 @@ mod tests {
             Robot::new(description).unwrap_err().to_string()
         };
         for (message, part) in [
-            (refused(|robot| robot.material.density_g_per_cm3 = 1240.0), "density_g_per_cm3 is 1240, above 25: grams"),
+            (
+                refused(|robot| robot.material.density_g_per_cm3 = 1240.0),
+                "density_g_per_cm3 is 1240, above 25: give the density in grams",
+            ),
             (refused(|robot| robot.material.density_g_per_cm3 = f64::NAN), "density_g_per_cm3 is NaN"),
-            (refused(|robot| robot.material.youngs_modulus_mpa = 0.0), "youngs_modulus_mpa is 0, below 0.001: MPa"),
-            (refused(|robot| robot.material.strength_mpa = 3e7), "strength_mpa is 30000000, above 100000: MPa"),
-            (refused(|robot| robot.tip.mass_g = -1.0), "tip.mass_g is -1, below 0: grams"),
+            (
+                refused(|robot| robot.material.youngs_modulus_mpa = 0.0),
+                "youngs_modulus_mpa is 0, below 0.001: give the modulus in MPa",
+            ),
+            (
+                refused(|robot| robot.material.strength_mpa = 3e7),
+                "strength_mpa is 30000000, above 100000: give the strength in MPa",
+            ),
+            (refused(|robot| robot.tip.mass_g = -1.0), "tip.mass_g is -1, below 0: give the tip's mass in grams"),
         ] {
             assert!(message.contains(part), "{message}");
         }

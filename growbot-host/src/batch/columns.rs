@@ -17,7 +17,7 @@ pub const OPTIONAL: [&str; 2] = ["radius_mm", "planner"];
 pub enum HeaderError {
     /// A column is unknown.
     #[error(
-        "the header has an unknown column {name:?}{}; it must have {}, and may have {}, {}, {}",
+        "the header of the batch has an unknown column {name:?}{}: it must have {}, and may have {}, {}, {}",
         suggestion(.name), REQUIRED.join(","), DIRECTION.join(","), START.join(","), OPTIONAL.join(",")
     )]
     Unknown {
@@ -25,13 +25,13 @@ pub enum HeaderError {
         name: String,
     },
     /// A column is missing.
-    #[error("the header has no column {name}; it must have {}{}", REQUIRED.join(","), together(.name))]
+    #[error("the header of the batch has no column {name}: it must have {}{}", REQUIRED.join(","), together(.name))]
     Missing {
         /// Name of the column.
         name: &'static str,
     },
     /// A column occurs twice.
-    #[error("the header has column {name} twice: remove one")]
+    #[error("the header of the batch has column {name} twice: remove one of them")]
     Twice {
         /// Name of the column.
         name: &'static str,

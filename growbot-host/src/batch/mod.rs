@@ -32,7 +32,7 @@ pub enum BatchError {
     #[error(transparent)]
     Header(#[from] HeaderError),
     /// Reading the CSV stream failed.
-    #[error("reading failed: {0}")]
+    #[error("cannot read the batch: {0}")]
     Reading(#[source] csv::Error),
 }
 
@@ -40,7 +40,7 @@ pub enum BatchError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum QueryError {
     /// The line has more or fewer fields than the header.
-    #[error("the line has {found} fields, but the header has {expected}")]
+    #[error("the line of the batch has {found} fields, but the header has {expected}: write a field for each column")]
     Fields {
         /// Number of fields of the line.
         found: usize,
@@ -48,7 +48,7 @@ pub enum QueryError {
         expected: usize,
     },
     /// A field is not UTF-8.
-    #[error("field {field} of the line is not UTF-8 text (at its byte {position}): save the batch as UTF-8")]
+    #[error("field {field} of the line is not UTF-8 text (at byte {position} of the field): save the batch as UTF-8")]
     NotText {
         /// Number of the field, from 1.
         field: usize,
@@ -56,7 +56,7 @@ pub enum QueryError {
         position: usize,
     },
     /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write it like -120 or 0.5")]
+    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
     NotANumber {
         /// Name of the column.
         column: &'static str,
@@ -70,7 +70,9 @@ pub enum QueryError {
         reason: String,
     },
     /// Only one of the two angles is given.
-    #[error("{column} is empty, but the other angle is not: write both, or leave both empty for any direction")]
+    #[error(
+        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
+    )]
     HalfADirection {
         /// Name of the column that is empty.
         column: &'static str,
@@ -374,7 +376,11 @@ mod tests {
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
-        assert_eq!(error, "{\"id\":\"8\",\"error\":\"the line has 2 fields, but the header has 11\"}\n");
+        assert_eq!(
+            error,
+            "{\"id\":\"8\",\"error\":\"the line of the batch has 2 fields, but the header has 11: write a field for \
+             each column\"}\n"
+        );
         assert_eq!(plan.matches('\n').count(), 1);
     }
 
@@ -393,7 +399,7 @@ mod tests {
         assert_eq!(plan(1).start, parse_pose("1,2,3,4,5").unwrap());
         let error = |index: usize| mixed[index].outcome.as_ref().unwrap_err().to_string();
         assert!(error(2).contains("from_y_mm is \"\""), "{}", error(2));
-        assert!(error(3).contains("to_pitch_deg is empty, but the other angle is not"), "{}", error(3));
+        assert!(error(3).contains("to_pitch_deg is empty, but the other angle is given"), "{}", error(3));
     }
 
     #[test]

@@ -34,7 +34,7 @@ pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     if plan_id == 0 {
         return Ok(print(&format!("the {}board has no stored job: there is nothing to cancel\n", port.kind()))?);
     }
-    client.request("to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
+    client.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
     Ok(print(&format!(
         "plan {plan_id:016x} discarded by the {}board after {} layers\n",
         port.kind(),

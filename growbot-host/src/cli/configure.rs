@@ -66,7 +66,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
             port.text()
         );
     } else if before.robot_hash != now.robot_hash {
-        note!("name this robot in other commands, too: --robot {}, or growbot.toml", args.robot.display());
+        note!("give this robot in other commands, too, with --robot {} or in growbot.toml", args.robot.display());
     }
     let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot_hash));
     print(&if args.json {

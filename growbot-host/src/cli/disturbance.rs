@@ -110,17 +110,21 @@ fn signed_deg(text: &str) -> Result<f64, String> {
 }
 
 fn percentage(text: &str) -> Result<f64, String> {
-    parse_number(text).ok_or_else(|| "it is not a number: give percent, such as 0.5".to_owned())
+    parse_number(text).ok_or_else(|| "the value is not a number: give a percentage, such as 0.5".to_owned())
 }
 
 fn angle(text: &str) -> Result<f64, String> {
-    parse_angle(text)
-        .map(|angle| angle.value)
-        .map_err(|_| "it is not a number: give degrees, such as 0.5, or 0.01rad".to_owned())
+    parse_angle(text).map(|angle| angle.value).map_err(|_| {
+        "the value is not a number: give an angle in degrees, such as 0.5, or in radians, such as 0.01rad".to_owned()
+    })
 }
 
 fn within(number: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
-    if (min..=max).contains(&number) { Ok(number) } else { Err(format!("it is {number} {unit}: give {min} to {max}")) }
+    if (min..=max).contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("the value is {number} {unit}: give {min} to {max} {unit}"))
+    }
 }
 
 #[cfg(test)]
@@ -163,12 +167,12 @@ mod tests {
     #[test]
     fn out_of_range_values_are_refused_with_value_and_limit() {
         for (args, part) in [
-            (["--noise", "-1"], "it is -1 percent: give 0 to 90"),
-            (["--noise", "90.5"], "it is 90.5 percent"),
-            (["--bias", "nan"], "it is NaN percent: give -90 to 90"),
-            (["--bias", "-inf"], "it is -inf percent"),
-            (["--alpha-bias", "91"], "it is 91 degrees: give -90 to 90"),
-            (["--twist-noise", "ten"], "it is not a number: give degrees, such as 0.5"),
+            (["--noise", "-1"], "the value is -1 percent: give 0 to 90"),
+            (["--noise", "90.5"], "the value is 90.5 percent"),
+            (["--bias", "nan"], "the value is NaN percent: give -90 to 90"),
+            (["--bias", "-inf"], "the value is -inf percent"),
+            (["--alpha-bias", "91"], "the value is 91 degrees: give -90 to 90"),
+            (["--twist-noise", "ten"], "the value is not a number: give an angle in degrees, such as 0.5"),
             (["--seed", "-1"], "invalid value '-1' for '--seed <N>'"),
         ] {
             let message = parsed(&args).unwrap_err();

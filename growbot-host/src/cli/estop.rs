@@ -42,7 +42,9 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
     // Each robot has a thread, so that none waits for another.
     let stopped: Vec<Result<(), String>> = thread::scope(|scope| {
         let threads: Vec<_> = ports.iter().map(|port| scope.spawn(|| stop(port))).collect();
-        let end = |thread: ScopedJoinHandle<_>| thread.join().unwrap_or_else(|_| Err("its thread failed".to_owned()));
+        let end = |thread: ScopedJoinHandle<_>| {
+            thread.join().unwrap_or_else(|_| Err("the program's thread for this robot failed".to_owned()))
+        };
         threads.into_iter().map(end).collect()
     });
     let mut failed = Vec::new();
@@ -72,7 +74,7 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     }
     for error in &skipped {
         growbot_host::warning!(
-            "settings are ignored for this stop, and robots that only they name are not stopped: {error}"
+            "the settings cannot be read, so robots that are named only in the settings are not stopped: {error}"
         );
     }
     found
@@ -108,7 +110,7 @@ fn stop(port: &SelectedPort) -> Result<(), String> {
     // A service that does not respond must not delay the stop.
     match owner_in_emergency(port).map(|owned| owned.emergency_stop(port.is_in_process())) {
         Some(true) => Ok(()),
-        Some(false) if port.is_in_process() => Err("the service has not confirmed it".to_owned()),
+        Some(false) if port.is_in_process() => Err("the service has not confirmed the emergency stop".to_owned()),
         _ => stop_at_port(port),
     }
 }
@@ -168,7 +170,7 @@ fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
 /// Returns the reason with the number of attempts and their duration.
 fn tried(why: &str, attempts: u32, time: Duration) -> String {
     let times = if attempts == 1 { "once" } else { &format!("{attempts} times") };
-    format!("{why}; tried {times} in {:.1} s", time.as_secs_f64())
+    format!("{why}; the stop was tried {times} in {:.1} s", time.as_secs_f64())
 }
 
 /// Returns the reason for a stop that was sent for the whole time without a response.

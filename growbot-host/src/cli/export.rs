@@ -130,13 +130,14 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     }
     if args.ros2 && format != ExportFormat::Mcap {
         return Err(Failure::bad_input(format_args!(
-            "--ros2 is for MCAP, not for {}: remove it, or name a file that ends in .mcap",
+            "--ros2 applies only to MCAP files, not to {}: remove --ros2, or name a file that ends in .mcap",
             format.ending()
         )));
     }
     if args.scene.is_some() && format != ExportFormat::Glb {
         return Err(Failure::bad_input(format_args!(
-            "--scene is for GLB, and {} holds only the body: remove it, or name a file that ends in .glb",
+            "--scene applies only to GLB files, and {} holds only the body: remove --scene, or name a file that ends \
+             in .glb",
             format.ending()
         )));
     }
@@ -169,7 +170,8 @@ impl ExportArgs {
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(
-                "no format given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, or pass --format",
+                "the export's format is not given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, \
+                 or pass --format",
             )
         })
     }

@@ -81,7 +81,7 @@ impl FlashTarget {
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
             Some(BoardDescription { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
-                "{}: its board.kind is {kind}, but --board is {}: give the same board in both",
+                "{}: board.kind is {kind} in this robot file, but --board is {}: give the same board in both",
                 robot.name(),
                 self.kind()
             ))),
@@ -138,7 +138,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let is_drive = args.board != FlashTarget::Stm32f405;
     if !is_drive && (args.uf2.is_some() || args.drive.is_some()) {
         return Err(Failure::bad_input(
-            "--uf2 and --drive are for boards that take UF2 files: pass --board pico or skr-pico",
+            "--uf2 and --drive apply only to boards that take UF2 files: pass --board pico or --board skr-pico",
         ));
     }
     let (build, image) = match &args.firmware {
@@ -153,7 +153,8 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     let is_uf2 = args.firmware.as_ref().is_some_and(|file| fs::read(file).is_ok_and(|bytes| uf2::is_uf2(&bytes)));
     if is_uf2 && (args.seal_only || !is_drive) {
         return Err(Failure::bad_input(format!(
-            "{} is a UF2 file, which only --board pico and skr-pico take, and which cannot be sealed: give the ELF image",
+            "{} is a UF2 file, which only --board pico and skr-pico take, and a UF2 file cannot be sealed: give the \
+             ELF image",
             image.display()
         )));
     }
@@ -169,14 +170,20 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
         build.run()?;
     }
     if !image.is_file() {
-        let what = if args.firmware.is_some() { "give the image that cargo builds" } else { "cargo built none" };
+        let what = if args.firmware.is_some() {
+            "give the ELF image that cargo builds"
+        } else {
+            "cargo did not build this image"
+        };
         return Err(Failure::bad_input(format!("firmware image {} not found: {what}", image.display())));
     }
     if !is_uf2 {
         match image_seal::seal_in_place(&image) {
             Ok(crc) => note!("sealed {}, CRC {crc:08x}", image.display()),
             Err(error @ SealError::NoImage { .. }) if !args.seal_only => {
-                warning!("{error}; the image is flashed as it is, and the board does not check it");
+                warning!(
+                    "{error}; the image is flashed without a seal, so the board cannot check whether it is intact"
+                );
             }
             Err(error) => return Err(Failure::bad_input(error)),
         }
@@ -251,8 +258,8 @@ impl ToolRun {
             Self {
                 tool: "probe-rs",
                 remedy: "install it with `cargo install probe-rs-tools --locked`",
-                failed: "flashing the board failed, or its log was interrupted; is the probe connected and the board \
-                         powered?",
+                failed: "flashing the board failed, or the board's log was interrupted: check that the probe is \
+                         connected and the board has power",
                 arguments: arguments.chain(image.map(|image| image.as_os_str().to_owned())).collect(),
                 robot: None,
                 directory: None,

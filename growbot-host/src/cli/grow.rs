@@ -139,11 +139,13 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         )));
     }
     if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
-        return Err(refused(format!("{unclear}; or ignore the scene with --ignore-scene")));
+        return Err(refused(format!("{unclear}; or grow without checking the scene (--ignore-scene)")));
     }
     args.check_options(&port, &robot)?;
     if args.ignore_scene && scene.is_some() {
-        growbot_host::warning!("--ignore-scene: neither the plan nor its corrections are checked against the scene");
+        growbot_host::warning!(
+            "--ignore-scene is given: neither the plan nor its corrections are checked against the scene"
+        );
     }
     if let Some(owned) = find_service_robot(&port)? {
         let at = args.goal.place_of_scene(&plan)?;
@@ -170,8 +172,8 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     });
     if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
         return Err(refused(format!(
-            "{too_near}: give a larger --margin or another --radius to `growbot plan --scene`, use a better sensor, \
-             or ignore the scene with --ignore-scene"
+            "{too_near}: plan with a larger --margin or another --radius (`growbot plan --scene`), use a better \
+             sensor, or ignore the scene with --ignore-scene"
         )));
     }
     let imperfection = ErrorModel {
@@ -223,7 +225,8 @@ impl GrowArgs {
     fn print(&self) -> Result<ResultFormat, Failure> {
         match (&self.log, self.json) {
             (Some(Some(log)), true) if is_standard_output(log) => Err(Failure::bad_input(
-                "--log - and --json both go to standard output: remove one of them; the log ends with the result",
+                "--log - and --json both write to standard output: remove one of them; the run log contains the \
+                 result, too",
             )),
             (Some(Some(log)), false) if is_standard_output(log) => Ok(ResultFormat::Nothing),
             (_, json) => Ok(ResultFormat::of(json)),
@@ -234,13 +237,14 @@ impl GrowArgs {
     fn by_service(&self, print: ResultFormat) -> Result<ServiceGrowthOptions, Failure> {
         if self.disturbance.has_disturbance() || self.disturbance.has_sensor_noise() {
             return Err(Failure::bad_input(
-                "the service cannot disturb layers: remove the noise and bias options, or use --port sim",
+                "the service owns this robot and cannot simulate disturbed layers: remove the noise and bias options, \
+                 or use --port sim",
             ));
         }
         let log = match &self.log {
             Some(Some(path)) if is_standard_output(path) => {
                 return Err(Failure::bad_input(
-                    "the service keeps the run log: name a file for the copy, or remove --log",
+                    "the service keeps the run log of its jobs: name a file for a copy after --log, or remove --log",
                 ));
             }
             Some(Some(path)) if path.exists() && !self.overwrite => {

@@ -229,7 +229,7 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
     match outcome {
         Outcome::Done => Ok(()),
         Outcome::Stopped if emergency => Err(Failure::request_failed(format!(
-            "emergency stop: {off}, until it is cleared (`clear` in `growbot console`)"
+            "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
         ))),
         Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
         Outcome::Fault(fault) => {
@@ -240,8 +240,8 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"
         ))),
         Outcome::Interrupted => Err(Failure::request_failed(format!(
-            "the {kind}board has restarted, or another host has taken it over: `growbot status` shows its state, \
-             `growbot resume` resumes the body",
+            "the {kind}board has restarted, or another host has taken it over: see the board's state with `growbot \
+             status`, and resume the body with `growbot resume`",
         ))),
         Outcome::Lost if simulated => {
             Err(Failure::request_failed("lost the connection to the simulated board; the robot is simulated"))
@@ -357,13 +357,14 @@ impl GrowthProgress {
                 self.progress.note(&format!("ordered: {}", order.name()));
             }
             JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
-                "{instead_of}: from layer {from} the body takes another path, {clearance_mm:.2} mm clear"
+                "{instead_of}: from layer {from} on the body takes another path, which is {clearance_mm:.2} mm clear \
+                 of obstacles"
             )),
             JobEvent::ClearanceViolation(too_near) => self.progress.warn(&format!(
                 "{too_near}; the robot pauses: remove the obstacle, or stop and plan another body from here"
             )),
             JobEvent::CommandFailed(why) => self.progress.warn(why),
-            JobEvent::NoResponse => self.progress.warn("the board does not respond: retrying"),
+            JobEvent::NoResponse => self.progress.warn("the board does not respond: growbot tries again"),
             JobEvent::Reconnected => self.progress.note("the board responds again"),
             JobEvent::AmendmentRejected(why) => {
                 self.layers = self.layers_before;

@@ -44,7 +44,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthRe
     }
     if grown.unknown_layers() > 0 {
         table += &format!(
-            "caution   {} layers were interrupted and kept as they are: they are counted as planned\n",
+            "caution   {} layers were interrupted and kept as they are; this result counts them as planned\n",
             grown.unknown_layers()
         );
     }
@@ -56,7 +56,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthRe
 
 /// Returns the row with the greatest distance of a body from its plan.
 pub fn deviates(PlanDeviation { max_mm, at_mm, .. }: &PlanDeviation) -> String {
-    format!("plan      the body lies up to {max_mm:.3} mm from it, {at_mm:.0} mm along\n")
+    format!("plan      the body lies up to {max_mm:.3} mm from its plan, {at_mm:.0} mm along\n")
 }
 
 /// Returns the rows with target and final pose, and the error between them.
@@ -102,8 +102,12 @@ fn feedback(plan: &Plan, grown: &GrowthReport, fed_back: &FeedbackReport) -> Str
 pub fn made(cut: InterruptedLayer) -> String {
     let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
     if cut.min == 0 && usize::from(cut.max) == SECTORS {
-        "it is unknown how much of it was made".to_string()
+        "it is unknown how much of this layer was made".to_string()
     } else {
-        format!("made from 0 to {:.1} or {:.1} degrees of its turn", degrees(cut.min), degrees(cut.max))
+        format!(
+            "this layer was made from 0 to {:.1} or {:.1} degrees of the head's turn",
+            degrees(cut.min),
+            degrees(cut.max)
+        )
     }
 }

@@ -28,7 +28,10 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
         );
     });
     if let Err(error) = installed {
-        growbot_host::warning!("Ctrl-C will end this program, but will not stop the robot ({error})");
+        growbot_host::warning!(
+            "Ctrl-C will end this program, but will not stop the robot ({error}): stop the robot with `growbot stop` \
+             or `growbot estop`"
+        );
     }
     orders
 }
@@ -40,7 +43,8 @@ fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) -> Option<Client
     let stopped = client.as_mut().is_some_and(|client| client.emergency_stop().is_ok());
     if stopped {
         growbot_host::warning!(
-            "emergency stop: heater and steppers are off, until it is cleared (`clear` in `growbot console`)"
+            "emergency stop: heater and steppers are off until the emergency stop is cleared (`clear` in `growbot \
+             console`)"
         );
     } else {
         let error = ClientError::StopNotAcknowledged { port: name.to_string() };

@@ -460,9 +460,9 @@ impl SelectedPort {
             return Ok(());
         }
         Err(Failure::request_failed(format!(
-            "{command} was not sent: no robot runs at {} that this command can reach. A simulated robot at that port \
-             belongs to the program that runs it: stop that program (Ctrl-C in its terminal), or use sim:NAME, which \
-             all commands reach",
+            "{command} was not sent: no robot runs at {} that this command can reach. A simulated robot at this port \
+             belongs to the program that runs the robot: stop that program (Ctrl-C in its terminal), or use a port \
+             sim:NAME, which all commands can reach",
             self.text
         )))
     }

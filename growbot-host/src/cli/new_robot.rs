@@ -29,7 +29,7 @@ const LONGEST_ANSWER: u64 = 4096;
 /// comments.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot new-robot --base growbot-a -o my-robot.toml\n  printf \
-                  'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
+                        'my-robot\\n14\\n60\\n25\\n' | growbot new-robot")]
 pub struct NewRobotArgs {
     /// Write this file (- for standard output) [default: the robot's name and .toml]
     #[arg(short, long, value_name = "FILE")]
@@ -49,7 +49,7 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
         refuse_to_overwrite(output, args.overwrite)?;
     }
     if is_standard_input(&args.base) {
-        return Err(Failure::bad_input("answers are read from standard input: give the robot to start from as a file"));
+        return Err(Failure::bad_input("standard input is needed for the answers: give the base robot as a file"));
     }
     let (text, file) = robot_file::text_of(&args.base)?;
     let name = name_in(args.output.as_deref());
@@ -65,8 +65,8 @@ pub fn run(args: &NewRobotArgs) -> Result<(), Failure> {
     let output = output.display();
     let mut notes = String::new();
     if robot.description().test_bench {
-        notes += "\ntest_bench is true, as in the robot that this one starts from: it heats although a debug probe is \
-                  attached. Remove the line before the robot works unattended.\n";
+        notes += "\ntest_bench is true, as in the base robot: the board heats although a debug probe is attached. \
+                  Remove this line before the robot works unattended.\n";
     }
     if let Err(error) = robot.check_for_board() {
         notes += &format!("\nThe robot can be planned for and simulated, but no board can drive it: {error}.\n");
@@ -198,7 +198,7 @@ impl Interview<'_> {
             Ok(adapted) => {
                 for change in adapted {
                     growbot_host::note!(
-                        "{} was {}, which is not possible with that answer: it is {} now",
+                        "{} was {}, which is not possible with the new answer: {0} is now {}",
                         change.path,
                         change.from,
                         change.to
@@ -230,18 +230,22 @@ impl AnswerReader {
     /// Returns the next answer. `None` after the end of the input, which is reported once.
     fn next(&mut self) -> Result<Option<String>, Failure> {
         let mut line = Vec::new();
-        let unreadable = |error| Failure::bad_input(format!("cannot read the answers: {error}"));
+        let unreadable = |error| Failure::bad_input(format!("cannot read the answers from standard input: {error}"));
         io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
         if line.is_empty() {
             self.ended = true;
-            growbot_host::note!("the answers end here: the other values are those in brackets, or unchanged");
+            growbot_host::note!(
+                "standard input ends here: all further questions keep the value in brackets, or stay unchanged"
+            );
             return Ok(None);
         }
         if line.len() as u64 >= LONGEST_ANSWER {
             return Err(Failure::bad_input(format!(
-                "an answer is longer than {LONGEST_ANSWER} bytes: is it the right file?"
+                "an answer is longer than {LONGEST_ANSWER} bytes: check that standard input is the right file"
             )));
         }
-        String::from_utf8(line).map(Some).map_err(|_| Failure::bad_input("an answer is not UTF-8 text"))
+        String::from_utf8(line)
+            .map(Some)
+            .map_err(|_| Failure::bad_input("an answer is not UTF-8 text: type it as UTF-8"))
     }
 }

@@ -15,10 +15,13 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     if is_standard_output(directory) {
-        return Err(Failure::bad_input("-o takes a directory: several files cannot go to standard output"));
+        return Err(Failure::bad_input("several files cannot go to standard output: give a directory with -o"));
     }
     if directory.exists() {
-        return Err(Failure::bad_input(format!("-o takes a directory; {} is a file", directory.display())));
+        return Err(Failure::bad_input(format!(
+            "-o takes a directory, but {} is a file: name a directory",
+            directory.display()
+        )));
     }
     let parent = directory.parent().filter(|parent| !parent.as_os_str().is_empty());
     if let Some(parent) = parent.filter(|parent| !parent.is_dir()) {

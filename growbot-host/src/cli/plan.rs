@@ -121,7 +121,7 @@ fn length(text: &str) -> Result<f64, String> {
     if length > 0.0 && length <= MAX_LENGTH_MM {
         return Ok(length);
     }
-    Err(format!("it is {length} mm: give a length above 0 and at most {MAX_LENGTH_MM} mm"))
+    Err(format!("the value is {length} mm: give a length above 0 and at most {MAX_LENGTH_MM} mm"))
 }
 
 fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {

@@ -92,7 +92,9 @@ fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     let rank = match (candidates, passed_over) {
         (1, _) => "the only path found".to_owned(),
         (_, 0) => format!("the shortest of {candidates} paths"),
-        (_, 1) if plan.scene.is_some() => format!("the shortest of {candidates} paths, except 1 that is not clear"),
+        (_, 1) if plan.scene.is_some() => {
+            format!("the shortest of {candidates} paths, except 1 that is not clear")
+        }
         _ if plan.scene.is_some() => {
             format!("the shortest of {candidates} paths, except {passed_over} that are not clear")
         }

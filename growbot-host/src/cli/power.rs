@@ -62,7 +62,8 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
     let port = args.port.resolve()?;
     let PortName::SimDaemon(name) = port.name() else {
         return Err(Failure::bad_input(format!(
-            "growbot cannot switch the power of port {}: `growbot power` is for persistent simulated robots, sim:NAME",
+            "growbot cannot switch the power of the robot at port {}: `growbot power` works only with persistent \
+             simulated robots, sim:NAME",
             port.text()
         )));
     };

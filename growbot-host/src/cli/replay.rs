@@ -188,17 +188,20 @@ impl<'a> ReplayedBody<'a> {
         if unknown > lost {
             let kept = unknown - lost;
             text += &format!(
-                "caution   {kept} layers were interrupted and kept as they are: they are counted as planned\n"
+                "caution   {kept} layers were interrupted and kept as they are; this result counts them as planned\n"
             );
         }
         if lost > 0 {
-            text += &format!("caution   the log lacks the lines of {lost} layers: they are counted as planned\n");
+            text += &format!(
+                "caution   the run log lacks the lines of {lost} layers; this result counts them as planned\n"
+            );
         }
         match record.missing_simulated_layers() {
             0 => {}
             layers => {
                 text += &format!(
-                    "caution   the log does not have the positions of {layers} layers: they are counted as commanded\n"
+                    "caution   the run log lacks the positions of {layers} layers; this result counts them as \
+                     commanded\n"
                 );
             }
         }

@@ -183,7 +183,8 @@ impl ResumeArgs {
         match given.into_iter().find(|(_, is_given)| *is_given) {
             None => Ok(()),
             Some((option, _)) => Err(Failure::bad_input(format!(
-                "a service owns this robot and does not support {option}: remove it, or end `growbot serve` first"
+                "a service owns this robot and does not support {option}: remove this option, or end `growbot serve` \
+                 first"
             ))),
         }
     }
@@ -194,14 +195,14 @@ impl ResumeArgs {
         let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
             return Err(Failure::bad_input(format_args!(
-                "the plan of {} was made without a scene, so {} cannot be checked: remove --scene",
+                "the plan of {} was made without a scene, so the growth cannot be checked against {}: remove --scene",
                 display_name(file),
                 scene.display()
             )));
         }
         if opened.run.is_some() && !fs::metadata(file).is_ok_and(|file| file.is_file()) {
             return Err(Failure::bad_input(format_args!(
-                "{} is not a file, and a run log is continued in place: give the file itself",
+                "{} is not a file, but a run log is continued in its own file: give the file of the run log",
                 display_name(file)
             )));
         }
@@ -214,7 +215,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
-        let anew = if port.is_in_process() { "; it is simulated and restarts with each command" } else { "" };
+        let anew = if port.is_in_process() { "; this robot is simulated and restarts with each command" } else { "" };
         return Err(Failure::request_failed(format_args!("{nothing}{anew}")));
     }
     growbot_host::note!(
@@ -227,11 +228,11 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     );
     match status.interrupted {
         Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.layers_laid, made(cut)),
-        None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees"),
+        None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees, between two layers"),
     }
     if let Some(fault) = status.fault {
         return Err(Failure::request_failed(format!(
-            "fault {} is latched: {}; fix the cause and clear the fault (`clear` in `growbot console`) first",
+            "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
             fault.code(),
             fault.explanation()
         )));
@@ -247,10 +248,10 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
     }
     if !io::stdin().is_terminal() {
         return Err(Failure::bad_input(
-            "cannot ask for confirmation without a terminal: pass --yes to heat and resume",
+            "cannot ask for confirmation, because standard input is not a terminal: pass --yes to heat and resume",
         ));
     }
-    eprint!("Heat the nozzle, find the head's index and resume? [y/N] ");
+    eprint!("Heat the nozzle, find the index mark of the head and resume the growth? [y/N] ");
     let _ = io::stderr().flush();
     let mut answer = String::new();
     io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;

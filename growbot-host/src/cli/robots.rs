@@ -25,7 +25,7 @@ const WIDTH: usize = 80;
 /// assumed. Measure those on your robot before you rely on them.
 #[derive(Args)]
 #[command(after_help = "Examples:\n  growbot robots\n  growbot robots growbot-b\n  growbot robots --schema > \
-                  growbot-robot.schema.json")]
+                        growbot-robot.schema.json")]
 pub struct RobotsArgs {
     /// The robot to explain: a built-in name or a TOML file
     #[arg(value_name = ROBOT)]
@@ -125,8 +125,8 @@ fn describe(explained: &AnnotatedRobot) -> String {
             degrees(layer.height_mm / robot.description().planning_radius_mm),
         ),
         format!(
-            "It grows by {:.1} mm in an hour, a layer of {} mm in {} s, into a tube {} mm wide, and takes {:.1} mm of \
-             filament for a mm of body.",
+            "The robot grows by {:.1} mm in an hour, by layers of {} mm in {} s each, forms a tube {} mm wide, and \
+             takes {:.1} mm of filament for a mm of body.",
             growth_rate(robot),
             layer.height_mm,
             layer.period_s,

@@ -70,7 +70,9 @@ pub fn run(args: &SceneInfoArgs) -> Result<(), Failure> {
     let kind = args.source.to_str().and_then(|name| SceneKind::from_str(name, false).ok());
     let Some(kind) = kind else { return show(args) };
     if args.json {
-        return Err(Failure::bad_input("--json is for a file, and an example is written as TOML: remove it"));
+        return Err(Failure::bad_input(
+            "--json applies only to scene files, but an example scene is written as TOML: remove --json",
+        ));
     }
     write_example(kind, args.seed.unwrap_or(1), &args.output)
 }
@@ -79,7 +81,8 @@ fn show(args: &SceneInfoArgs) -> Result<(), Failure> {
     let file = args.source.display().to_string();
     if args.seed.is_some() || !is_standard_output(&args.output) {
         return Err(Failure::bad_input(format!(
-            "--seed and -o are for the examples pipe-rack and rubble-heap, and {file} is a file: remove them"
+            "--seed and -o apply only to the example scenes pipe-rack and rubble-heap, but {file} is a file: remove \
+             these options"
         )));
     }
     let loaded = scene_file::load(&args.source)?;

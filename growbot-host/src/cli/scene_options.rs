@@ -28,7 +28,7 @@ pub fn margin_mm(text: &str) -> Result<f64, String> {
     if (0.0..=MAX_MARGIN_MM).contains(&number) {
         return Ok(number);
     }
-    Err(format!("it is {number} mm: give 0 to {MAX_MARGIN_MM}"))
+    Err(format!("the value is {number} mm: give 0 to {MAX_MARGIN_MM} mm"))
 }
 
 /// Maximum time limit, s: a day.

@@ -60,7 +60,8 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     let robots = if robots.is_empty() { practising()? } else { robots };
     let places = ServicePaths::for_user().ok_or_else(|| {
         Failure::bad_input(
-            "neither XDG_STATE_HOME nor HOME is set: set one, because the service needs a directory for its files",
+            "neither XDG_STATE_HOME nor HOME is set: set one of them, because the service needs a directory for its \
+             files",
         )
     })?;
     // Other users cannot read what the service writes.
@@ -98,7 +99,7 @@ fn restart_with_small_heap() {
     let (Some(name), Ok(program)) = (args.next(), env::current_exe()) else { return };
     let error = Command::new(program).arg0(name).args(args).env(TRIM_THRESHOLD, "131072").exec();
     growbot_host::warning!(
-        "the service may keep more memory than it needs, because it cannot set {TRIM_THRESHOLD}: {error}"
+        "the service may use more memory than necessary, because it cannot set {TRIM_THRESHOLD}: {error}"
     );
 }
 

@@ -141,7 +141,7 @@ impl ServiceRobot {
     /// Discards the unfinished body of the robot.
     pub fn cancel(&self) -> Result<(), Failure> {
         self.send_command(RobotCommand::Cancel)?;
-        Ok(print(&format!("body discarded by the {}board\n", self.kind()))?)
+        Ok(print(&format!("the {}board has discarded the body\n", self.kind()))?)
     }
 
     /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
@@ -179,7 +179,7 @@ impl ServiceRobot {
             ..GrowRequest::default()
         };
         let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
-        growbot_host::note!("the service runs it as job {}; the job continues after this command ends", job.id);
+        growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
         self.say_page(&job, options.page)?;
         self.follow(&job, options)
     }
@@ -207,7 +207,7 @@ impl ServiceRobot {
         let Some(page) = page else { return Ok(()) };
         let PageUrls { control_url: operate, view_url: look } = self.caller.get("/page-urls")?;
         let at = if page == PageAccess::Control { operate } else { look };
-        growbot_host::note!("watch it at {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
+        growbot_host::note!("live view: {at}{}/jobs/{}/live/", PREFIX.trim_start_matches('/'), job.id);
         Ok(())
     }
 
@@ -242,7 +242,7 @@ impl ServiceRobot {
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {
             let why = now.reason.unwrap_or_else(|| "the service gave no reason".to_owned());
-            return Err(Failure::request_failed(format!("job {} was abandoned: {why}", job.id)));
+            return Err(Failure::request_failed(format!("the service abandoned job {}: {why}", job.id)));
         };
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
@@ -292,7 +292,10 @@ impl ServiceRobot {
             });
         });
         if let Err(error) = installed {
-            growbot_host::warning!("Ctrl-C will end this program, but will not stop the robot ({error})");
+            growbot_host::warning!(
+                "Ctrl-C will end this program, but will not stop the robot ({error}): stop the robot with `growbot \
+                 stop` or `growbot estop`"
+            );
         }
     }
 }
@@ -356,7 +359,7 @@ impl JobProgress {
             RunEvent::Amendment(amendment) => self.layers = amendment.total,
             RunEvent::Command { command } => self.progress.note(&format!("command: {}", command.name())),
             RunEvent::CommandFailed { reason } => self.progress.warn(&reason),
-            RunEvent::NoResponse => self.progress.warn("the board does not respond: the service retries"),
+            RunEvent::NoResponse => self.progress.warn("the board does not respond: the service tries again"),
             RunEvent::Reconnected => self.progress.note("the board responds again"),
             RunEvent::End { result } => return Some(*result),
             _ => {}
@@ -463,8 +466,8 @@ fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
     let port = port.resolve()?;
     find_service_robot(&port)?.ok_or_else(|| {
         Failure::bad_input(format!(
-            "no service owns the {}robot at {}: {what} the growth in its own terminal or page, or start it while \
-             `growbot serve` runs",
+            "no service owns the {}robot at {}: {what} the growth in the terminal or on the page that started it, or \
+             start the growth while `growbot serve` runs",
             port.kind(),
             port.text()
         ))

@@ -98,8 +98,8 @@ impl BoardReport {
         {
             let other = image.crc().map_or_else(|| "none".to_string(), |crc| format!("{crc:08x}"));
             return Err(Failure::bad_input(format!(
-                "the image given with --elf is not the one that crashed: its CRC is {other}, the CRC in the crash \
-                 record is {crc:08x}; give the image that the board was flashed with"
+                "the image given with --elf is not the image that crashed: the CRC of the given image is {other}, but \
+                 the crash record has CRC {crc:08x}; give the image that the board was flashed with"
             )));
         }
         let built = || {

@@ -29,7 +29,7 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.resolve_from_files(InvalidFiles::Skip(&mut skipped));
     let robot = args.robot.load_from_files(InvalidFiles::Skip(&mut skipped));
     for error in &skipped {
-        growbot_host::warning!("settings are ignored for this stop: {error}");
+        growbot_host::warning!("the settings cannot be read and are not used for this stop: {error}");
     }
     let port = port?;
     if let Some(owned) = find_service_robot(&port)? {
@@ -37,7 +37,7 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     }
     port.require_running_robot("the stop")?;
     let mut client = port.client(&robot?)?;
-    client.request("to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
+    client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
             "{error}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or \

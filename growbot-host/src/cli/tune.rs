@@ -63,7 +63,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
         }))
     } else {
         let caution = if port.is_simulated() {
-            "# found on a simulated robot: do not use them on a real robot, tune that instead\n"
+            "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"
         } else {
             ""
         };
@@ -79,11 +79,11 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
 /// Tunes on the board, unless a stop was requested before.
 fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
     if orders.stop_requested() {
-        return Err(Failure::request_failed("stopped before anything was heated"));
+        return Err(Failure::request_failed("tuning was stopped before anything was heated"));
     }
     let request = EnergizingRequest::Tune(Tune { target_centi_c: (target * 100.0) as i32 });
-    client.energize("to tune", &request, &orders.permit()).map_err(lost)?;
-    growbot_host::note!("tuning at {target} C; this takes some minutes");
+    client.energize("the request to tune", &request, &orders.permit()).map_err(lost)?;
+    growbot_host::note!("tuning the heater at {target} C, which takes some minutes");
     follow(client, orders, is_simulated)
 }
 
@@ -122,8 +122,8 @@ fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Res
                     }
                     (state, None) => {
                         return Err(Failure::request_failed(format!(
-                            "the board is {} and has not reported gains: tuning was stopped, or the event was lost; \
-                             tune again",
+                            "the board is in state {} and has not reported the heater's gains: tuning was stopped, or \
+                             the report was lost; run `growbot tune` again",
                             state.name()
                         )));
                     }
@@ -168,7 +168,7 @@ mod tests {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
         let request = EnergizingRequest::Tune(Tune { target_centi_c: 20_000 });
-        client.energize("to tune", &request, &orders.permit()).unwrap();
+        client.energize("the request to tune", &request, &orders.permit()).unwrap();
         client.wait(Duration::from_secs(5)).unwrap();
         assert_eq!(sim.borrow().state(), State::Tuning);
         orders.interrupt();

@@ -43,7 +43,7 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     };
     if let Some(file) = file {
         write_atomic(file, &uf2)?;
-        note!("written {}: {way}, and copy it to the drive {DRIVE}", file.display());
+        note!("the image was written to {}: {way}, and copy this file to the drive {DRIVE}", file.display());
         return Ok(());
     }
     let drive = match drive {
@@ -52,8 +52,8 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     };
     let Some(drive) = drive else {
         return Err(Failure::bad_input(format!(
-            "no drive {DRIVE} with a file {MARK} found: {way}, and check that the drive is mounted; name it with \
-             --drive DIR, or write a file with --uf2 FILE and copy it yourself"
+            "no drive {DRIVE} with a file {MARK} was found: {way}, and check that the drive is mounted; name the drive \
+             with --drive DIR, or write a file with --uf2 FILE and copy the file to the drive"
         )));
     };
     put(&uf2, &drive)?;
@@ -73,8 +73,9 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
         ))
     };
     let (most, end) = uf2.split_at(uf2.len().saturating_sub(END));
-    let mut file = File::create(&onto)
-        .map_err(|error| Failure::bad_input(format!("cannot write {}: {error}; is the drive full?", onto.display())))?;
+    let mut file = File::create(&onto).map_err(|error| {
+        Failure::bad_input(format!("cannot write {}: {error}; check that the drive has free space", onto.display()))
+    })?;
     file.write_all(most).map_err(failed)?;
     match file.write_all(end).and_then(|()| file.sync_all()) {
         Err(error) if !wait_until_unmounted(drive) => Err(failed(error)),
@@ -99,7 +100,7 @@ fn only(mut drives: Vec<PathBuf>) -> Result<Option<PathBuf>, Failure> {
     if drives.len() > 1 {
         let list: Vec<String> = drives.iter().map(|drive| drive.display().to_string()).collect();
         return Err(Failure::bad_input(format!(
-            "there are {} drives of boards: {}; name the right one with --drive DIR, or unplug the others",
+            "{} drives of boards are mounted: {}; name the right one with --drive DIR, or unplug the others",
             drives.len(),
             list.join(", ")
         )));

@@ -9,12 +9,12 @@ use growbot_core::robot::Robot;
 
 /// Parses a length, mm.
 pub fn mm(text: &str) -> Result<f64, String> {
-    parse_length(text).map(|length| length.value).map_err(|error| format!("it is {text:?}, {error}"))
+    parse_length(text).map(|length| length.value).map_err(|error| format!("the value is {text:?}, {error}"))
 }
 
 /// Parses an angle, degrees.
 pub fn deg(text: &str) -> Result<f64, String> {
-    parse_angle(text).map(|angle| angle.value).map_err(|error| format!("it is {text:?}, {error}"))
+    parse_angle(text).map(|angle| angle.value).map_err(|error| format!("the value is {text:?}, {error}"))
 }
 
 /// Warns if all goals are so near the start that their coordinates may be metres. The caller has checked that no

@@ -145,9 +145,9 @@ fn range(text: &str) -> Result<[f64; 2], String> {
     match numbers[..] {
         [Some(min), Some(max)] if min < max && (max - min).is_finite() => Ok([min, max]),
         [Some(min), Some(max)] => {
-            Err(format!("it goes from {min} to {max} mm: give the smaller height first, such as 0.5,1"))
+            Err(format!("the range goes from {min} to {max} mm: give the smaller height first, such as 0.5,1"))
         }
-        _ => Err("it is not a range: give two heights in mm, such as 0.5,1".to_owned()),
+        _ => Err("the value is not a range: give two heights in mm, such as 0.5,1".to_owned()),
     }
 }
 
@@ -288,7 +288,7 @@ impl ViewArgs {
         let page = match subjects {
             [one, other] => page::render_pair([one, other]),
             [one, ..] => page::render(one),
-            [] => return Err(Failure::bad_input("give a plan or a run log")),
+            [] => return Err(Failure::bad_input("no file given: give a plan or a run log")),
         };
         page.map_err(Failure::bad_input)
     }
@@ -320,11 +320,16 @@ impl ViewArgs {
     /// Checks that the options are compatible.
     fn check_options(&self) -> Result<(), Failure> {
         match (self.files.len(), self.compare) {
-            (1, true) => return Err(Failure::bad_input("--compare takes two plans or run logs: give a second file")),
+            (1, true) => {
+                return Err(Failure::bad_input(
+                    "--compare shows two plans or run logs side by side: give a second file",
+                ));
+            }
             (2.., false) => return Err(self.several_files()),
             (3.., true) if self.format() == ViewFormat::Html => {
                 return Err(Failure::bad_input(
-                    "a page shows two bodies, a picture any number: add --svg, --png or --pdf",
+                    "a page can show two bodies at most, but a picture can show any number: add --svg, --png or --pdf, \
+                     or give two files",
                 ));
             }
             _ => {}
@@ -336,18 +341,20 @@ impl ViewArgs {
             (self.no_title, "--no-title"),
         ];
         match self.format() {
-            ViewFormat::Html if self.viewpoint.is_some() => {
-                Err(Failure::bad_input("--viewpoint is for pictures, because a page can be turned: add --svg or --png"))
-            }
+            ViewFormat::Html if self.viewpoint.is_some() => Err(Failure::bad_input(
+                "--viewpoint applies only to pictures, because the view on a page can be turned: add --svg or --png",
+            )),
             ViewFormat::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
                 Some((_, option)) => {
-                    Err(Failure::bad_input(format!("{option} is for pictures: add --svg, --png or --pdf")))
+                    Err(Failure::bad_input(format!("{option} applies only to pictures: add --svg, --png or --pdf")))
                 }
-                None if self.width.is_some() => Err(Failure::bad_input("--width is for pixels: add --png")),
+                None if self.width.is_some() => {
+                    Err(Failure::bad_input("--width is a number of pixels and applies only to PNG pictures: add --png"))
+                }
                 None => Ok(()),
             },
             ViewFormat::Svg | ViewFormat::Pdf if self.width.is_some() => {
-                Err(Failure::bad_input("--width is for pixels: add --png"))
+                Err(Failure::bad_input("--width is a number of pixels and applies only to PNG pictures: add --png"))
             }
             _ => Ok(()),
         }
@@ -363,7 +370,9 @@ impl ViewArgs {
             }
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
-            return Err(Failure::bad_input("standard input holds only one plan or run log: give the other as a file"));
+            return Err(Failure::bad_input(
+                "standard input can be only one of the plans or run logs: give the other one as a file",
+            ));
         }
         let output = match &self.output {
             Some(output) => output.clone(),
@@ -374,7 +383,9 @@ impl ViewArgs {
                 fs::canonicalize(&output).is_ok_and(|output| fs::canonicalize(file).is_ok_and(|file| file == output));
             if same {
                 let file = file.display();
-                return Err(Failure::bad_input(format!("the view would replace {file}: choose another file with -o")));
+                return Err(Failure::bad_input(format!(
+                    "the view would overwrite its input {file}: choose another file with -o"
+                )));
             }
         }
         Ok(output)
@@ -389,17 +400,19 @@ impl ViewArgs {
             .find(|file| [ViewFormat::Svg, ViewFormat::Png, ViewFormat::Pdf].iter().any(|it| ends_in(file, *it)));
         match picture {
             Some(file) => Failure::bad_input(format!(
-                "{} would be a second plan or run log: to write a picture there, give -o {0}",
+                "{} is taken for a second plan or run log: to write a picture to this file, give -o {0}",
                 file.display()
             )),
-            None => Failure::bad_input("several files are shown side by side only: add --compare, or give one"),
+            None => Failure::bad_input("several files can be shown only side by side: add --compare, or give one file"),
         }
     }
 
     /// Returns the default output file: in the directory of the first input, with the names of all inputs.
     fn beside(&self) -> Result<PathBuf, Failure> {
         if self.files.iter().any(|file| is_standard_input(file)) {
-            return Err(Failure::bad_input("standard input has no file name: choose the output file with -o"));
+            return Err(Failure::bad_input(
+                "the output file cannot be named after standard input: choose the output file with -o",
+            ));
         }
         let stems: Vec<_> = self.files.iter().filter_map(|file| file.file_stem()).collect();
         // A plan and its log may have the same name.

@@ -41,7 +41,7 @@ impl WatchArgs {
     pub fn pace(&self, port: &PortName) -> Result<Option<f64>, Failure> {
         if self.pace.is_some() && !port.is_virtual() {
             return Err(Failure::bad_input(
-                "--pace is for --port sim: other ports run in real time; remove it".to_string(),
+                "--pace applies only to --port sim, because other ports run in real time: remove --pace".to_string(),
             ));
         }
         Ok(self.pace.or((self.watch && port.is_virtual()).then_some(WATCHED_PACE)))
@@ -58,8 +58,8 @@ impl WatchArgs {
         let only = [(self.watch_port.is_some(), "--watch-port"), (self.pace.is_some(), "--pace")];
         if let Some((_, option)) = only.iter().find(|(given, _)| *given) {
             return Err(Failure::bad_input(format!(
-                "{option} is for growths without a service: remove it, and see `growbot serve --help` and [robots] in \
-                 growbot.toml"
+                "{option} applies only to growths without a service, but a service owns this robot: remove {option}, \
+                 and see `growbot serve --help` and [robots] in growbot.toml"
             )));
         }
         Ok(self.watch.then_some(if self.control { PageAccess::Control } else { PageAccess::View }))
@@ -79,7 +79,7 @@ impl WatchArgs {
         let orders = self.control.then(|| Arc::clone(orders));
         let watch =
             WatchPage::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
-        growbot_host::note!("watch it at {}", watch.address());
+        growbot_host::note!("live view: {}", watch.address());
         Ok(Some(watch))
     }
 }
@@ -88,5 +88,9 @@ impl WatchArgs {
 pub fn parse_pace(text: &str) -> Result<f64, String> {
     let times: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
     // At a slower pace, commands would wait for long.
-    if (0.1..=1e6).contains(&times) { Ok(times) } else { Err(format!("{times} is not between 0.1 and 1000000")) }
+    if (0.1..=1e6).contains(&times) {
+        Ok(times)
+    } else {
+        Err(format!("{times} is not between 0.1 and 1000000: give such a number"))
+    }
 }

@@ -108,7 +108,10 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
-        return Err(Failure::bad_input(format!("length is {} mm: give 1 to {LONGEST} mm", CompactNumber(&length))));
+        return Err(Failure::bad_input(format!(
+            "the length of the body is {} mm: give 1 to {LONGEST} mm",
+            CompactNumber(&length)
+        )));
     }
     let direction = match (args.heading, args.pitch) {
         (Some(heading), Some(pitch)) => {

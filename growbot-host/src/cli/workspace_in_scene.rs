@@ -77,11 +77,11 @@ const REASONS: [Reason; 5] = [
 fn describe(name: &str, answer: &SceneWorkspace) -> String {
     match name {
         "too_far" => "farther away than the body's length, even without obstacles".to_owned(),
-        "too_near" => "inside an obstacle, or too near to one".to_owned(),
-        "separated" => "every passage to it is too narrow".to_owned(),
+        "too_near" => "inside an obstacle, or too near to an obstacle".to_owned(),
+        "separated" => "every passage to the goal is too narrow".to_owned(),
         "at_resolution" => {
             let step = answer.resolution().map_or(0.0, |step| (step * 100.0).round() / 100.0);
-            format!("none of arcs and lines of {} mm", CompactNumber(&step))
+            format!("no path of arcs and lines of {} mm", CompactNumber(&step))
         }
         _ => "the path of the planner two-plane is not clear".to_owned(),
     }
@@ -110,7 +110,7 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
             text += &format!("{count:>15}  {}\n", describe(name, answer));
         }
     }
-    text += &format!("{not_found:>7}  none found with --effort {}; one may exist\n", through.effort);
+    text += &format!("{not_found:>7}  no path found with --effort {}, but a path may exist\n", through.effort);
     text += "\ndistance, mm      path    none  not found\n";
     let mut from = 0.0;
     for (to, GoalCounts { reachable: path, none, not_found }) in answer.bands() {

@@ -52,8 +52,8 @@ fn of_table2(table2: &[Cell]) -> Option<Difference> {
     Some(Difference {
         what: "Table 2: position errors of robots A to A8",
         by: format!(
-            "With steps of 3.096 mm, {}; ours over the paper's is {:.2} at the median, {:.2} to {:.2}. With steps of \
-             0.774 mm, {}; {:.2} at the median.",
+            "With steps of 3.096 mm, {}; the ratio of our means to the paper's is {:.2} at the median, and {:.2} to \
+             {:.2}. With steps of 0.774 mm, {}; this ratio is {:.2} at the median.",
             verdicts(table2, SlicingRule::Text),
             text.median,
             text.min,
@@ -61,10 +61,11 @@ fn of_table2(table2: &[Cell]) -> Option<Difference> {
             verdicts(table2, SlicingRule::Table),
             table.median
         ),
-        why: "The text says that g t is 0.3096 (cm) throughout, Table 1 gives 0.0774 cm in every row. Whole steps, \
-              rounded up, pass the end of each segment by half a step on average, so the errors are in proportion to \
-              the step: Table 2 is nearer to the text's value than to Table 1's. The means that differ after the \
-              correction do so by more than chance: how the paper drew its poses, which it does not say, may be why.",
+        why: "The paper's text says that the step g t is 0.3096 cm for all robots, but Table 1 gives 0.0774 cm in \
+              every row. Whole steps whose number is rounded up pass the end of each segment by half a step on \
+              average, so the errors are in proportion to the step. Table 2 agrees better with the step of the text \
+              than with that of Table 1. The means that still differ after the correction differ by more than chance. \
+              A possible cause is the way in which the paper chose its poses, which the paper does not describe.",
     })
 }
 
@@ -106,33 +107,39 @@ fn of_directions(questions: &[SignificanceTest]) -> Option<Difference> {
     (!p_values.is_empty()).then(|| Difference {
         what: "heading and pitch errors over all robots: the paper finds no difference",
         by: capital(&format!("{}. The errors of growbot depend on the robot.", p_values.join("; "))),
-        why: "A whole step bends by k: 1.8 degrees for robot A (3.096 mm at a radius of 100 mm), 0.6 for A3, 5.3 for \
-              A6 and B, 30 for C. Steps that are rounded up turn too far by half of that in each arc on average, so \
-              direction errors grow with k as position errors do. Errors of direction that are the same for all robots \
-              cannot come out of whole steps, while the position errors of Table 2, which grow with k, do. The paper \
-              does not say how the last step of an arc is bent.",
+        why: "A whole step bends the path by k: 1.8 degrees for robot A (3.096 mm at a radius of 100 mm), 0.6 degrees \
+              for A3, 5.3 for A6 and B, and 30 for C. When the number of steps is rounded up, each arc turns too far \
+              by half of k on average, so direction errors grow with k, as position errors do. Whole steps cannot \
+              result in direction errors that are the same for all robots, but they do result in the position errors \
+              of Table 2, which grow with k. The paper does not say how the last step of an arc is bent.",
     })
 }
 
 /// Reason why heading errors differ.
-pub const WHY_HEADING: &str = "As for the pitch, and heading errors depend on how poses are drawn besides: near \
-    straight up or down a small angle is a large heading. With directions uniform on the sphere heading errors are \
-    pi/2 times the pitch errors on average; the paper's are hardly larger than its pitch errors. The angle between the \
-    directions, in the files, does not depend on it.";
+pub const WHY_HEADING: &str = "The reason for the pitch error applies here, too. In addition, heading errors depend on \
+                               how the poses are chosen, because near straight up or down a small angle between \
+                               directions is a large difference in heading. With directions that are uniform on the \
+                               sphere, heading errors are pi/2 times the pitch errors on average, but the paper's \
+                               heading errors are hardly larger than its pitch errors. The angle between the \
+                               directions, which is in the CSV files, does not depend on the choice of poses in this \
+                               way.";
 /// Reason why pitch errors differ.
-pub const WHY_PITCH: &str = "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm: the \
-                             most that rounding up turns too far in one arc. On average it turns too far by half of \
-    that, and only a part of it goes up or down. So the paper's simulation turned further than rounding up does, or \
-    measured otherwise; it does not say. Its position errors leave no room for it, except at the very end of the \
-    path.";
+pub const WHY_PITCH: &str = "The paper's 1.77 degrees are the bend of one whole step of 3.096 mm at R = 100 mm, which \
+                             is the largest error of one arc by rounding up. On average an arc turns too far by half \
+                             of that, and only a part of this error is in pitch. So the paper's simulation turned \
+                             further than rounding up explains, or the paper measured the error in another way; the \
+                             paper does not describe this. The paper's position errors are too small for a larger \
+                             error of direction, except at the very end of the path.";
 /// Reason why robot B's errors differ.
-pub const WHY_B: &str = "By k = 0.0921, robot B's steps are three times as long, for its radius, as robot A's of \
-    3.096 mm, so with whole steps its errors must be larger than robot A's; the paper's are three times smaller. They \
-    go with a step a tenth as long (6.264 mm, k = 0.0092), as if a centimetre had been taken for a millimetre. That is \
-    a guess.";
+pub const WHY_B: &str = "With k = 0.0921, robot B's steps are three times as long in relation to its radius as robot \
+                         A's steps of 3.096 mm, so with whole steps robot B's errors must be larger than robot A's. \
+                         The paper's errors of robot B are three times smaller. They agree with a step of a tenth of \
+                         that length (6.264 mm, k = 0.0092), as if a centimetre had been taken for a millimetre. This \
+                         explanation is a guess.";
 /// Reason why robot C's errors differ.
-pub const WHY_C: &str = "At k = 0.5263 a step bends by 30 degrees and an arc is a handful of steps. The paper's mean \
-                         goes \
-    with a step of about half of Table 3's: 10 mm, the distance of its latches. That is a guess, and a weaker one than \
-    for robot B: ours grow with the distance for either step, the paper's do not. By the shortest path, of three \
-    segments instead of five or six, ours come nearer with Table 3's step, and hardly depend on the distance.";
+pub const WHY_C: &str = "At k = 0.5263 a step bends the path by 30 degrees, so an arc consists of a few steps. The \
+                         paper's mean agrees with a step of about half of the step in Table 3: 10 mm, the distance of \
+                         robot C's latches. This explanation is a guess, and less certain than that for robot B, \
+                         because our errors grow with the distance for either step, but the paper's do not. On the \
+                         shortest path, which has three segments instead of five or six, our errors with the step of \
+                         Table 3 are nearer to the paper's and hardly depend on the distance.";

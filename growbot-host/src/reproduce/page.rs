@@ -78,27 +78,27 @@ fn introduction(page: &mut String, of: &Reproduction) {
     page.push_str(
         "<ul>\n<li><b>Poses.</b> The paper chooses &#8220;a completely random&#8221; start and target pose and does \
          not say how. Here the goal lies anywhere on the sphere round the start whose radius is the distance of the \
-         group (4, 8, 16 or 32 R, R being the radius of the arcs), and both directions are uniform on the sphere. \
-         Where the start is makes no difference.</li>\n\
+         group (4, 8, 16 or 32 R, where R is the radius of the arcs), and both directions are uniform on the sphere. \
+         The position of the start has no influence.</li>\n\
          <li><b>Steps.</b> The paper lays whole steps and rounds their number up. It gives two heights for robots A to \
-         A8: 0.3096 cm in the text, 0.0774 cm in Table 1. Both are shown. For robots B and C there are only those of \
-         Table 3. A segment that has no length but for rounding gets no step.</li>\n\
-         <li><b>Exact slicing.</b> growbot&#8217;s own: each segment is sliced into equal layers that end where it \
-         does.</li>\n\
-         <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s: two planar Dubins paths that meet on the line \
-         from start to goal. <i>shortest</i> is growbot&#8217;s own.</li>\n\
-         <li><b>Closed loop.</b> growbot&#8217;s own: after each layer its growth (odometry, standard deviation 1 % of \
-         the layer) and the tip&#8217;s direction (0.5 degrees about each of two axes) are measured, and the rest of \
-         the path is planned again.</li>\n\
-         <li><b>Numbers.</b> Mean &plusmn; standard deviation. All of them, each single growth too, are in the CSV \
-         files beside this page.</li>\n</ul>\n",
+         A8: 0.3096 cm in the text, 0.0774 cm in Table 1. Both are shown. For robots B and C the paper gives \
+         only the heights of Table 3. A segment whose length is zero except for rounding gets no step.</li>\n\
+         <li><b>Exact slicing.</b> This is growbot&#8217;s own method: each segment is sliced into equal layers, and \
+         the last layer ends where the segment ends.</li>\n\
+         <li><b>Planners.</b> <i>two-plane</i> is the paper&#8217;s planner: two planar Dubins paths that meet on the \
+         line from start to goal. <i>shortest</i> is growbot&#8217;s own planner.</li>\n\
+         <li><b>Closed loop.</b> This is growbot&#8217;s own method: after each layer its growth (odometry, standard \
+         deviation 1 % of the layer) and the tip&#8217;s direction (0.5 degrees about each of two axes) are measured, \
+         and the rest of the path is planned again.</li>\n\
+         <li><b>Numbers.</b> Mean &plusmn; standard deviation. All numbers, also those of each single growth, are in \
+         the CSV files beside this page.</li>\n</ul>\n",
     );
     if let Some(ExactErrors { max_position, max_direction, growths }) = of.comparison.exact {
         let _ = writeln!(
             page,
-            "<p><b>With exact slicing and without noise nothing is missed:</b> of {growths} growths of all robots \
-             here, none ended further from its goal than {max_position:.1e} of its length and {max_direction:.1e} rad. \
-             What the paper reports as the model&#8217;s error is the rounding up of steps.</p>"
+            "<p><b>With exact slicing and without noise the goal is reached:</b> none of {growths} growths of all \
+             robots here ended further from its goal than {max_position:.1e} of its length and {max_direction:.1e} \
+             rad. What the paper reports as the error of the model is caused by rounding up the number of steps.</p>"
         );
     }
 }
@@ -146,13 +146,14 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
     let _ = writeln!(
         page,
         "<h2 id=\"table{table}\">Table {table}: {title}</h2>\n\
-         <p>From the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R and k = g \
-         &Delta;t / R follow from them; the paper&#8217;s in brackets where it prints something else.{}</p>\n\
+         <p>The values are those of the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R \
+         and k = g &Delta;t / R are computed from them; where the paper prints another value, this value is in \
+         brackets.{}</p>\n\
          <div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th>&Delta;t, s</th><th>g, mm/s</th><th>R, \
          mm</th><th>r<sub>t</sub>, mm</th>\
          <th>step, mm</th><th>&phi;, rad/s</th><th>k, rad a step</th></tr>",
         if table == 3 {
-            " The &phi; that the paper prints for B and C does not follow from its own g and R; its k does."
+            " The &phi; that the paper prints for B and C does not agree with its own g and R, but its k does."
         } else {
             " The text&#8217;s &phi; = 0.025/s is in degrees: 0.45 degrees in 18 s."
         }
@@ -185,14 +186,15 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
 fn table2(page: &mut String, of: &Reproduction) {
     page.push_str(
         "<h2 id=\"table2\">Table 2: position error over the length of the path</h2>\n\
-         <p>Open loop, without noise. Below each of our means two p-values. <i>Welch</i>: of means that do not \
-         differ, by Welch&#8217;s t-test of ours and the paper&#8217;s 50 growths. <i>TOST</i>: of means that are \
-         further apart than the paper&#8217;s standard deviation, by two one-sided tests; a small one shows that they \
-         are equivalent to within that margin. Both are corrected by Holm for all means of a row&#8217;s path and \
-         layers, over all robots. <span class=\"out\">Red, *</span>: the means differ at 5 %. \
-         <span class=\"in\">Green, =</span>: they are equivalent at 5 %. A mean may be both: surely not the same, \
-         and surely no further off than the margin. <i>&plusmn; SD</i>: our mean lies within the paper&#8217;s mean \
-         &plusmn; its standard deviation, which is no test.</p>\n<div \
+         <p>Open loop, without noise. Below each of our means are two p-values. <i>Welch</i>: the p-value of \
+         Welch&#8217;s t-test that our mean and the mean of the paper&#8217;s 50 growths do not differ. <i>TOST</i>: \
+         the p-value of two one-sided tests that the means differ by more than the paper&#8217;s standard deviation; \
+         a small value shows that the means are equivalent within this margin. Both are corrected by Holm&#8217;s \
+         method for all means with the path and layers of the row, over all robots. <span class=\"out\">Red, \
+         *</span>: the means differ at the level of 5 %. <span class=\"in\">Green, =</span>: the means are equivalent \
+         at the level of 5 %. A mean may be both, if a difference is certain but is certainly below the margin. \
+         <i>&plusmn; SD</i>: our mean lies within the paper&#8217;s mean &plusmn; its standard deviation, which is not \
+         a test.</p>\n<div \
          class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th class=\"l\">path</th><th class=\"l\">layers</th>",
     );
     for group in GROUPS {
@@ -262,12 +264,12 @@ fn tests(page: &mut String, of: &Reproduction) {
     }
     page.push_str(
         "<h2 id=\"tests\">Do groups differ by more than chance?</h2>\n\
-         <p>p is the chance of a difference at least as large where there is none. The paper quotes p-values of the \
-         &#8220;mean rank of each group&#8221;, which is Kruskal and Wallis&#8217; test; beside it one-way analysis of \
-         variance (ANOVA), which it names for noise and for constant k, with results in its supplement only. A p of \
-         the paper&#8217;s is one draw of its random poses, and ours one of ours. A large p is no proof that groups \
-         are alike: it says that so many growths do not show a difference. These p-values are not corrected for their \
-         number.</p>\n",
+         <p>p is the probability of a difference at least as large as the one found if the groups do not differ. The \
+         paper quotes p-values of the &#8220;mean rank of each group&#8221;, which is the test of Kruskal and Wallis. \
+         For noise and for constant k the paper also names one-way analysis of variance (ANOVA), with results only in \
+         its supplement, so its p-values are shown, too. Each p-value depends on the random poses that were drawn. A \
+         large p does not prove that groups are alike, but only that this number of growths does not show a \
+         difference. These p-values are not corrected for the number of tests.</p>\n",
     );
     let quoted: Vec<&SignificanceTest> =
         of.comparison.questions.iter().filter(|question| question.paper.is_some()).collect();
@@ -320,11 +322,12 @@ fn feedback(page: &mut String, of: &Reproduction) {
     }
     let _ = writeln!(
         page,
-        "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A between the same random poses, exact \
-         slicing, with uniform noise of &plusmn;{} % of the growth of each layer, the same layers off by the same \
-         share in both loops. Their tilt is kept, so that in open loop the direction stays right. The paper names \
-         feedback as future work. Without noise of the growth, and as noise of the sensors is all there is, exact slicing in open \
-         loop does better: see Figure 6.</p>\n<div class=\"wide\"><table>\n\
+        "<h2 id=\"feedback\">With noise: open and closed loop</h2>\n<p>Robot A grows between the same random \
+         poses with exact slicing and uniform noise of &plusmn;{} % of the growth of each layer. Each layer has the \
+         same error of growth in both loops. The tilt of layers has no error, so the direction is right in open loop. \
+         The paper names feedback as future work. Without noise of the growth, only the noise of the sensors is left, \
+         and open loop with exact slicing has smaller errors than closed loop: see Figure 6.</p>\n<div \
+         class=\"wide\"><table>\n\
          <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / \
          length</th><th>95th percentile</th>\
          <th>direction error, deg</th><th>95th percentile</th></tr>",
@@ -361,27 +364,30 @@ fn degrees_text(degrees: f64) -> String {
 fn caption(figure: u8) -> &'static str {
     match figure {
         4 => {
-            "The paper&#8217;s dots are not published as numbers: beside ours are its means and standard deviations \
-             from Table 2 and from the text. The length of a path does not depend on how it is sliced."
+            "The dots of the paper&#8217;s figure are not published as numbers, so our dots are compared with the \
+             paper&#8217;s means and standard deviations from Table 2 and from the text. The length of a path does not \
+             depend on how it is sliced."
         }
         5 => {
-            "Above the planned path, below the body that whole steps of 3.096 mm make of it, with the planned path \
-             drawn over it. The paper chose its own representatives, from its own random poses: these are ours, by the \
-             same rule. The time is by the growth velocity, g = 0.043 mm/s."
+            "The upper row shows the planned paths. The lower row shows the bodies that are grown along these paths by \
+             whole steps of 3.096 mm, with the planned paths drawn over them. The paper chose representative growths \
+             between its own random poses; these growths between our poses were chosen by the same rule. Times are \
+             computed from the growth velocity g = 0.043 mm/s."
         }
         6 => {
-            "The paper finds the effect of noise to be stronger over short distances. With whole steps, rounding up \
-             outweighs the noise: it hides what noise does, and may even be made good by it. Exact slicing shows the \
-             noise alone. The paper&#8217;s numbers are in its supplement only."
+            "The paper finds that noise has a stronger effect over short distances. With whole steps, the error of \
+             rounding up is larger than that of the noise and hides the effect of noise; noise may even reduce the \
+             error. Exact slicing shows the effect of noise alone. The paper gives its numbers only in its supplement."
         }
         7 => {
-            "Two examples, as in the paper. Robot B&#8217;s time is by its growth velocity of 0.12 mm/s, robot \
-             C&#8217;s by 10 m/s."
+            "Two examples, as in the paper. Times are computed from the growth velocities: 0.12 mm/s for robot B and \
+             10 m/s for robot C."
         }
         _ => {
-            "Panel D puts each robot at the bend of a step that was laid, the paper&#8217;s at the k that it prints: \
-             ours lie on one line, errors in proportion to k, for both steps. The paper&#8217;s A to A8 are a factor \
-             of four beside that line, since it divides Table 1&#8217;s step by R; its B lies far below."
+            "Panel D shows our errors at the bend of a step that was laid, and the paper&#8217;s errors at the k that \
+             the paper prints. Our errors are in proportion to k for both steps, so they lie on one line. The \
+             paper&#8217;s errors of A to A8 are a factor of four beside this line, because the paper computes k from \
+             the step of Table 1; its error of B lies far below the line."
         }
     }
 }

@@ -104,9 +104,10 @@ fn verdicts_text(text: &mut String, of: &Reproduction) {
     let (by_text, by_table) = (verdicts(SlicingRule::Text), verdicts(SlicingRule::Table));
     let _ = writeln!(
         text,
-        "p Welch: of means that do not differ. p TOST: of means further apart than the\n\
-         paper's SD, so a small one shows that they are equivalent to within that\n\
-         margin. Both with Holm's correction for {} comparisons, at the level {LEVEL}.\n",
+        "p Welch: p-value of Welch's test that the means do not differ. p TOST: p-value\n\
+         of two one-sided tests that the means differ by more than the paper's SD; a\n\
+         small value shows that they are equivalent within the SD. Both p-values have\n\
+         Holm's correction for {} comparisons, at the level {LEVEL}.\n",
         by_text.cells
     );
     let _ = writeln!(text, "means of {:<37}{:>16}{:>16}", by_text.cells, "3.096 mm steps", "0.774 mm steps");

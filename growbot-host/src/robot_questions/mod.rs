@@ -72,7 +72,7 @@ pub enum AnswerError {
         kind: &'static str,
     },
     /// The name is that of a built-in robot.
-    #[error("{name} is a built-in robot, and plans identify robots by name: choose another name")]
+    #[error("{name} is the name of a built-in robot, and plans identify robots by name: choose another name")]
     BuiltIn {
         /// The name.
         name: String,

@@ -75,7 +75,7 @@ fn invalid_answers_are_refused_with_value_limit_and_remedy() {
         ("motion.strategy", "fead", "did you mean feed?"),
         ("heater.target_c", "500", "above 235"),
         (NAME, "My Robot", "lower-case letters"),
-        (NAME, "growbot-b", "growbot-b is a built-in robot"),
+        (NAME, "growbot-b", "growbot-b is the name of a built-in robot"),
         (NAME, "", "not be empty"),
     ] {
         let mut draft = draft();

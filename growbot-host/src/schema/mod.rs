@@ -211,7 +211,7 @@ fn say_bounds(field: &mut Map<String, Value>, description: &Value, path: &[Strin
         (None, None) => String::new(),
     };
     if let (Some(Value::String(text)), false) = (field.get_mut("description"), advice.is_empty()) {
-        *text += &format!(" Must be: {range}{}.", advice.join("; "));
+        *text += &format!(" Accepted values: {range}{}.", advice.join("; "));
     }
 }
 

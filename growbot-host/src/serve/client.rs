@@ -25,10 +25,12 @@ use crate::ownership::{OwnershipError, trusts_user};
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The service does not respond.
-    #[error("cannot reach the growbot service ({0}): is `growbot serve` running?")]
+    #[error("cannot reach the growbot service ({0}): start `growbot serve`, or check that it runs")]
     Unreachable(String),
     /// Another user may have replaced the service's socket, because that user can write to a directory of its path.
-    #[error("the growbot service of this user is not asked, because another user can answer in its place: {0}")]
+    #[error(
+        "the growbot service of this user is not used, because another user can answer in place of the service: {0}"
+    )]
     Ownership(#[from] OwnershipError),
     /// Another user listens on the service's socket.
     #[error(

@@ -94,9 +94,16 @@ pub async fn maintain(
         let robot = keeper.description().map_err(Problem::conflict)?;
         let understood = keeper.presets().task(&task, &value, &robot);
         let outcome = match (understood, keeper.status().job) {
-            (None, _) => return Err(Problem::bad(format!("unknown maintenance task {task:?}"))),
+            (None, _) => {
+                return Err(Problem::bad(format!(
+                    "unknown maintenance task {task:?}: give preheat, cooldown, load, unload, purge, home, rotate or \
+                     jog"
+                )));
+            }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => Err(format!("robot {name} has an active job: pause the job and use its page")),
+            (Some(Ok(_)), Some(_)) => Err(format!(
+                "robot {name} has an active job: pause the job, and give maintenance commands on the page of the job"
+            )),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
@@ -116,7 +123,9 @@ pub async fn send_live_command(
     let keeper = find_robot_of_job(&service, &id).await?;
     let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
     let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
-        let live = keeper.live(&id).ok_or_else(|| Problem::conflict(format!("job {id} is not active")))?;
+        let live = keeper.live(&id).ok_or_else(|| {
+            Problem::conflict(format!("job {id} is not active, so it accepts no commands: start or resume a job"))
+        })?;
         let answer = watch::send_command(&live, &order, &permits.age).await;
         if answer.status().is_success() {
             service.shared.audit.note(by, &keeper.name, &order, None);

@@ -71,7 +71,9 @@ fn robot_command(
                     .await
                     .into_response()
             }
-            Err(error) => Problem::bad(format!("{error}: correct the message")).into_response(),
+            Err(error) => {
+                Problem::bad(format!("the message is invalid ({error}): correct the message")).into_response()
+            }
         }
     }
 }

@@ -18,8 +18,8 @@ const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
 /// Start of the error message after an emergency stop that the board has not confirmed.
 const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
 /// End of the error message after each stop that the board has not confirmed.
-const KEPT: &str = "The service keeps the stop, and sends it before anything else once the robot is connected; \
-                    `withdraw-stop` withdraws it";
+const KEPT: &str = "The service keeps the stop, and sends the stop before anything else once the robot is connected; \
+                    the command `withdraw-stop` withdraws the stop";
 
 /// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -116,8 +116,8 @@ fn stop(keeper: &RobotWorker) -> Result<(), String> {
         let problem = keeper.status().connection_error.filter(|_| began.elapsed() > reconnects_within);
         if let Some(problem) = problem {
             return Err(format!(
-                "robot {robot} is not connected ({problem}): if it must be off now, send the emergency stop or cut its \
-                 power. {KEPT}"
+                "robot {robot} is not connected ({problem}): if the robot must be off now, send the emergency stop or \
+                 cut its power. {KEPT}"
             ));
         }
         if began.elapsed() > COMMAND_TIMEOUT {

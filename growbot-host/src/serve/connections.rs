@@ -39,7 +39,7 @@ const WRITE_TIMEOUT: Duration = Duration::from_secs(30);
 const BUFFER: usize = 64 << 10;
 
 fn all_in_use() -> Problem {
-    Problem::busy(&format!("{CONNECTIONS} connections are already open"))
+    Problem::busy(&format!("{CONNECTIONS} connections to the service are already open"))
 }
 
 /// Returns the HTTP response to a connection that is refused because all connections are in use.
@@ -93,7 +93,9 @@ impl ConnectionHandle {
             return Err(all_in_use());
         }
         if is_view(own) && viewers >= VIEW_CONNECTIONS {
-            return Err(Problem::busy(&format!("{VIEW_CONNECTIONS} connections are already open for reading")));
+            return Err(Problem::busy(&format!(
+                "{VIEW_CONNECTIONS} connections to the service are already open for reading"
+            )));
         }
         Ok(())
     }

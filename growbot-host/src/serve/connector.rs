@@ -104,7 +104,7 @@ impl RobotWorker {
             Some(robot) => robot,
             None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
                 format!(
-                    "its board's robot is {}, which is not built in: set `robot` for it in growbot.toml",
+                    "the board's robot is {}, which is not built in: set `robot` for this robot in growbot.toml",
                     hello.robot_name
                 )
             })?,

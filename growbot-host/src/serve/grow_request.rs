@@ -117,8 +117,12 @@ impl GrowRequest {
         self.check_lengths()?;
         let scene = self.scene_file(places, access)?;
         let resolved = match (&self.plan, &self.to) {
-            (Some(_), Some(_)) => return Err(Problem::bad("both plan and to are given: remove one of them")),
-            (None, None) => return Err(Problem::bad("there is nothing to grow: give plan, or to")),
+            (Some(_), Some(_)) => {
+                return Err(Problem::bad("the request has both \"plan\" and \"to\": remove one of them"));
+            }
+            (None, None) => {
+                return Err(Problem::bad("there is nothing to grow: give \"plan\" or \"to\" in the request"));
+            }
             (Some(plan), None) => self.given(plan, robot, scene.as_deref())?,
             (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref(), computation)?,
         };
@@ -131,11 +135,11 @@ impl GrowRequest {
     fn check_lengths(&self) -> Result<(), Problem> {
         let via = self.via.len();
         if via > MAX_VIA {
-            return Err(Problem::bad(format!("via has {via} waypoints: give {MAX_VIA} at most")));
+            return Err(Problem::bad(format!("\"via\" has {via} waypoints: give at most {MAX_VIA}")));
         }
         let name = self.name.as_ref().map_or(0, |name| name.chars().count());
         if name > MAX_NAME {
-            return Err(Problem::bad(format!("name has {name} characters: give {MAX_NAME} at most")));
+            return Err(Problem::bad(format!("\"name\" has {name} characters: give at most {MAX_NAME}")));
         }
         Ok(())
     }
@@ -156,7 +160,7 @@ impl GrowRequest {
         let mut loaded = load(file).map_err(Problem::bad)?;
         if let Some(margin) = self.margin_mm {
             if !(0.0..=MAX_LENGTH).contains(&margin) {
-                return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH}")));
+                return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH} mm")));
             }
             loaded.margin = Some(margin);
         }
@@ -185,7 +189,11 @@ impl GrowRequest {
         match scene_planning::attach_scene(&mut plan, robot, &file.display().to_string(), &loaded) {
             Ok(()) => {}
             Err(_) if self.ignore_scene => {}
-            Err(unclear) => return Err(Problem::bad(format!("{unclear}; or set ignore_scene"))),
+            Err(unclear) => {
+                return Err(Problem::bad(format!(
+                    "{unclear}; or set \"ignore_scene\" to grow without checking the scene"
+                )));
+            }
         }
         Ok(PlanInScene { plan, scene: Some(loaded) })
     }
@@ -236,8 +244,8 @@ fn ensure_storable(layers: u64) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem::conflict(format!(
-        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or a robot with \
-         higher layers"
+        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or use a robot \
+         with higher layers"
     )))
 }
 

@@ -106,11 +106,11 @@ pub(super) fn make_job(
         let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
         match found {
             Some((job, _)) if job.robot != keeper.name => Err(Problem::bad(format!(
-                "the idempotency key was used for job {} on robot {}: use a new key for each job",
+                "the idempotency key was already used for job {} on robot {}: use a new key for each job",
                 job.id, job.robot
             ))),
             Some((job, of)) if of != hash => Err(Problem::conflict(format!(
-                "the idempotency key was used for job {}, whose request was another: use a new key for each job",
+                "the idempotency key was already used for job {} with a different request: use a new key for each job",
                 job.id
             ))),
             found => Ok(found.map(|(job, _)| job)),
@@ -131,7 +131,7 @@ pub(super) fn make_job(
     let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
     if let Some(warning) = preventing.filter(|_| !wanted.force) {
         return Err(Problem::conflict(format!(
-            "not grown because of {}: {}; change the plan, or set force",
+            "not grown because of {}: {}; change the plan, or set \"force\" to ignore the warnings",
             warning.code, warning.message
         )));
     }
@@ -210,7 +210,7 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
         JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
-        JobState::Failed => Err(format!("job {} ended before it started: grow its plan again", job.id)),
+        JobState::Failed => Err(format!("job {} ended before the growth started: grow its plan again", job.id)),
     }
 }
 
@@ -243,7 +243,7 @@ pub async fn job_log(
     let job = found_job(&service, &id)?;
     let permit = limits.permit_download()?;
     let path = service.shared.jobs_to_read().log_path(&job.id);
-    let unread = |error| Problem::conflict(format!("its run log cannot be read: {error}"));
+    let unread = |error| Problem::conflict(format!("the run log of the job cannot be read: {error}"));
     let file = run_blocking(move || File::open(path).map_err(unread)).await?;
     let body = Body::from_stream(unfold(Some(file), |file| async { next_part(file?).await }));
     Ok(holding(permit, ([(CONTENT_TYPE, "application/jsonl")], body).into_response()))
@@ -278,7 +278,7 @@ pub async fn live(
 
 fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
     let live = find_robot(service, &job.robot)?.live(&job.id);
-    live.ok_or_else(|| Problem::conflict(format!("job {} is not active", job.id)))
+    live.ok_or_else(|| Problem::conflict(format!("job {} is not active, so there is nothing to command", job.id)))
 }
 
 pub async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {

@@ -61,7 +61,7 @@ const TABLES: &str = "
 #[derive(Debug, thiserror::Error)]
 pub enum JobStoreError {
     /// A file or directory cannot be used.
-    #[error("cannot use {path}: {reason}; the service needs its own writable directory", path = .path.display())]
+    #[error("cannot use {path}: {reason}; the service needs a writable directory of its own", path = .path.display())]
     File {
         /// Path of the file.
         path: PathBuf,
@@ -82,7 +82,10 @@ pub enum JobStoreError {
         found: i64,
     },
     /// SQLite has failed.
-    #[error("the list of jobs: {0}; move jobs.sqlite away, and the service rebuilds the list from the run logs")]
+    #[error(
+        "cannot read or write the list of jobs: {0}; move jobs.sqlite away, and the service rebuilds the list from the \
+         run logs"
+    )]
     Database(#[from] rusqlite::Error),
 }
 
@@ -385,8 +388,8 @@ mod tests {
         let database = Connection::open(places.database()).unwrap();
         database.execute_batch(TABLES).unwrap();
         database.pragma_update(None, "user_version", version).unwrap();
-        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, 78, \
-                   60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key', 'a hash')";
+        let job = "INSERT INTO job VALUES ('20261123T014500123_lab', 'lab', 'a body', 'done', '00000000000000ff', 78, \
+                   78, 60.0, 1, 0, '2026-11-23T01:45:00.123Z', '2026-11-23T02:45:00Z', 'done', 'a key', 'a hash')";
         database.execute(job, []).unwrap();
         (directory, places)
     }

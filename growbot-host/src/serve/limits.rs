@@ -119,7 +119,7 @@ impl RoleLimits {
         let permit = Arc::clone(&self.downloads).try_acquire_owned();
         permit.map_err(|_| {
             let count = DOWNLOADS[usize::from(self.access != Access::View)];
-            Problem::busy(&format!("{count} long responses are already being sent"))
+            Problem::busy(&format!("the service already sends {count} long responses"))
         })
     }
 
@@ -167,7 +167,7 @@ impl Computation {
     /// Returns an error if the computation has to end, because its client has gone or its deadline is over.
     pub fn check(&self) -> Result<(), Problem> {
         if self.is_abandoned.load(Ordering::Relaxed) {
-            return Err(Problem::conflict("its requester has gone"));
+            return Err(Problem::conflict("the client that sent the request has closed the connection"));
         }
         if Instant::now() >= self.deadline {
             return Err(Problem::bad(format!(
@@ -213,7 +213,7 @@ pub async fn buffer_body(
         match Arc::clone(&limits.long_bodies).try_acquire_owned() {
             Ok(place) => _place = Some(place),
             Err(_) => {
-                return Problem::busy(&format!("{LONG_BODIES} long requests are already being handled"))
+                return Problem::busy(&format!("the service already handles {LONG_BODIES} long requests"))
                     .into_response();
             }
         }
@@ -239,7 +239,7 @@ pub async fn limit_concurrency(
 ) -> Response {
     if RequestKind::of(&request) == RequestKind::Stream {
         let Ok(place) = Arc::clone(&limits.streams).try_acquire_owned() else {
-            return Problem::busy(&format!("{STREAMS} event streams are already open")).into_response();
+            return Problem::busy(&format!("{STREAMS} event streams of the service are already open")).into_response();
         };
         let permit = StreamPermit(Arc::new(place));
         request.extensions_mut().insert(permit.clone());
@@ -323,7 +323,7 @@ mod tests {
         assert!(computing.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
         begun.recv().unwrap();
         drop(computing);
-        assert_eq!(ended.recv().unwrap(), "its requester has gone");
+        assert_eq!(ended.recv().unwrap(), "the client that sent the request has closed the connection");
     }
 
     #[test]

@@ -152,10 +152,11 @@ impl NotificationContext<'_> {
             NotificationEvent::FilamentRunout => format!("{robot} pauses{at}: {why}"),
             NotificationEvent::Interrupted => format!("{robot} abandoned its job{at}: {why}"),
             NotificationEvent::Parked => {
-                format!("{robot} has parked{at}, with its heater off: continue the job, or cancel it")
+                format!("{robot} is parked{at}, with its heater off: continue the job, or cancel the job")
             }
             NotificationEvent::EmergencyStop => format!(
-                "{robot} was stopped by the emergency stop{at}: release it, clear it, and resume or cancel the job"
+                "{robot} was stopped by the emergency stop{at}: release the button, clear the emergency stop, and \
+                 resume or cancel the job"
             ),
             NotificationEvent::Disconnected => format!("{robot} has lost its connection{at}: {why}"),
             NotificationEvent::BoardRestart => format!("{robot} has restarted{at} ({why}): check the robot"),

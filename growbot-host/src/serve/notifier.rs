@@ -156,7 +156,9 @@ impl NotifierThreads {
             let spawned =
                 thread::Builder::new().name(format!("{channel:?}")).spawn(move || run(&shared, channel, &woken, &sink));
             if let Err(error) = spawned {
-                crate::warning!("notifications by {channel:?} are off: cannot start a thread: {error}");
+                crate::warning!(
+                    "notifications by {channel:?} are not sent, because the service cannot start a thread: {error}"
+                );
             }
         }
     }
@@ -200,13 +202,13 @@ fn deliver(shared: &ServiceContext, next: &QueuedNotification, sink: &Notificati
     let due_ms = now_ms() + as_ms(pause);
     if due_ms > next.created_ms + as_ms(MAX_AGE) {
         crate::warning!(
-            "{by} did not accept a notification ({why}): it was dropped after {} h",
+            "{by} did not accept a notification ({why}): the service has given up sending it after {} h",
             MAX_AGE.as_secs() / 3600
         );
         return shared.jobs().remove_notification(next.id);
     }
     if next.attempts == 0 {
-        crate::warning!("{by} did not accept a notification ({why}): it will be retried");
+        crate::warning!("{by} did not accept a notification ({why}): the service will send it again");
     }
     shared.jobs().reschedule_notification(next.id, due_ms)
 }
@@ -240,8 +242,8 @@ impl Webhook {
             .send(&next.notice);
         match answer {
             Ok(answer) if answer.status().is_success() => Ok(()),
-            Ok(answer) => Err(format!("it responded {}", answer.status().as_u16())),
-            Err(ureq::Error::BadUri(_)) => Err("its URL is invalid".to_owned()),
+            Ok(answer) => Err(format!("the receiver responded {}", answer.status().as_u16())),
+            Err(ureq::Error::BadUri(_)) => Err("the URL is invalid".to_owned()),
             Err(error) => Err(error.to_string()),
         }
     }
@@ -266,11 +268,12 @@ fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
         }
         Err(why) => return Err(error(why.to_string())),
     };
-    let encoded = text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("it does not begin with {SECRET}")))?;
-    let bytes = STANDARD.decode(encoded).map_err(|_| error("it is not base64".to_owned()))?;
+    let encoded =
+        text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("the secret does not begin with {SECRET}")))?;
+    let bytes = STANDARD.decode(encoded).map_err(|_| error("the secret is not base64".to_owned()))?;
     match bytes.len() {
         24..=64 => Ok(bytes),
-        length => Err(error(format!("it has {length} bytes, and needs 24 to 64"))),
+        length => Err(error(format!("the secret has {length} bytes, but must have 24 to 64"))),
     }
 }
 
@@ -295,14 +298,14 @@ fn call(command: &[String], notice: &str) -> Result<(), String> {
     loop {
         match child.try_wait() {
             Ok(Some(status)) if status.success() => return Ok(()),
-            Ok(Some(status)) => return Err(format!("it ended with {status}")),
+            Ok(Some(status)) => return Err(format!("the command ended with {status}")),
             Ok(None) if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
             Ok(None) => {
                 if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
                     let _ = kill_process_group(group, Signal::KILL);
                 }
                 let _ = child.wait();
-                return Err(format!("it did not end within {} s", COMMAND.as_secs()));
+                return Err(format!("the command did not end within {} s", COMMAND.as_secs()));
             }
             Err(error) => return Err(error.to_string()),
         }

@@ -62,8 +62,8 @@ pub async fn require_token(State(access): State<Arc<TokenAccess>>, request: Requ
     if access.is_in(request.headers()) {
         return next.run(request).await;
     }
-    let detail = "this request has no token, or that of an earlier service: open the address that `growbot serve` \
-                  prints, or send its token as `Authorization: Bearer TOKEN`";
+    let detail = "this request has no access token, or the token of an earlier service: open the address that `growbot \
+                  serve` prints, or send the token in that address as `Authorization: Bearer TOKEN`";
     Problem::from_status(StatusCode::UNAUTHORIZED, detail).into_response()
 }
 

@@ -18,13 +18,13 @@ pub fn take_handed_over() -> Result<Option<TcpListener>, ServerError> {
     match given.len() {
         0 => return Ok(None),
         1 => {}
-        count => return Err(refused(format!("there are {count}"))),
+        count => return Err(refused(format!("there are {count} sockets"))),
     }
     let listener = given.take_tcp_listener(0).map_err(|error| refused(error.to_string()))?;
     let Some(listener) = listener else { return Ok(None) };
     let address = listener.local_addr().map_err(|error| refused(error.to_string()))?;
     if !address.ip().is_loopback() {
-        return Err(refused(format!("it listens at {address}, which other machines can reach")));
+        return Err(refused(format!("the socket listens at {address}, which other machines can reach")));
     }
     Ok(Some(listener))
 }

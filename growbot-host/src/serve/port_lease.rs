@@ -86,7 +86,7 @@ impl RobotWorker {
     /// Waits until the lease of the closed port ends, and rejects all requests to the robot's thread in the meantime.
     /// Emergency stops are still sent, by a thread of their own.
     pub(super) fn wait_for_lease_end(&self, loan: &PortLease, requests: &Receiver<PendingRequest>) {
-        let lent = format!("its port is in use by {}, which must end first", loan.to);
+        let lent = format!("the port is in use by {}: end that program first", loan.to);
         self.update_state(|known| known.connection_error = Some(lent.clone()));
         while !loan.is_over.load(Ordering::Acquire) {
             let Ok(pending) = requests.recv_timeout(LEASE_POLL_INTERVAL) else { continue };

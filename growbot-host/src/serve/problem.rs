@@ -16,7 +16,7 @@ use serde::Serialize;
 use super::api::PREFIX;
 
 /// Remedy for a request that the service does not know. A page that was open during an update sends such requests.
-const RELOAD: &str = "reload the page, or update the program, that sent it";
+const RELOAD: &str = "reload the page, or update the program that sent the request";
 
 /// Reason why a request failed.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
@@ -85,7 +85,7 @@ impl Problem {
 
     /// Returns the error 503: a limit of the service is reached.
     pub fn busy(why: &str) -> Self {
-        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again after one of them has ended"))
+        Self::new(StatusCode::SERVICE_UNAVAILABLE, "busy", format!("{why}: try again when one of them has ended"))
     }
 
     /// Returns the error with this HTTP status and text, for a request that was rejected before a handler ran.

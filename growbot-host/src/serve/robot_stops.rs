@@ -49,7 +49,7 @@ impl RobotWorker {
             return Err(format!("robot {name} has no unconfirmed stop: there is nothing to withdraw"));
         };
         if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
-            return Err(format!("robot {name} is being stopped now: withdraw the stop once it has failed"));
+            return Err(format!("robot {name} is being stopped now: a stop can be withdrawn only after it has failed"));
         }
         self.update_state(|known| match &known.commands {
             Some(commands) => commands.push(Command::Pause),

@@ -157,7 +157,10 @@ impl Claim {
     /// given it up.
     pub fn check(&self) -> Result<(), String> {
         if self.0.load(Ordering::Acquire) {
-            return Err("its requester has gone before it began, so it does not begin: request it again".to_owned());
+            return Err(
+                "the request was not started, because its sender closed the connection: send the request again"
+                    .to_owned(),
+            );
         }
         Ok(())
     }
@@ -253,7 +256,7 @@ impl RobotWorker {
         }
         let stopper = Stopper::start(&entry.port, &signal, Arc::clone(&connector));
         let (pause_file, pauses_on_reconnect) = PauseFile::open(places, name);
-        let connection_error = Some("it is looked for".to_owned());
+        let connection_error = Some("the service is looking for the robot".to_owned());
         let known = Mutex::new(WorkerState { connection_error, pauses_on_reconnect, ..WorkerState::default() });
         let keeper = Arc::new(Self {
             name: name.to_owned(),
@@ -274,7 +277,9 @@ impl RobotWorker {
         let own = Arc::clone(&keeper);
         let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&requests));
         if let Err(error) = spawned {
-            keeper.update_state(|known| known.connection_error = Some(format!("cannot start its thread: {error}")));
+            keeper.update_state(|known| {
+                known.connection_error = Some(format!("cannot start the thread of the robot: {error}"))
+            });
         }
         keeper
     }
@@ -416,7 +421,7 @@ impl RobotWorker {
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
         };
         job.filter(is_active).map_or(Ok(()), |job| {
-            Err(format!("robot {} has an active job, {job}: wait until it ends, or stop it", self.name))
+            Err(format!("robot {} has an active job, {job}: wait until the job ends, or stop the job", self.name))
         })
     }
 
@@ -436,14 +441,19 @@ impl RobotWorker {
         let (reply, response) = mpsc::channel();
         claim.check()?;
         let pending = PendingRequest { request, reply, claim: claim.clone() };
-        self.requests.send(pending).map_err(|_| "its thread has ended: restart the service".to_owned())?;
+        self.requests
+            .send(pending)
+            .map_err(|_| "the service's thread for this robot has ended: restart the service".to_owned())?;
         response.recv_timeout(limit).unwrap_or_else(|_| {
             let (robot, limit) = (&self.name, limit.as_secs_f64());
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
             Err(match claim.take() {
                 true => {
-                    format!("robot {robot} did not accept the request within {limit:.0} s; it was cancelled: try again")
+                    format!(
+                        "robot {robot} did not accept the request within {limit:.0} s, so the request was cancelled: \
+                         try again"
+                    )
                 }
                 false => {
                     format!(
@@ -586,7 +596,7 @@ impl RobotWorker {
             RobotRequest::Lend(loan) => return LinkState::Leased(loan, pending.reply),
             RobotRequest::Cancel => client.status().and_then(|status| {
                 let cancel = PassiveRequest::Cancel(Cancel { plan_id: status.plan_id });
-                client.request("to discard the body", &cancel).map(drop)
+                client.request("the request to discard the body", &cancel).map(drop)
             }),
             RobotRequest::ClearFault(permit) => client.clear_fault(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),

@@ -27,7 +27,7 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
     let is_scene_file = ending == "toml";
     if !is_scene_file && !is_geometry(Path::new(&format!("scene.{ending}"))) {
         return Err(Problem::bad(format!(
-            "{name:?} has no extension of a scene: send a .toml, .stl, .obj, .ply, .glb or .pcd"
+            "{name:?} does not have the extension of a scene file: send a .toml, .stl, .obj, .ply, .glb or .pcd file"
         )));
     }
     if is_scene_file {
@@ -49,7 +49,7 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
         .sum();
     if kept + bytes.len() as u64 > MAX_KEPT {
         return Err(Problem::conflict(format!(
-            "the service already stores {MAX_KEPT} bytes of scenes: remove those that no job needs from {}",
+            "the service already stores {MAX_KEPT} bytes of scenes: remove scenes that no job needs from {}",
             directory.display()
         )));
     }
@@ -76,5 +76,7 @@ pub fn find(places: &ServicePaths, name: &str) -> Result<PathBuf, Problem> {
     if is_name && path.is_file() {
         return Ok(path);
     }
-    Err(Problem::bad(format!("no scene {name:?}: send it to /scenes first, and use the name in the response")))
+    Err(Problem::bad(format!(
+        "the service stores no scene {name:?}: send the scene to /scenes first, and use the name in the response"
+    )))
 }

@@ -26,7 +26,7 @@ pub enum ServerError {
         reason: String,
     },
     /// Other users can access a file or directory of the service.
-    #[error("the service keeps its files from other users: {0}")]
+    #[error("the files of the service must not be open to other users: {0}")]
     Ownership(#[from] OwnershipError),
     /// Another service uses the data folder.
     #[error(transparent)]

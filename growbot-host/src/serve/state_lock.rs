@@ -24,7 +24,7 @@ pub struct StateLock(#[expect(dead_code, reason = "it is held")] File);
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another service uses the folder.
-    #[error("this user already runs `growbot serve` with the data folder {folder} ({holder}): end it first",
+    #[error("this user already runs `growbot serve` with the data folder {folder} ({holder}): end that process first",
         folder = .folder.display())]
     Held {
         /// The data folder.
@@ -33,7 +33,7 @@ pub enum LockError {
         holder: String,
     },
     /// The lock's file cannot be used.
-    #[error("cannot lock {path} ({error}): the service needs its own writable folder", path = .path.display())]
+    #[error("cannot lock {path} ({error}): the service needs a writable folder of its own", path = .path.display())]
     File {
         /// Path of the file.
         path: PathBuf,

@@ -41,7 +41,8 @@ impl StopFile {
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Err(error) => {
                 crate::warning!(
-                    "cannot read {}, the unconfirmed stop of robot {robot} ({error}): the emergency stop is sent",
+                    "cannot read {}, the file of the unconfirmed stop of robot {robot} ({error}): the service sends \
+                     the emergency stop instead",
                     path.display()
                 );
                 Some(StopLevel::EmergencyStop)
@@ -61,7 +62,8 @@ impl StopFile {
         match self.write(level) {
             Ok(()) => *stored = level,
             Err(error) => crate::warning!(
-                "cannot write {} ({error}): an unconfirmed stop is lost if the service ends; free disk space",
+                "cannot write {} ({error}): if the service ends now, a stop that is not confirmed yet is lost; free \
+                 disk space",
                 self.path.display()
             ),
         }
@@ -101,7 +103,7 @@ impl PauseFile {
         match changed {
             Ok(()) => *is_stored = is_pending,
             Err(error) => crate::warning!(
-                "cannot change {} ({error}): an order to pause is lost or repeated if the service ends; free disk \
+                "cannot change {} ({error}): if the service ends now, an order to pause is lost or repeated; free disk \
                  space",
                 self.path.display()
             ),

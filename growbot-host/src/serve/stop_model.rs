@@ -487,7 +487,7 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
     }
     let audit = || std::fs::read_to_string(service.places.audit()).unwrap();
     wait_until(|| !audit().is_empty());
-    assert!(audit().contains("requester has gone"), "{}", audit());
+    assert!(audit().contains("sender closed the connection"), "{}", audit());
     assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
     assert_eq!(line.board().state, BoardState::Idle);
 }

@@ -45,7 +45,7 @@ impl StopTicket {
     pub fn wait(self) -> Result<(), String> {
         match self.result.recv_timeout(self.limit + RESPONSE_MARGIN) {
             Ok(result) => result,
-            Err(RecvTimeoutError::Timeout) => Err("the line accepts no stop".to_owned()),
+            Err(RecvTimeoutError::Timeout) => Err("the robot's link accepts no stop".to_owned()),
             Err(RecvTimeoutError::Disconnected) => Err("the thread of the emergency stop has ended".to_owned()),
         }
     }

@@ -47,7 +47,7 @@ pub async fn handle_request(State(workers): State<Handle>, request: Request, nex
         }
         Some(Ok(response)) => response,
         Some(Err(error)) => Problem::internal(error).into_response(),
-        None => Problem::internal("the request was not handled").into_response(),
+        None => Problem::internal("the service could not handle the request: try again").into_response(),
     }
 }
 

@@ -228,16 +228,16 @@ impl GrowthTracker {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
             (None, "paused", PauseCause::Requested) => Some("paused on request"),
-            (None, "paused", PauseCause::HostSilent) => Some("paused until its host is connected again"),
+            (None, "paused", PauseCause::HostSilent) => Some("the robot pauses until its host is connected again"),
             (None, "paused", PauseCause::FilamentOut) => {
                 Some("out of filament: push new filament in up to the feed; preheat, load and purge it, then continue")
             }
-            (None, "paused", PauseCause::LayersExhausted) => Some("paused until it has more layers"),
+            (None, "paused", PauseCause::LayersExhausted) => Some("the robot pauses until it has more layers"),
             (None, "parked", _) => {
                 Some("the heater was switched off after a long pause: Continue heats and homes first")
             }
             (None, "emergency-stop", _) => {
-                Some("stays off until the emergency stop is cleared (`clear` in `growbot console`)")
+                Some("the robot stays off until the emergency stop is cleared (`clear` in `growbot console`)")
             }
             (None, ..) => None,
         }
@@ -450,7 +450,7 @@ mod tests {
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
         for (waits, explanation) in [
             (PauseCause::Requested, "paused on request"),
-            (PauseCause::HostSilent, "paused until its host is connected again"),
+            (PauseCause::HostSilent, "the robot pauses until its host is connected again"),
         ] {
             watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");

@@ -109,8 +109,8 @@ fn check_age(given_ms: u64, now: Duration) -> Result<(), String> {
     let age = now.saturating_sub(given);
     if age > MAX_ORDER_AGE {
         return Err(format!(
-            "the order arrived {:.1} s after it was given (limit {:.0} s), so it was not carried out: check the \
-             robot's state, and order it again",
+            "the order arrived {:.1} s after it was given (limit {:.0} s), so the order was not carried out: check the \
+             robot's state, and give the order again",
             seconds(age),
             seconds(MAX_ORDER_AGE)
         ));
@@ -118,8 +118,8 @@ fn check_age(given_ms: u64, now: Duration) -> Result<(), String> {
     let ahead = given.saturating_sub(now);
     if ahead > MAX_AHEAD {
         return Err(format!(
-            "the time of the order is {:.1} s ahead of the service's clock (limit {:.0} s): reload the page, and order \
-             it again",
+            "the time of the order is {:.1} s ahead of the service's clock (limit {:.0} s): reload the page, and give \
+             the order again",
             seconds(ahead),
             seconds(MAX_AHEAD)
         ));

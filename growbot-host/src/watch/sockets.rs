@@ -128,11 +128,14 @@ where
                         continue;
                     }
                     (Err(error), _) => {
-                        CommandReply::rejection(0, StatusCode::BAD_REQUEST, &format!("{error}: correct the message"))
+                        CommandReply::rejection(0, StatusCode::BAD_REQUEST, &format!(
+                            "the message is invalid ({error}): correct the message"))
                     }
                     (Ok(command), Err(_)) => {
                         let detail =
-                            format!("{MAX_CONCURRENT_COMMANDS} commands are being carried out: wait for their replies");
+                            format!(
+                                "{MAX_CONCURRENT_COMMANDS} commands of this connection are still being carried out: \
+                                 wait for their replies");
                         CommandReply::rejection(command.id, StatusCode::SERVICE_UNAVAILABLE, &detail)
                     }
                 }

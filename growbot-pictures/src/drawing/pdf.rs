@@ -22,10 +22,10 @@ const SAMPLES: u16 = 256;
 #[derive(Debug, thiserror::Error)]
 pub enum PdfError {
     /// The drawing is not valid SVG.
-    #[error("cannot draw the picture as PDF: {0}; write it as SVG")]
+    #[error("cannot draw the picture as PDF: {0}; write the picture as SVG")]
     Svg(#[from] usvg::Error),
     /// Compression of the page failed.
-    #[error("cannot write the picture as PDF: {0}; write it as SVG")]
+    #[error("cannot write the picture as PDF: {0}; write the picture as SVG")]
     Packing(#[from] std::io::Error),
 }
 
@@ -249,10 +249,11 @@ mod tests {
 
     #[test]
     fn a_pdf_page_has_the_drawing_size_and_outlined_letters() {
-        let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 50\" width=\"200\" height=\"50\">\
-             <defs><linearGradient id=\"g\"><stop offset=\"0\" stop-color=\"#000\"/><stop offset=\"1\" \
-             stop-color=\"#fff\"/></linearGradient></defs><rect width=\"50\" height=\"10\" fill=\"url(#g)\"/>\
-             <path d=\"M0 0L9 9\" stroke=\"#f00\" stroke-opacity=\".5\"/><text x=\"10\" y=\"30\">mm</text></svg>";
+        let svg = "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 200 50\" width=\"200\" \
+                   height=\"50\"><defs><linearGradient id=\"g\"><stop offset=\"0\" stop-color=\"#000\"/><stop \
+                   offset=\"1\" stop-color=\"#fff\"/></linearGradient></defs><rect width=\"50\" height=\"10\" \
+                   fill=\"url(#g)\"/><path d=\"M0 0L9 9\" stroke=\"#f00\" stroke-opacity=\".5\"/><text x=\"10\" \
+                   y=\"30\">mm</text></svg>";
         let bytes = svg_to_pdf(svg).unwrap();
         assert!(bytes.starts_with(b"%PDF-1."));
         let text = String::from_utf8_lossy(&bytes);

@@ -17,7 +17,7 @@ const MAX_PIXELS: u64 = 200_000_000;
 #[derive(Debug, thiserror::Error)]
 pub enum PngError {
     /// The drawing is not valid SVG.
-    #[error("cannot draw the picture as pixels: {0}; write it as SVG")]
+    #[error("cannot draw the picture as pixels: {0}; write the picture as SVG")]
     Svg(#[from] usvg::Error),
     /// The picture would have too many pixels.
     #[error("a picture of {width} times {height} pixels is too large: give a smaller --width")]
@@ -28,7 +28,7 @@ pub enum PngError {
         height: u32,
     },
     /// Encoding of the pixels failed.
-    #[error("cannot write the picture as PNG: {0}; write it as SVG")]
+    #[error("cannot write the picture as PNG: {0}; write the picture as SVG")]
     Encoding(String),
 }
 

@@ -294,7 +294,7 @@ impl Recorder {
         if let Some(code) = &result.fault {
             self.latched(Some(code))?;
         } else if result.outcome == OutcomeKind::Fault && self.fault.is_none() {
-            self.fault("unknown", "the log does not name the fault that ended the growth")?;
+            self.fault("unknown", "the run log does not name the fault that ended the growth")?;
         }
         self.event(level, &format!("end: {}", result.outcome))
     }
@@ -305,7 +305,10 @@ impl Recorder {
             self.fault = fault.map(ToString::to_string);
             if let Some(code) = fault {
                 let known = Fault::ALL.into_iter().find(|fault| fault.code() == code);
-                self.fault(code, known.map_or("unknown to this version of growbot", Fault::explanation))?;
+                self.fault(
+                    code,
+                    known.map_or("a fault that this version of growbot does not know", Fault::explanation),
+                )?;
             }
         }
         Ok(())

@@ -39,13 +39,16 @@ pub struct MeshResolution {
 #[derive(Debug, thiserror::Error)]
 pub enum MeshError {
     /// The body has almost no length.
-    #[error("the body is {length} mm long: it has no wall to mesh")]
+    #[error("the body is {length} mm long and has no wall to export as a mesh: export a longer body")]
     TooShort {
         /// Length of the body, mm.
         length: f64,
     },
     /// The file would be too large.
-    #[error("the mesh would have {triangles} triangles, more than {MAX_TRIANGLES}: lower --segments, or raise --every")]
+    #[error(
+        "the mesh would have {triangles} triangles, more than the maximum of {MAX_TRIANGLES}: lower --segments, or \
+         raise --every"
+    )]
     TooMany {
         /// Number of triangles.
         triangles: usize,

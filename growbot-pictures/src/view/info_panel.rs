@@ -166,7 +166,7 @@ fn nearness(subject: &Subject, layers: &[LayerBytes]) -> Vec<(&'static str, Stri
     };
     let mut rows = arrival(subject, &Arrival::of(&tip, &plan.goal, plan.requirements.length));
     let clearance = match self_clearance(&start, layers, robot.outer_diameter()) {
-        None => "nowhere near".to_owned(),
+        None => "not near itself anywhere".to_owned(),
         Some(clearance) if clearance < 0.0 => format!("runs into itself by {:.1} mm", -clearance),
         Some(clearance) => format!("{clearance:.1} mm"),
     };

@@ -68,7 +68,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A plan lacks a quantity that only a growth has.
-    #[error("{name} is a plan and has no {what}; give a run log, as `growbot grow --log` writes it")]
+    #[error("{name} is a plan and has no {what}: give a run log, as `growbot grow --log` writes it")]
     NotMeasured {
         /// Name of the plan.
         name: String,
@@ -76,7 +76,7 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A run log contains no temperatures.
-    #[error("{name} has no temperature: remove it from --plot")]
+    #[error("{name} has no temperature: remove temperature from --plot")]
     NoTemperatures {
         /// Name of the log.
         name: String,

@@ -19,7 +19,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
     let mut warnings: Vec<String> = plan.warnings.iter().map(|warning| warning.message.clone()).collect();
     let unknown = run.map_or(0, RecordedRun::unknown_layers);
     if unknown > 0 {
-        warnings.push(format!("{unknown} layers are unknown, interrupted or lost: they are shown as planned"));
+        warnings.push(format!("{unknown} layers are unknown, interrupted or lost and are shown as planned"));
     }
     if let Some(drift) = run.and_then(RecordedRun::clock_drift) {
         warnings.push(format!("{drift}; {}", ClockDrift::REMEDY));
@@ -29,7 +29,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
     match run.map_or(0, RecordedRun::missing_simulated_layers) {
         0 => {}
         layers => warnings
-            .push(format!("the log does not have the positions of {layers} layers: they are shown as commanded")),
+            .push(format!("the run log does not have the positions of {layers} layers, which are shown as commanded")),
     }
     if let Some(words) = run.and_then(|run| run.damage.message(name)) {
         warnings.push(words);

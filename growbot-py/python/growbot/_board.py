@@ -143,7 +143,7 @@ class Board:
         """
         self._must_be_idle()
         if ignore_scene and (scene is not None or json.loads(plan.to_json()).get("scene") is not None):
-            message = "ignore_scene: neither the plan nor its corrections are checked against the scene"
+            message = "ignore_scene is set: neither the plan nor its corrections are checked against the scene"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
         growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.

@@ -142,12 +142,12 @@ class CampaignResult:
             raise InputTypeError(f"chunk is of type {given}: give a growbot.ChunkResult", given, "ChunkResult")
         if chunk.spec_hash != self.spec.hash:
             message = (
-                f"chunk {chunk.chunk} is of another campaign, {chunk.spec_hash[:16]}..., and not of "
-                f"{self.spec.hash[:16]}...: robots, goals, conditions and all numbers of its spec must be the same"
+                f"chunk {chunk.chunk} is of another campaign, {chunk.spec_hash[:16]}..., not of "
+                f"{self.spec.hash[:16]}...: robots, goals, conditions and all numbers of the two specs must be the same"
             )
             raise InputError(message, chunk.spec_hash, self.spec.hash)
         if chunk.chunk in self._added:
-            raise InputError(f"chunk {chunk.chunk} was added before: add each chunk once", chunk.chunk, "once")
+            raise InputError(f"chunk {chunk.chunk} was already added: add each chunk once", chunk.chunk, "once")
         self._added.add(chunk.chunk)
         for cell, summary in chunk.summaries.items():
             self.summaries[cell] = self.summaries[cell].merged(summary)
@@ -232,7 +232,7 @@ def merge_chunks(spec: CampaignSpec, chunks: Iterable[ChunkResult]) -> CampaignR
     missing = spec.chunk_count - len(result._added)
     if missing:
         first = next(chunk for chunk in range(spec.chunk_count) if chunk not in result._added)
-        message = f"{missing} of {spec.chunk_count} chunks are missing, the first is {first}: give all of run_chunk"
+        message = f"{missing} of {spec.chunk_count} chunks are missing, the first is {first}: run and add all chunks"
         raise InputError(message, spec.chunk_count - missing, spec.chunk_count)
     return result
 
@@ -312,7 +312,7 @@ def _by_dask(client: Any, spec: CampaignSpec, samples: Optional[Any]) -> Iterato
             # Dask blames a task if three of its workers were lost. A chunk is not to blame.
             losses[chunk] = losses.get(chunk, 0) + 1
             if losses[chunk] > _LOSSES:
-                message = f"chunk {chunk} was on {_LOSSES} workers that were lost: check their memory and logs"
+                message = f"chunk {chunk} was lost with {_LOSSES} workers: check the memory and the logs of the workers"
                 raise BoardError(message, losses[chunk], _LOSSES) from error
             running.add(submit(chunk))
             continue
@@ -325,7 +325,7 @@ def _needs_pyarrow() -> None:
     try:
         import pyarrow.parquet  # noqa: F401
     except ImportError as error:
-        raise InputError("samples are written by pyarrow, which is not installed: pip install pyarrow") from error
+        raise InputError("samples need pyarrow, which is not installed: run `pip install pyarrow`") from error
 
 
 def _write_samples(directory: Path, chunk: int, tables: list[tuple[int, Any]]) -> None:
@@ -357,7 +357,7 @@ def _listed(name: str, value: Any) -> tuple[Any, ...]:
     if len(items) > 1_000_000:
         raise InputError(f"{name} has more than 1000000 entries: split the campaign", len(items), 1_000_000)
     if not items:
-        raise InputError(f"{name} is empty: give at least one", 0, 1)
+        raise InputError(f"{name} is empty: give at least one entry", 0, 1)
     return items
 
 

@@ -63,7 +63,8 @@ def _check_folder(folder: Path) -> None:
     mode = stat.S_IMODE(found.st_mode)
     if not _is_trusted(found.st_uid):
         raise BoardError(
-            f"{folder} belongs to user {found.st_uid}, so another user can answer in place of the service: remove it",
+            f"{folder} belongs to user {found.st_uid}, so another user can answer in place of the service: "
+            "remove this folder",
             value=found.st_uid,
         )
     if mode & 0o077:
@@ -144,7 +145,7 @@ class ServiceClient:
         try:
             return self._bytes(path, body)
         except (OSError, http.client.HTTPException) as error:
-            raise BoardError(f"the service does not respond ({error}): is `growbot serve` running?") from error
+            raise BoardError(f"the service does not respond ({error}): check that `growbot serve` runs") from error
 
     def json(self, path: str, body: Any = None) -> Any:
         """Like bytes, but parses the response as JSON."""
@@ -241,13 +242,14 @@ class ServiceGrowth:
         if self._log is not None:
             _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
         if self._result is None:
-            why = self._service.json(f"/jobs/{self._job}").get("reason") or "the service gives no reason"
-            raise BoardError(f"job {self._job} was left: {why}")
+            why = self._service.json(f"/jobs/{self._job}").get("reason") or "the service gave no reason"
+            raise BoardError(f"the service abandoned job {self._job}: {why}")
         outcome = self._result["outcome"]
         if outcome not in ("done", "stopped"):
             fault = f" ({self._result['fault']})" if self._result.get("fault") else ""
             raise BoardError(
-                f"the growth ended with {outcome}{fault}: check robot {self._robot}; `growbot resume` resumes a body",
+                f"the growth ended with {outcome}{fault}: check robot {self._robot}, then resume the body with "
+                "`growbot resume`",
                 outcome,
                 "done",
             )
@@ -285,7 +287,7 @@ class ServiceBoard:
 
     def _require_service(self) -> ServiceClient:
         if self._service is None:
-            raise BoardError("the board is disconnected: connect again")
+            raise BoardError("the board is disconnected: connect again with growbot.connect")
         return self._service
 
     def _send_command(self, command: str) -> None:
@@ -305,8 +307,8 @@ class ServiceBoard:
         feedback = conditions is not None and conditions.feedback
         if conditions not in (None, Conditions(), Conditions(feedback=True)) or seed not in (None, 1):
             raise InputError(
-                f"robot {self._robot} is owned by the service, which accepts no noise, bias or seed: remove them, or "
-                'connect to "sim"'
+                f"robot {self._robot} is owned by the service, which accepts no noise, bias or seed: remove these "
+                'conditions, or connect to "sim"'
             )
         path = None if log is None else Path(log)
         if path is not None and path.exists() and not overwrite:
@@ -329,7 +331,7 @@ class ServiceBoard:
     def attach(self) -> ServiceGrowth:
         robot = self._require_service().json(f"/robots/{self._robot}")
         if robot["job"] is None:
-            raise BoardError(f"robot {self._robot} has no active job: grow one", "none", "a job")
+            raise BoardError(f"robot {self._robot} has no active job: start a growth", "none", "a job")
         return ServiceGrowth(self._require_service(), self._robot, robot["job"], None)
 
     def status_json(self) -> str:

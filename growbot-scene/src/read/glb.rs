@@ -96,14 +96,18 @@ struct BufferView {
 pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let word = |at: usize| bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
-        return Err("not a binary glTF 2.0 file".to_owned());
+        return Err("the file is not a binary glTF 2.0 file".to_owned());
     }
-    let length = word(12).ok_or("it ends in its header")? as usize;
-    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("it ends in its JSON")?;
+    let length = word(12).ok_or("the file ends in the middle of its header")? as usize;
+    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("the file ends in the middle of its JSON")?;
     let data = bytes.get(20 + length..).and_then(|rest| rest.get(8..)).unwrap_or_default();
-    let document: Document = serde_json::from_slice(json).map_err(|error| format!("its JSON: {error}"))?;
+    let document: Document =
+        serde_json::from_slice(json).map_err(|error| format!("the file's JSON is invalid: {error}"))?;
     if let Some(extension) = document.extensions_required.first() {
-        return Err(format!("it needs the extension {extension}, which is not supported: export the file without it"));
+        return Err(format!(
+            "the file needs the glTF extension {extension}, which is not supported: export the file without this \
+             extension"
+        ));
     }
     let mut reader = GlbReader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
@@ -112,7 +116,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
                 reader.node(*node, &base_from_gltf(), 0)?;
             }
         }
-        None => return Err(format!("it has no scene {}", document.scene)),
+        None => return Err(format!("the file has no scene {}", document.scene)),
     }
     Ok(reader.geometry)
 }
@@ -131,14 +135,16 @@ struct GlbReader<'a> {
 
 impl<'a> GlbReader<'a> {
     fn node(&mut self, index: usize, world_from_parent: &Matrix4<f64>, depth: usize) -> Result<(), String> {
-        let node = self.document.nodes.get(index).ok_or_else(|| format!("it has no node {index}"))?;
+        let node = self.document.nodes.get(index).ok_or_else(|| format!("the file has no node {index}"))?;
         self.visits += 1;
         if depth > MAX_DEPTH || self.visits > MAX_VISITS {
-            return Err(format!("it has more than {MAX_VISITS} nodes, or nodes nested deeper than {MAX_DEPTH}"));
+            return Err(format!(
+                "the file has more than {MAX_VISITS} nodes, or nodes that are nested deeper than {MAX_DEPTH}"
+            ));
         }
         let world_from_node = world_from_parent * node.parent_from_node();
         if let Some(mesh) = node.mesh {
-            let mesh = self.document.meshes.get(mesh).ok_or_else(|| format!("it has no mesh {mesh}"))?;
+            let mesh = self.document.meshes.get(mesh).ok_or_else(|| format!("the file has no mesh {mesh}"))?;
             for primitive in &mesh.primitives {
                 self.primitive(primitive, &world_from_node)?;
             }
@@ -154,15 +160,17 @@ impl<'a> GlbReader<'a> {
             TRIANGLES => {}
             // Points and lines have no surface.
             0..TRIANGLES => return Ok(()),
-            mode => return Err(format!("a mesh has faces of mode {mode}, strips or fans: export it as triangles")),
+            mode => {
+                return Err(format!("a mesh has faces of mode {mode} (strips or fans): export the mesh as triangles"));
+            }
         }
-        let position = primitive.attributes.position.ok_or("a mesh has no positions")?;
+        let position = primitive.attributes.position.ok_or("a mesh of the file has no positions")?;
         let first = self.geometry.points.len();
         let items = self.items(position, 12, &[FLOAT])?;
         let count = items.len();
         if first + count > MAX_POINTS {
             return Err(format!(
-                "it has more than {MAX_POINTS} points, counting a mesh once for each node that uses it"
+                "the file has more than {MAX_POINTS} points, counting a mesh once for each node that uses it"
             ));
         }
         for item in items {
@@ -179,14 +187,16 @@ impl<'a> GlbReader<'a> {
         };
         if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
             return Err(format!(
-                "it has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it"
+                "the file has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it"
             ));
         }
         // A node that mirrors turns its faces inside out. This is reversed here.
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for face in indices.as_chunks::<3>().0 {
             if let Some(index) = face.iter().find(|index| **index >= count as i64) {
-                return Err(format!("a face has corner {index}, but there are {count} points, counted from 0"));
+                return Err(format!(
+                    "a face of the file has corner {index}, but the file has {count} points, counted from 0"
+                ));
             }
             let [a, b, c] = face.map(|index| first as i64 + index);
             fan(&if mirrored { [a, c, b] } else { [a, b, c] }, &mut self.geometry)?;
@@ -208,29 +218,38 @@ impl<'a> GlbReader<'a> {
 
     /// Returns the bytes of each item of an accessor.
     fn items(&self, index: usize, size: usize, kinds: &[u32]) -> Result<Vec<&'a [u8]>, String> {
-        let accessor = self.document.accessors.get(index).ok_or_else(|| format!("it has no accessor {index}"))?;
+        let accessor = self.document.accessors.get(index).ok_or_else(|| format!("the file has no accessor {index}"))?;
         if !kinds.contains(&accessor.component_type) {
-            return Err(format!("accessor {index} has numbers of kind {}", accessor.component_type));
+            return Err(format!(
+                "accessor {index} of the file has numbers of the kind {}, which is not supported",
+                accessor.component_type
+            ));
         }
         if accessor.sparse.is_some() {
-            return Err(format!("accessor {index} is sparse, which is not supported: export it in full"));
+            return Err(format!(
+                "accessor {index} of the file is sparse, which is not supported: export the accessor in full"
+            ));
         }
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
-        let view = view.ok_or_else(|| format!("accessor {index} has no bytes"))?;
+        let view = view.ok_or_else(|| format!("accessor {index} of the file has no bytes"))?;
         if view.buffer != 0 {
             return Err(format!(
-                "accessor {index} is in buffer {}, which is not in the file: export all in one",
+                "accessor {index} is in buffer {}, which is not in the file: export everything into one file",
                 view.buffer
             ));
         }
         let bytes = self.data.get(view.byte_offset..).and_then(|rest| rest.get(..view.byte_length));
         let bytes = bytes.and_then(|bytes| bytes.get(accessor.byte_offset..));
-        let bytes = bytes.ok_or_else(|| format!("accessor {index} extends beyond the data"))?;
+        let bytes = bytes.ok_or_else(|| format!("accessor {index} extends beyond the data of the file"))?;
         let stride = view.byte_stride.unwrap_or(size).max(size);
         let items: Vec<&'a [u8]> =
             bytes.chunks(stride).take(accessor.count).filter_map(|item| item.get(..size)).collect();
         if items.len() < accessor.count {
-            return Err(format!("accessor {index} has {} items, but declares {}", items.len(), accessor.count));
+            return Err(format!(
+                "accessor {index} of the file has {} items, but declares {}",
+                items.len(),
+                accessor.count
+            ));
         }
         Ok(items)
     }

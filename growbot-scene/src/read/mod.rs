@@ -51,7 +51,7 @@ pub struct GeometryFile {
 #[derive(Debug, thiserror::Error)]
 pub enum ReadError {
     /// The file is missing, or may not be read.
-    #[error("cannot read {file}: {error}; give the path of a scene file, a mesh or a cloud")]
+    #[error("cannot read {file}: {error}; give the path of a scene file, a mesh or a point cloud")]
     Unreadable {
         /// Path of the file.
         file: String,
@@ -60,7 +60,7 @@ pub enum ReadError {
         error: std::io::Error,
     },
     /// The file exceeds the size limit.
-    #[error("{file} is longer than {limit} bytes, the maximum: make it smaller")]
+    #[error("{file} is longer than {limit} bytes, the maximum: make the file smaller")]
     TooLong {
         /// Path of the file.
         file: String,
@@ -68,7 +68,7 @@ pub enum ReadError {
         limit: u64,
     },
     /// The file extension is unknown.
-    #[error("{file}: unknown file extension; use .stl, .obj, .ply, .glb or .pcd")]
+    #[error("{file} has an unknown file extension: use .stl, .obj, .ply, .glb or .pcd")]
     UnknownExtension {
         /// Path of the file.
         file: String,
@@ -103,7 +103,7 @@ pub fn bytes(path: &Path, limit: u64) -> Result<Vec<u8>, ReadError> {
     let unreadable = |error| ReadError::Unreadable { file: file(), error };
     // A pipe or a device might never end.
     if !std::fs::metadata(path).map_err(unreadable)?.is_file() {
-        return Err(unreadable(std::io::Error::other("it is not a file")));
+        return Err(unreadable(std::io::Error::other("the path is not a file")));
     }
     let mut bytes = Vec::new();
     File::open(path).map_err(unreadable)?.take(limit + 1).read_to_end(&mut bytes).map_err(unreadable)?;

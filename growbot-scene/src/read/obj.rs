@@ -11,7 +11,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
         match words.as_slice() {
             ["v", coordinates @ ..] => {
                 let point = parse_point(coordinates)
-                    .ok_or_else(|| format!("line {number} does not have three numbers after `v`"))?;
+                    .ok_or_else(|| format!("line {number} of the file does not have three numbers after `v`"))?;
                 geometry.points.push(point);
             }
             ["f", corners @ ..] => {
@@ -22,7 +22,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
                     Some(if index < 0 { points.checked_add(index)? } else { index - 1 })
                 };
                 let corners: Option<Vec<i64>> = corners.iter().map(index).collect();
-                let corners = corners.ok_or_else(|| format!("line {number} has a corner that is not a number"))?;
+                let corners =
+                    corners.ok_or_else(|| format!("line {number} of the file has a corner that is not a number"))?;
                 fan(&corners, &mut geometry).map_err(|reason| format!("line {number}: {reason}"))?;
             }
             _ => {}

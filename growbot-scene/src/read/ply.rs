@@ -73,7 +73,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let mut geometry = RawGeometry::default();
     for (name, element) in &header.elements {
         if element.properties.is_empty() || element.count > bytes.len() {
-            return Err(format!("it declares {} of {name:?}, more than it has bytes", element.count));
+            return Err(format!("the file declares {} elements {name:?}, more than the file has bytes", element.count));
         }
         match name.as_str() {
             "vertex" => {
@@ -88,7 +88,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
             }
             // A mesh made of strips would be mistaken for a cloud.
             "tristrips" if element.count > 0 => {
-                return Err("it has strips of triangles: export it with faces".to_owned());
+                return Err("the file has strips of triangles: export the mesh with faces".to_owned());
             }
             _ => {
                 Parser::<Other>::new()

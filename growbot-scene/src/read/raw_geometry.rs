@@ -16,7 +16,7 @@ pub(super) fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), Str
     let points = geometry.points.len();
     let corner = |index: i64| match usize::try_from(index) {
         Ok(found) if found < points => Ok(found as u32),
-        _ => Err(format!("a face has corner {index}, but there are {points} points, counted from 0")),
+        _ => Err(format!("a face of the file has corner {index}, but the file has {points} points, counted from 0")),
     };
     let [first, rest @ ..] = corners else { return Ok(()) };
     let first = corner(*first)?;

@@ -19,8 +19,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let is_text = bytes.trim_ascii_start().starts_with(b"solid");
     match (is_text, announced) {
         (true, _) => read_ascii(bytes),
-        (false, Some(announced)) => Err(format!("its header declares {announced} bytes, but it has {}", bytes.len())),
-        (false, None) => Err(format!("it has {} bytes, less than an STL file's header", bytes.len())),
+        (false, Some(announced)) => {
+            Err(format!("the header of the file declares {announced} bytes, but the file has {}", bytes.len()))
+        }
+        (false, None) => Err(format!("the file has {} bytes, fewer than the header of an STL file", bytes.len())),
     }
 }
 
@@ -43,20 +45,21 @@ fn read_ascii(bytes: &[u8]) -> Result<RawGeometry, String> {
     let mut corners = Vec::new();
     for (number, words) in lines(bytes).enumerate() {
         match words.as_slice() {
-            ["vertex", coordinates @ ..] => corners.push(
-                parse_point(coordinates)
-                    .ok_or_else(|| format!("line {} does not have three numbers after `vertex`", number + 1))?,
-            ),
+            ["vertex", coordinates @ ..] => corners.push(parse_point(coordinates).ok_or_else(|| {
+                format!("line {} of the file does not have three numbers after `vertex`", number + 1)
+            })?),
             ["endfacet", ..] => {
                 let found = corners.len();
                 let triangle = <[Vector3<f64>; 3]>::try_from(std::mem::take(&mut corners));
-                let triangle = triangle.map_err(|_| format!("the facet at line {} has {found} corners", number + 1))?;
+                let triangle = triangle.map_err(|_| {
+                    format!("the facet at line {} of the file has {found} corners instead of 3", number + 1)
+                })?;
                 push(&mut geometry, triangle);
             }
             _ => {}
         }
     }
-    if corners.is_empty() { Ok(geometry) } else { Err("it ends in the middle of a facet".to_owned()) }
+    if corners.is_empty() { Ok(geometry) } else { Err("the file ends in the middle of a facet".to_owned()) }
 }
 
 fn push(geometry: &mut RawGeometry, triangle: [Vector3<f64>; 3]) {

@@ -201,7 +201,7 @@ mod tests {
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };
         let message = refused.to_string();
         assert!(
-            message.starts_with("no board, real or emulated, can run robot growbot-c")
+            message.starts_with("no board, real or emulated, can drive robot growbot-c")
                 && message.contains("above 100000"),
             "{message}"
         );

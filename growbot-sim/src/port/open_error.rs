@@ -21,7 +21,7 @@ pub enum OpenError {
     #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
     NoEmergencyPort,
     /// The robot exceeds the limits of the boards. The fields are the robot's name and the reason.
-    #[error("no board, real or emulated, can run robot {0}: {1}")]
+    #[error("no board, real or emulated, can drive robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
     /// Error of the background process of a simulated robot (port `sim:NAME`).
     #[error(transparent)]

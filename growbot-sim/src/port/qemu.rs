@@ -83,7 +83,11 @@ impl fmt::Display for QemuError {
             Self::Missing => {
                 write!(f, "{PROGRAM} is not installed: install QEMU {OLDEST} or newer (package qemu-system-arm)")
             }
-            Self::TooOld(version) => write!(f, "{PROGRAM} is version {version}: version {OLDEST} or newer is needed"),
+            Self::TooOld(version) => write!(
+                f,
+                "{PROGRAM} is version {version}, but version {OLDEST} or newer is needed: install a newer QEMU \
+                 (package qemu-system-arm)"
+            ),
             Self::UnknownVersion(output) => {
                 write!(f, "cannot determine the version of {PROGRAM}; it printed: {output}")
             }
@@ -122,7 +126,7 @@ impl std::error::Error for QemuError {
 }
 
 fn or_nothing(output: &str) -> &str {
-    if output.trim().is_empty() { "it printed nothing" } else { output.trim() }
+    if output.trim().is_empty() { "the program printed nothing" } else { output.trim() }
 }
 
 /// Returns the first line of QEMU's output, without the dump of registers that may follow.

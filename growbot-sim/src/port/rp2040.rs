@@ -372,7 +372,10 @@ impl Port for Rp2040Emulator {
         let deadline = self.now_ns + timeout.as_nanos() as u64;
         while self.from_board.is_empty() && self.now_ns < deadline {
             if self.lost_power {
-                return Err(PortError::Lost("the emulated board".to_owned(), "it has no power".to_owned()));
+                return Err(PortError::Lost(
+                    "the emulated board".to_owned(),
+                    "the emulated board has no power".to_owned(),
+                ));
             }
             self.exchange(deadline)?;
         }

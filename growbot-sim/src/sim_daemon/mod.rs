@@ -36,12 +36,12 @@ pub enum SimDaemonError {
     #[error("the simulated robot sim:{0} is already on: switch it off with `growbot power off --port sim:{0}`")]
     AlreadyRunning(String),
     /// Another program has an exclusive connection to the simulated robot. The field is the robot's name.
-    #[error("the simulated robot sim:{0} is in use by another program: end that program, or work through it")]
+    #[error("the simulated robot sim:{0} is in use by another program: end that program first")]
     Busy(String),
     /// The directory of the simulated robot belongs to a different robot description.
     #[error(
-        "sim:{name} already belongs to robot {stored}, not {requested}: choose another name, or omit --robot (its \
-         state is in {directory})"
+        "the simulated robot sim:{name} already exists as robot {stored}, not as robot {requested}: choose another \
+         name, or omit --robot (the state of this robot is in {directory})"
     )]
     OtherRobot {
         /// Name of the simulated robot.

@@ -106,10 +106,10 @@ impl DaemonPort {
         line.push(b'\n');
         let stream = self.reader.get_mut();
         let sent = stream.set_read_timeout(Some(limit)).and_then(|()| stream.write_all(&line));
-        sent.map_err(|_| "it was switched off".to_owned())?;
+        sent.map_err(|_| "the simulated board was switched off".to_owned())?;
         let mut answer = String::new();
         match self.reader.read_line(&mut answer) {
-            Ok(0) | Err(_) => Err("it was switched off".to_owned()),
+            Ok(0) | Err(_) => Err("the simulated board was switched off".to_owned()),
             Ok(_) => serde_json::from_str(&answer).map_err(|error| error.to_string()),
         }
     }

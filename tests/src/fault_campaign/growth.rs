@@ -54,16 +54,16 @@ impl Observation {
         };
         if !as_it_should {
             return Some(format!(
-                "ended in state {:?} with fault {:?}; expected {:?}",
+                "the growth ended in state {:?} with fault {:?}, but {:?} was expected",
                 self.state,
                 self.fault,
                 case.expected()
             ));
         }
         if !self.off && self.state != State::Paused {
-            return Some("something was still on".to_string());
+            return Some("the heater or a motor was still on after the fault".to_string());
         }
-        (self.peak_c > limit).then(|| format!("the nozzle reached {:.1} C, the limit is {limit} C", self.peak_c))
+        (self.peak_c > limit).then(|| format!("the nozzle reached {:.1} C, above the limit of {limit} C", self.peak_c))
     }
 }
 

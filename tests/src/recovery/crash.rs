@@ -63,14 +63,14 @@ pub fn crash_at(
     let mut known = Vec::new();
     let broken = grow_until(job, &board, crash, event, &mut known);
     if let Ok(GrowthReport { outcome: Outcome::Done, .. }) = &broken {
-        return Err("it was done before anything went".to_string());
+        return Err("the growth was done before the interruption".to_string());
     }
     if crash == Interruption::Cable {
         board.borrow_mut().run_for(Duration::from_secs(60));
     }
     let (found, grown) = reconnect_and_resume(job, &board, known).map_err(|error| error.to_string())?;
     if grown.outcome != Outcome::Done {
-        return Err(format!("ended by {:?}", grown.outcome));
+        return Err(format!("the resumed growth ended with {:?} instead of done", grown.outcome));
     }
     let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
     let more_feed_steps = feed_steps as i64 - undisturbed.feed_steps as i64;
@@ -156,23 +156,35 @@ pub fn check(
 ) -> Result<(), String> {
     if recovered.as_built != undisturbed.as_built {
         let other = recovered.as_built.iter().zip(&undisturbed.as_built).position(|(one, other)| one != other);
-        return Err(format!("layer {other:?} of {} is another one", recovered.as_built.len()));
+        return Err(format!(
+            "layer {other:?} of {} differs from that of the undisturbed growth",
+            recovered.as_built.len()
+        ));
     }
     let layer = 0.8 * job.robot.feed_steps_per_length();
     let more = recovered.more_feed_steps as f64;
     match recovered.found.interrupted {
-        None if more != 0.0 => Err(format!("{more} feed steps too many, and no layer was cut")),
-        Some(_) if !(0.0..layer).contains(&more) => Err(format!("{more} feed steps too many")),
+        None if more != 0.0 => {
+            Err(format!("the growth made {more} feed steps too many, although no layer was interrupted"))
+        }
+        Some(_) if !(0.0..layer).contains(&more) => {
+            Err(format!("the growth made {more} feed steps too many, more than the layer that was interrupted has"))
+        }
         Some(cut) => {
             let share = more / layer;
             let (min, max) = (f64::from(cut.min) / 64.0, f64::from(cut.max) / 64.0);
             let in_layer = matches!(crash, Interruption::BoardInLayer | Interruption::PowerInLayer);
             if in_layer && crash == Interruption::BoardInLayer && max - min > 0.3 {
-                return Err(format!("all that is known is {min} to {max}"));
+                return Err(format!(
+                    "the board's report of the made part of the interrupted layer is too inaccurate: {min} to {max} of \
+                     the layer"
+                ));
             }
             // No layer is thinner than half of its mean height.
             if share > 2.0 * max + 0.01 || share < min / 2.5 - 0.01 {
-                return Err(format!("{share} of a layer was made, and {min} to {max} were told"));
+                return Err(format!(
+                    "{share} of the interrupted layer was made, but the board reported {min} to {max}"
+                ));
             }
             Ok(())
         }

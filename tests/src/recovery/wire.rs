@@ -92,10 +92,14 @@ fn grow(job: &Job, undisturbed: &ReferenceGrowth, loss: f64, flip: f64, seed: u6
     let feed_steps = board.borrow_mut().simulated_tip().feed_steps();
     let wrong = match &grown {
         Err(error) => Some(error.to_string()),
-        Ok(grown) if grown.outcome != Outcome::Done => Some(format!("ended by {:?}", grown.outcome)),
-        Ok(grown) if grown.as_built != undisturbed.as_built => Some("other layers".to_string()),
+        Ok(grown) if grown.outcome != Outcome::Done => {
+            Some(format!("the growth ended with {:?} instead of done", grown.outcome))
+        }
+        Ok(grown) if grown.as_built != undisturbed.as_built => {
+            Some("the layers as built differ from those of the undisturbed growth".to_string())
+        }
         Ok(_) if feed_steps != undisturbed.feed_steps => {
-            Some(format!("{feed_steps} feed steps, not {}", undisturbed.feed_steps))
+            Some(format!("the growth made {feed_steps} feed steps instead of {}", undisturbed.feed_steps))
         }
         Ok(_) => None,
     };

@@ -183,7 +183,9 @@ pub fn shortest(problem: &Problem, effort: &Effort, random: &mut Rng) -> Best {
         // Of curves that are equal to rounding, the first is taken.
         candidates.into_iter().reduce(|best, next| if next.0.length() < best.0.length() - 1e-9 { next } else { best })
     };
-    let Some(best) = shortest(candidates) else { panic!("nothing reaches {problem:?}: more starts are needed") };
+    let Some(best) = shortest(candidates) else {
+        panic!("no path of the reference search reaches {problem:?}: give it more starting points")
+    };
     let longest = best.0.length();
     let helicoids = effort.helicoid.map_or_else(helicoid::Found::default, |effort| {
         helicoid::search(problem, longest, &backwards, &effort, random)

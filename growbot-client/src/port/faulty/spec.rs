@@ -33,7 +33,7 @@ pub enum FaultSpecError {
         name: &'static str,
     },
     /// A fault is given without the value that it needs.
-    #[error("{name} has no value: write it like {example}")]
+    #[error("{name} has no value: write the fault like {example}")]
     NoValue {
         /// Name of the fault.
         name: &'static str,

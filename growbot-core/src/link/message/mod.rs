@@ -39,13 +39,19 @@ pub struct Empty {}
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum MessageError {
     /// No message has this kind.
-    #[error("unknown kind of message {kind:#04x}")]
+    #[error(
+        "received a message of the unknown kind {kind:#04x}: install the same release of growbot on the host and on \
+         the board"
+    )]
     UnknownKind {
         /// The kind in the frame's header.
         kind: u8,
     },
     /// The body does not match its kind, or is too long.
-    #[error("the body of a message of kind {kind:#04x} does not decode")]
+    #[error(
+        "the content of a message of kind {kind:#04x} cannot be decoded: install the same release of growbot on the \
+         host and on the board"
+    )]
     Body {
         /// The kind in the frame's header.
         kind: u8,

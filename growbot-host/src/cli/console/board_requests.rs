@@ -32,8 +32,8 @@ pub fn send(
         BoardRequest::Plan(goal) => plan(client, robot, start, goal),
         BoardRequest::Start => start_stored(client, permit),
         BoardRequest::Pause => {
-            client.request("to pause", &PassiveRequest::Pause(Empty {}))?;
-            Ok("pauses after the current layer; `start` continues\n".to_owned())
+            client.request("the request to pause", &PassiveRequest::Pause(Empty {}))?;
+            Ok("the robot pauses after the current layer; `start` continues\n".to_owned())
         }
         BoardRequest::Layers(first) => layers(client, *first),
         BoardRequest::Stop => {
@@ -59,7 +59,7 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
         radius: robot.description().planning_radius_mm,
         planner: Planner::Shortest,
     };
-    let what = "to plan";
+    let what = "the request to plan";
     match client.request(what, &PassiveRequest::Plan(request))? {
         Message::Planned(planned) => {
             Ok(format!("plan {:016x}: {} layers, {:.3} mm\n", planned.plan_id, planned.layers, planned.length))
@@ -91,25 +91,27 @@ pub fn maintain(
 }
 
 fn start_stored(client: &mut Client, permit: &Permit) -> Result<String, Failure> {
-    let what = "to start";
+    let what = "the request to start";
     let status = client.status()?;
     let plan_id = status.plan_id;
     let mut text = String::new();
     if plan_id != 0 && (status.state == State::Stopped || status.interrupted.is_some()) {
         // An interrupted layer is laid again. `growbot resume` offers the choice.
         let resume = Resume { plan_id, start_layer: status.layers_laid, reported_layers: status.layers_laid };
-        client.request("to resume", &PassiveRequest::Resume(resume))?;
-        text += &format!("resumes at layer {}\n", status.layers_laid);
+        client.request("the request to resume", &PassiveRequest::Resume(resume))?;
+        text += &format!("the growth resumes at layer {}\n", status.layers_laid);
     }
     let start = Start { plan_id, on_host_silence: HostSilencePolicy::Pause, is_continuation: false };
     match client.energize(what, &EnergizingRequest::Start(start), permit)? {
-        Message::Accepted(Accepted { next, .. }) => Ok(text + &format!("started with {next} layers\n")),
+        Message::Accepted(Accepted { next, .. }) => {
+            Ok(text + &format!("the growth has started with {next} stored layers\n"))
+        }
         other => Err(unexpected(what, &other)),
     }
 }
 
 fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
-    let what = "for layers";
+    let what = "the request for stored layers";
     let first = match first {
         Some(first) => first,
         None => client.status()?.layers_laid,

@@ -50,14 +50,14 @@ pub fn still_active_text(state: State, robot: &Robot, port: &SelectedPort) -> St
         return format!("the simulated robot is {name} and ends with this program");
     }
     let future = if state == State::Tuning {
-        "it continues to heat until tuning is done".to_owned()
+        "the robot continues to heat until tuning is done".to_owned()
     } else if state == State::Maintenance {
-        "its heater goes off 10 minutes after the latest command".to_owned()
+        "the heater is switched off 10 minutes after the latest command".to_owned()
     } else {
         let off_after = robot.description().pause.off_after_s;
         format!(
-            "without a host it pauses after the current layer and switches its heater off after {off_after} s more, or \
-             continues if it was started that way"
+            "without a host the robot pauses after the current layer and switches its heater off after {off_after} s \
+             more, or continues if it was started with --on-host-silence continue"
         )
     };
     format!("the robot is {name}: {future}; to stop it: `growbot stop --port {}`", port.text())
@@ -127,7 +127,7 @@ impl SkippedCommands {
         let (count, some) = (self.commands, if self.continues { "at least " } else { "" });
         let commands = if count == 1 { "command is" } else { "commands are" };
         match self.stop {
-            _ if self.is_nothing() => "there were no commands after it".to_owned(),
+            _ if self.is_nothing() => "there were no later commands".to_owned(),
             None if count == 0 => "later commands are not executed".to_owned(),
             None => format!("{some}{count} more {commands} not executed"),
             Some(StopCommand { name, line }) => {
@@ -157,7 +157,7 @@ mod tests {
     #[test]
     fn skipped_commands_are_counted_and_the_first_stop_is_named() {
         let text = |lines: &[&str]| left_out(lines, true).text();
-        assert_eq!(text(&[]), "there were no commands after it");
+        assert_eq!(text(&[]), "there were no later commands");
         assert_eq!(text(&["", "status", " "]), "1 more command is not executed");
         assert_eq!(
             text(&["wait 5", "", "stop", "estop", "quit", "start"]),

@@ -139,7 +139,7 @@ impl ConsoleSession {
             let done = match String::from_utf8(bytes) {
                 Ok(text) => self.command(&text),
                 Err(error) => Err(Failure::request_failed(format!(
-                    "the line {:?} is not UTF-8 text (at byte {}) and was not executed: send UTF-8",
+                    "the input line {:?} is not UTF-8 text (at byte {}) and was not executed: send UTF-8 text",
                     String::from_utf8_lossy(error.as_bytes()),
                     error.utf8_error().valid_up_to()
                 ))),
@@ -192,8 +192,10 @@ impl ConsoleSession {
         let left_out = left_out.text();
         let message = match (failure.is_stdout_closed(), line) {
             (false, _) => format!("{left_out}; {state}"),
-            (true, 0) => format!("standard output was closed by its reader: {left_out}; {state}"),
-            (true, line) => format!("standard output was closed by its reader at line {line}: {left_out}; {state}"),
+            (true, 0) => format!("standard output was closed by the program that reads it: {left_out}; {state}"),
+            (true, line) => {
+                format!("standard output was closed by the program that reads it at line {line}: {left_out}; {state}")
+            }
         };
         // No command was run if not even the first line could be read.
         let rest = if line == 0 && failure.is_bad_input() {

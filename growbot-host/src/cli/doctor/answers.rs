@@ -126,7 +126,9 @@ fn next_line() -> Option<Result<String, String>> {
     }
     match line.len() as u64 {
         0 => None,
-        LONGEST_ANSWER.. => Some(Err(format!("an answer is longer than {LONGEST_ANSWER} bytes"))),
-        _ => Some(String::from_utf8(line).map_err(|_| "an answer is not UTF-8 text".to_owned())),
+        LONGEST_ANSWER.. => {
+            Some(Err(format!("an answer is longer than {LONGEST_ANSWER} bytes: give a shorter answer")))
+        }
+        _ => Some(String::from_utf8(line).map_err(|_| "an answer is not UTF-8 text: type it as UTF-8".to_owned())),
     }
 }

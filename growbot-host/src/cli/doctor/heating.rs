@@ -52,28 +52,28 @@ pub fn without_heater(session: &mut DoctorSession) -> Result<Finding, Failure> {
 fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let before = session.sample()?.status.temperature_centi_c.unwrap_or_default();
     if let Some(why) = session.maintain(preheat())? {
-        return Ok(Finding::failed(why, "see `growbot status`"));
+        return Ok(Finding::failed(why, "see the state of the board with `growbot status`"));
     }
     let time = patience(session);
-    note!("this takes up to {} s", time.as_secs());
+    note!("this step takes up to {} s", time.as_secs());
     let warmer = |centi_c: Option<i32>| f64::from(centi_c.unwrap_or(before).saturating_sub(before)) / 100.0;
     let seen = session.wait_until(time, None, |seen| {
         seen.status.fault.is_some() || warmer(seen.status.temperature_centi_c) > WARMER_C
     })?;
     Ok(match seen.map(|seen| (seen.status.fault, warmer(seen.status.temperature_centi_c))) {
         Some((Some(fault), _)) if is_no_heat(fault) => {
-            Finding::passed(format!("switched off by {}, as it must be", fault.code()))
+            Finding::passed(format!("the board switched off by {}, as it must", fault.code()))
         }
         Some((Some(fault), _)) => Finding::failed(
-            format!("switched off by {}", describe(fault)),
-            "the nozzle must not get warmer here; disconnect everything from the heater's terminals",
+            format!("the board switched the heater off by another fault, {}", describe(fault)),
+            "without a heater the nozzle must not get warmer: disconnect everything from the heater's terminals",
         ),
         Some((None, degrees)) => Finding::failed(
             format!("the nozzle got warmer by {degrees:.1} degrees; the limit is {WARMER_C}"),
             "cut the power: the heater is still connected, or the thermistor sits on something else that heats",
         ),
         None => Finding::failed(
-            format!("no fault in {} s", time.as_secs()),
+            format!("the board reported no fault within {} s", time.as_secs()),
             "do not connect a heater: the board does not detect that its nozzle stays cold",
         ),
     })
@@ -98,7 +98,7 @@ pub fn lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
 
 fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if let Some(why) = session.maintain(preheat())? {
-        return Ok(Finding::failed(why, "see `growbot status`"));
+        return Ok(Finding::failed(why, "see the state of the board with `growbot status`"));
     }
     let heater = &session.robot.description().heater;
     // The proof test drives the power stage, too: docs/decisions/0021-heater-proof-test.md.
@@ -111,8 +111,8 @@ fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })?;
     if let Some(fault) = seen.and_then(|seen| seen.status.fault) {
         return Ok(Finding::failed(
-            format!("switched off before the lamp could light, by {}", describe(fault)),
-            "the thermistor must be connected and cold; try again",
+            format!("the board switched off before the lamp could light, because of {}", describe(fault)),
+            "the thermistor must be connected and cold: check it, and try again",
         ));
     }
     check_lamp(session)
@@ -131,20 +131,20 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     // The answer about the lamp counts only if the board was driving the lamp.
     if let Some(by) = switched_off_by(&status?) {
         return Ok(Finding::failed(
-            format!("the board switched off before you answered, by {by}"),
-            "repeat the step and answer sooner",
+            format!("the board switched off before you answered, because of {by}"),
+            "repeat this step, and answer sooner",
         ));
     }
     if lit != OperatorAnswer::Yes {
         return Ok(Finding::failed(
             "the lamp stayed dark",
-            "check the supply at the terminals, both switches and their wires; a lamp for another voltage stays dark, \
-             too",
+            "check the supply at the heater's terminals, both switches of the heater and their wires, and that the \
+             lamp is for the supply's voltage",
         ));
     }
     Ok(match session.ask("The emergency stop was sent. Is the lamp dark now?", AnswerKind::YesOrNo)? {
         None => Finding::skipped(),
-        Some(OperatorAnswer::Yes) => Finding::passed("it lights, and the emergency stop switches it off"),
+        Some(OperatorAnswer::Yes) => Finding::passed("the emergency stop switches the lit lamp off"),
         Some(_) => Finding::failed(
             "the lamp is lit after the emergency stop",
             "cut the power: the power stage or the second switch conducts by itself; replace it, and do not connect a \
@@ -159,7 +159,7 @@ fn switched_off_by(status: &Status) -> Option<String> {
     match (status.fault, status.state) {
         (Some(fault), _) => Some(describe(fault)),
         (None, State::Maintenance) => None,
-        (None, state) => Some(format!("its state {}", state.name())),
+        (None, state) => Some(format!("the board's state {}", state.name())),
     }
 }
 
@@ -173,10 +173,10 @@ pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
         return Ok(Finding::skipped());
     }
     if let Some(why) = session.maintain(preheat())? {
-        return Ok(Finding::failed(why, "see `growbot status`"));
+        return Ok(Finding::failed(why, "see the state of the board with `growbot status`"));
     }
     let time = patience(session);
-    note!("this takes up to {} s", time.as_secs());
+    note!("this step takes up to {} s", time.as_secs());
     let band = session.robot.description().heater.band_c;
     let mut in_band = 0;
     let seen = session.wait_until(time, None, |seen| {
@@ -186,15 +186,16 @@ pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })?;
     session.switch_off()?;
     Ok(match seen.map(|seen| (seen.status.fault, seen.status.temperature_centi_c.unwrap_or_default())) {
-        Some((None, centi)) => {
-            Finding::passed(format!("{:.1} C, within {band} C of {LOW_C} C for 5 s", f64::from(centi) / 100.0))
-        }
+        Some((None, centi)) => Finding::passed(format!(
+            "nozzle at {:.1} C, within {band} C of {LOW_C} C for 5 s",
+            f64::from(centi) / 100.0
+        )),
         Some((Some(fault), _)) => {
-            Finding::failed(describe(fault), "the nozzle is off; compare [heater] of the robot file with the parts")
+            Finding::failed(describe(fault), "the heater is off: compare [heater] of the robot file with the parts")
         }
         None => Finding::failed(
-            format!("not within {band} C of {LOW_C} C in {} s", time.as_secs()),
-            "check heater, supply and the thermistor's seat; then find gains with growbot tune",
+            format!("the nozzle did not come within {band} C of {LOW_C} C in {} s", time.as_secs()),
+            "check the heater, the supply and the thermistor's seat; then find the heater's gains with `growbot tune`",
         ),
     })
 }

@@ -21,7 +21,7 @@ pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
     };
     let [min, max] = ROOM_C;
     let celsius = f64::from(centi_c) / 100.0;
-    let found = format!("{celsius:.1} C; room temperature is {min} to {max} C");
+    let found = format!("the nozzle is at {celsius:.1} C; a room has {min} to {max} C");
     if (min..=max).contains(&celsius) {
         return Ok(Finding::passed(found));
     }
@@ -39,14 +39,18 @@ pub fn supply(session: &mut DoctorSession) -> Result<Finding, Failure> {
         return Ok(Finding::absent("sensors.supply"));
     }
     let Some(mv) = session.sample()?.sensors.supply_mv else {
-        return Ok(Finding::failed("no reading", "check the divider of the supply"));
+        return Ok(Finding::failed("no reading", "check the voltage divider that measures the supply"));
     };
     let volts = f64::from(mv) / 1000.0;
-    let found = format!("{volts:.1} V, supply.min_v to max_v is {min} to {max} V");
+    let found = format!("the supply has {volts:.1} V; supply.min_v to supply.max_v is {min} to {max} V");
     Ok(if (min..=max).contains(&volts) {
         Finding::passed(found)
     } else {
-        Finding::failed(found, "compare with a voltmeter: check the supply, its divider and supply.full_scale_v")
+        Finding::failed(
+            found,
+            "measure the supply with a voltmeter: if the voltage is right, check the voltage divider and \
+             supply.full_scale_v",
+        )
     })
 }
 
@@ -64,17 +68,21 @@ impl BothLevels {
 
 /// Checks that the index sensor detects its mark at one place of a turn, and not at another.
 pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    if !session.confirm("Turn the head slowly by hand, by more than a turn, until the board has seen the mark.")? {
+    if !session
+        .confirm("Turn the head slowly by hand, by more than a turn, until the board has detected the index mark.")?
+    {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);
     let seen = session.wait_until(WATCH, Some(ManualAction::TurnHead(1)), |seen| levels.add(seen.sensors.on_index))?;
     if seen.is_some() {
-        return Ok(Finding::passed("on and off the mark"));
+        return Ok(Finding::passed(
+            "the index sensor reports the mark at one angle of the head, and no mark at another",
+        ));
     }
     let only = if levels.0[1] { "on" } else { "off" };
     Ok(Finding::failed(
-        format!("only {only} its mark in {} s", WATCH.as_secs()),
+        format!("the index sensor reported the head only {only} its mark in {} s", WATCH.as_secs()),
         "check the sensor's supply, its wire and its distance, and head.index_low_on_mark",
     ))
 }
@@ -100,7 +108,10 @@ impl SwitchInput {
             if session.wait_until(WATCH / 6, None, |seen| level(&seen.sensors) == Some(wanted))?.is_none() {
                 let [closed, open] = self.names;
                 let (found, missing) = if wanted { (open, closed) } else { (closed, open) };
-                return Ok(Finding::failed(format!("{found}, and not {missing}"), self.remedy));
+                return Ok(Finding::failed(
+                    format!("the switch reports \"{found}\" instead of \"{missing}\""),
+                    self.remedy,
+                ));
             }
         }
         Ok(Finding::passed(self.names.join(" and ")))
@@ -113,10 +124,10 @@ pub fn filament(session: &mut DoctorSession) -> Result<Finding, Failure> {
         return Ok(Finding::absent("sensors.filament_presence"));
     }
     let switch = SwitchInput {
-        close: ("Put filament into its switch.", ManualAction::TakeFilament(false)),
-        open: ("Take the filament out of its switch.", ManualAction::TakeFilament(true)),
+        close: ("Put filament into the filament switch.", ManualAction::TakeFilament(false)),
+        open: ("Take the filament out of the filament switch.", ManualAction::TakeFilament(true)),
         level: |sensors| sensors.filament_present,
-        names: ["filament", "none"],
+        names: ["filament", "no filament"],
         remedy: "check the switch and its wire, and sensors.filament_presence.active_low",
     };
     let found = switch.run(session)?;
@@ -145,13 +156,15 @@ pub fn emergency_stop(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let state = session.sample()?.status.state;
     if state != State::EmergencyStop {
         return Ok(Finding::failed(
-            format!("the button was pressed, and the board is {}, not emergency-stop", state.name()),
-            "the firmware must be replaced: flash a released image",
+            format!("the button was pressed, but the board is in state {}, not in state emergency-stop", state.name()),
+            "the board's firmware is defective: flash a released image",
         ));
     }
     Ok(match session.clear()? {
-        None => Finding::passed("pressed: state emergency-stop; released: cleared"),
-        Some(why) => Finding::failed(format!("it cannot be cleared: {why}"), "release the button"),
+        None => Finding::passed(
+            "the button leads to state emergency-stop, and the emergency stop can be cleared after release",
+        ),
+        Some(why) => Finding::failed(format!("the emergency stop cannot be cleared: {why}"), "release the button"),
     })
 }
 
@@ -160,14 +173,17 @@ pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if !session.robot.description().sensors.orientation {
         return Ok(Finding::absent("sensors.orientation"));
     }
-    let remedy = "check SDA, SCL, the sensor's 3.3 V and how it is fixed to the tip";
+    let remedy = "check the orientation sensor: its wires SDA and SCL, its 3.3 V, and how it is fixed to the tip";
     let Some(first) = session.sample()?.sensors.gravity_milli_g.map(earths) else {
         return Ok(Finding::failed("no reading", remedy));
     };
     let [min, max] = GRAVITY;
     let length = length(first);
     if !(min..=max).contains(&length) {
-        return Ok(Finding::failed(format!("gravity of {length:.2} at rest; {min} to {max} is right"), remedy));
+        return Ok(Finding::failed(
+            format!("the sensor measures a gravity of {length:.2} g at rest; right is {min} to {max} g"),
+            remedy,
+        ));
     }
     if !session.confirm("Tilt the tip by more than 20 degrees and hold it there.")? {
         return Ok(Finding::skipped());
@@ -180,8 +196,13 @@ pub fn orientation(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })?;
     session.act(ManualAction::LayDown(false));
     Ok(match tilted {
-        Some(_) => Finding::passed(format!("gravity of {length:.2}, tilted by {most:.0} degrees")),
-        None => Finding::failed(format!("tilted by {most:.0} degrees; more than {TILT_DEG} was expected"), remedy),
+        Some(_) => {
+            Finding::passed(format!("the sensor measures a gravity of {length:.2} g and a tilt of {most:.0} degrees"))
+        }
+        None => Finding::failed(
+            format!("the sensor measured a tilt of {most:.0} degrees; more than {TILT_DEG} was expected"),
+            remedy,
+        ),
     })
 }
 

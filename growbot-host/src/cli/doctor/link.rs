@@ -21,7 +21,7 @@ pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {
         ));
     }
     if boot.is_some_and(|boot| boot.crash.is_some()) {
-        found += "; it has crashed before, see `growbot status`";
+        found += "; this firmware has crashed before, see `growbot status`";
     }
     match hello.status.fault {
         None => Ok(Finding::passed(found)),
@@ -29,7 +29,7 @@ pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {
             None => Ok(Finding::passed(format!("{found}; the fault {} was cleared", fault.code()))),
             Some(_) => Ok(Finding::failed(
                 format!("{found}; {}", describe(fault)),
-                "the board does nothing until the cause is gone",
+                "remove the cause of the fault: the board does nothing until then",
             )),
         },
     }
@@ -48,7 +48,7 @@ fn boot(client: &mut Client) -> Result<Option<BootReport>, Failure> {
 pub fn check_description(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let hello = session.client.identify()?;
     let (name, hash) = (session.robot.name(), session.robot.hash());
-    let configure = format!("send it: growbot configure FILE --port {}", session.port);
+    let configure = format!("send the robot file to the board with `growbot configure FILE --port {}`", session.port);
     if !is_configured(&hello) {
         return Ok(Finding::failed("the board has no robot description", configure));
     }

@@ -130,7 +130,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         port: port.text().to_owned(),
     };
     if session.simulated {
-        note!("simulated robot: the simulation does what each step requests; answer as you like");
+        note!("the robot is simulated: the simulation does by itself what each step requests, whatever you answer");
     } else if !io::stdin().is_terminal() {
         note!("answers are read from standard input, one per line: yes, no, skip, quit or a number");
     }
@@ -213,6 +213,6 @@ fn conclude(report: &CommissioningReport, manner: RunOptions, port: &SelectedPor
     manner.print(&if report.passed_at("nozzle").is_some() {
         format!("next     growbot tune --port {}, then the first layer\n", port.text())
     } else {
-        format!("next     growbot doctor --port {}, for the steps left out\n", port.text())
+        format!("next     growbot doctor --port {}, for the steps that were left out\n", port.text())
     })
 }

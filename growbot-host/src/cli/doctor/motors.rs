@@ -28,13 +28,13 @@ fn run_motor_task(
     time: Duration,
 ) -> Result<Option<Finding>, Failure> {
     if let Some(why) = session.maintain(task)? {
-        return Ok(Some(Finding::failed(why, "see `growbot status`")));
+        return Ok(Some(Finding::failed(why, "see the state of the board with `growbot status`")));
     }
     let faulted = session.wait_until(time + SPARE, None, |seen| seen.status.fault.is_some())?;
     Ok(faulted.and_then(|seen| seen.status.fault).map(|fault| {
         Finding::failed(
             describe(fault),
-            "check the motor's wires in pairs, its driver's current, and that nothing holds it",
+            "check the pairs of the motor's wires, the current of its driver, and that nothing blocks the motor",
         )
     }))
 }
@@ -45,7 +45,7 @@ fn in_dry_run(
     run: impl FnOnce(&mut DoctorSession) -> Result<Finding, Failure>,
 ) -> Result<Finding, Failure> {
     if let Some(why) = session.dry_run()? {
-        return Ok(Finding::failed(why, "see `growbot status`"));
+        return Ok(Finding::failed(why, "see the state of the board with `growbot status`"));
     }
     // The step interrupt accepts no command before it has released the motors.
     session.sample()?;
@@ -77,10 +77,13 @@ pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
                         nozzle: did it make a quarter turn counter-clockwise?";
         Ok(match session.ask(question, AnswerKind::YesOrNo)? {
             None => Finding::skipped(),
-            Some(OperatorAnswer::Yes) => Finding::passed("homed, and turned counter-clockwise by 90 degrees"),
+            Some(OperatorAnswer::Yes) => {
+                Finding::passed("the head found its mark, and turned counter-clockwise by 90 degrees")
+            }
             Some(_) => Finding::failed(
-                "homed, and turned the wrong way or by another angle",
-                "invert head.direction_high_is_positive, or compare head.steps_per_turn with the driver's microsteps",
+                "the head found its mark, but turned the wrong way or by another angle",
+                "invert head.direction_high_is_positive if the way is wrong; compare head.steps_per_turn with the \
+                 driver's microsteps if the angle is wrong",
             ),
         })
     })
@@ -126,13 +129,19 @@ fn feed_s(session: &DoctorSession) -> f64 {
 fn judge(session: &DoctorSession, mm: f64) -> Finding {
     let now = session.robot.description().feed.steps_per_mm;
     let percent = (mm / FEED_MM - 1.0) * 100.0;
-    let found = format!("{mm} mm for {FEED_MM} mm, off by {percent:+.1} %; {FEED_PERCENT} % is allowed");
+    let found = format!(
+        "the filament moved {mm} mm instead of {FEED_MM} mm, a deviation of {percent:+.1} %; {FEED_PERCENT} % is \
+         allowed"
+    );
     if percent.abs() <= FEED_PERCENT {
         return Finding::passed(found);
     }
     let right = now * FEED_MM / mm;
     Finding::failed(
         found,
-        format!("set feed.steps_per_mm = {right:.2} (now {now}) in the robot file, and configure the board again"),
+        format!(
+            "set feed.steps_per_mm = {right:.2} (now {now}) in the robot file, and send the robot file to the board \
+             with `growbot configure`"
+        ),
     )
 }

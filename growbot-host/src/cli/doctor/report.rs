@@ -183,7 +183,7 @@ impl CommissioningReport {
         };
         let report: Self = serde_json::from_str(&text).map_err(|error| unusable(&error.to_string()))?;
         if report.format != FORMAT {
-            return Err(unusable(&format!("its format is {:?}, not {FORMAT:?}", report.format)));
+            return Err(unusable(&format!("the format of the file is {:?}, not {FORMAT:?}", report.format)));
         }
         Ok(report)
     }
@@ -224,7 +224,7 @@ impl CommissioningReport {
         outdated
             .map(|done| {
                 let then = if done.description.is_empty() { "unknown" } else { &done.description };
-                let why = format!("passed {} with another robot description ({then}; now {now})", done.utc);
+                let why = format!("passed at {} with another robot description ({then}; now {now})", done.utc);
                 done.finding = Finding::not_done(&why);
                 format!("{} {why}", done.step)
             })

@@ -64,7 +64,7 @@ impl DoctorSession {
             return match answer {
                 OperatorAnswer::Skip => Ok(None),
                 OperatorAnswer::Quit => {
-                    Err(Failure::request_failed("stopped by choice; run the command again to continue"))
+                    Err(Failure::request_failed("stopped at your request: run `growbot doctor` again"))
                 }
                 answer => Ok(Some(answer)),
             };
@@ -84,7 +84,7 @@ impl DoctorSession {
                 Ok(line) => return Ok(line),
                 Err(AnswerReadError::EndOfInput) => break,
                 Err(AnswerReadError::Unreadable(why)) => {
-                    return Err(Failure::bad_input(format!("cannot read the answers: {why}")));
+                    return Err(Failure::bad_input(format!("cannot read the answers from standard input: {why}")));
                 }
                 Err(AnswerReadError::Timeout) if look.is_multiple_of(GREET) => {
                     self.client.status().map_err(lost)?;
@@ -93,7 +93,8 @@ impl DoctorSession {
             }
         }
         Err(Failure::request_failed(
-            "the answers ended before the steps: give a line for each question on standard input, or use a terminal",
+            "standard input ended before the last step: give a line for each question on standard input, or use a \
+             terminal",
         ))
     }
 

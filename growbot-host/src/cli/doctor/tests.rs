@@ -140,7 +140,7 @@ fn a_broken_sensor_fails_its_step() {
     fails(Bench::new(&skips).with(TipFault::OrientationSilent), "orientation", &["no reading", "SDA"]);
     fails(Bench::new(&skips).with(TipFault::SupplyLow { volts: 9.0 }), "supply", &["9.0 V", "10.2", "14", "voltmeter"]);
     let switch = ["skip", "", "", "skip", "skip", "skip", "skip", "skip", "skip", "skip"];
-    fails(Bench::new(&switch).without_hands(), "filament", &["filament, and not none", "active_low"]);
+    fails(Bench::new(&switch).without_hands(), "filament", &["\"filament\" instead of \"no filament\"", "active_low"]);
 }
 
 #[test]
@@ -152,7 +152,7 @@ fn an_open_thermistor_aborts_before_any_motion() {
 #[test]
 fn no_motion_without_a_working_emergency_stop() {
     let answers = ["skip", "skip", "", "skip", "", "yes"];
-    let bench = fails(Bench::new(&answers).without_hands(), "emergency-stop", &["released, and not pressed"]);
+    let bench = fails(Bench::new(&answers).without_hands(), "emergency-stop", &["\"released\" instead of \"pressed\""]);
     assert!(!bench.has("head"));
 }
 
@@ -186,7 +186,7 @@ fn a_feed_error_gives_the_corrected_steps() {
     let bench = Bench::new(&answers);
     let steps = bench.session.robot.description().feed.steps_per_mm;
     let right = format!("feed.steps_per_mm = {:.2}", steps * 50.0 / 45.0);
-    fails(bench, "feed", &["45 mm for 50 mm", "-10.0 %", "2 % is allowed", &right]);
+    fails(bench, "feed", &["45 mm instead of 50 mm", "-10.0 %", "2 % is allowed", &right]);
 }
 
 #[test]
@@ -215,7 +215,7 @@ fn a_lamp_switched_off_by_the_board_fails_the_step() {
         assert!(matches!(off, Ok(Some(_))));
         let Ok(found) = heating::check_lamp(&mut bench.session) else { panic!("it was broken off") };
         assert_eq!(found.outcome, StepOutcome::Failed, "{found:?}");
-        assert!(found.found.contains("before you answered, by heating-too-slow"), "{found:?}");
+        assert!(found.found.contains("before you answered, because of heating-too-slow"), "{found:?}");
         assert!(found.remedy.is_some_and(|remedy| remedy.contains("answer sooner")));
         assert!(!bench.sim.borrow_mut().simulated_tip().heater_is_on());
     }

@@ -127,7 +127,11 @@ const STEPS_MM: [f64; 2] = [0.01, 1e4];
 fn step_mm(text: &str) -> Result<f64, String> {
     let [min, max] = STEPS_MM;
     let number = mm(text)?;
-    if (min..=max).contains(&number) { Ok(number) } else { Err(format!("it is {number} mm: give {min} to {max}")) }
+    if (min..=max).contains(&number) {
+        Ok(number)
+    } else {
+        Err(format!("the value is {number} mm: give {min} to {max} mm"))
+    }
 }
 
 /// Runs the command.
@@ -201,9 +205,10 @@ impl SimulateArgs {
             )),
             (SliceArg::Whole, step) => Ok(Slicing::Whole { step: step.unwrap_or(height) }),
             (SliceArg::Exact, None) => Ok(Slicing::Exact),
-            (SliceArg::Exact, Some(_)) => {
-                Err(Failure::bad_input("--step is the height of whole steps: add --slice whole, or remove --step"))
-            }
+            (SliceArg::Exact, Some(_)) => Err(Failure::bad_input(
+                "--step is the height of whole steps, but --slice whole is not given: add --slice whole, or remove \
+                 --step",
+            )),
         }
     }
 
@@ -224,8 +229,8 @@ impl SimulateArgs {
         refuse_inputs(file)?;
         match format {
             Some(_) if self.repeat.is_some() => Err(Failure::bad_input(
-                "--repeat grows many bodies, but -o holds one: remove --repeat and choose the growth by --seed, or end \
-                 the file in .json",
+                "--repeat simulates many growths, but the file of -o holds one body: remove --repeat and choose a \
+                 growth with --seed, or give a file that ends in .json",
             )),
             format => Ok(format),
         }
@@ -252,7 +257,7 @@ impl SimulateArgs {
         let Disturbance { growth_noise, tilt_noise, alpha_noise, twist_noise, .. } = simulation.disturbance;
         let even = [growth_noise, tilt_noise, alpha_noise, twist_noise].iter().all(|noise| *noise == 0.0);
         if even && !self.feedback && runs > 1 {
-            growbot_host::note!("nothing is random, so all {runs} growths are the same");
+            growbot_host::note!("no noise is given, so all {runs} growths are the same");
         }
         let threads = self.threads.map_or_else(|| thread::available_parallelism().map_or(1, usize::from), usize::from);
         let mut progress = Progress::start(Some(runs), ResultTiming::AtEnd);

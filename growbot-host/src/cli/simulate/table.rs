@@ -59,15 +59,15 @@ fn went(among: &ObstacleReport) -> String {
     let ObstacleReport { contact, clearance, detours, paused } = among;
     let mut text = match contact {
         Some(contact) => format!("scene     touches {}\n", place(contact)),
-        None => format!("scene     no contact; the true body is {clearance:.2} mm clear\n"),
+        None => format!("scene     the true body touches nothing; its clearance is {clearance:.2} mm\n"),
     };
     if *detours > 0 {
         text += &format!("          {detours} detours were taken to stay clear\n");
     }
     if let Some(ClearancePause { layers, at, clearance, deviation }) = paused {
         text += &format!(
-            "          pauses after {layers} layers, {at:.1} mm: ahead it would be {clearance:.2} mm clear, \
-             uncertainty {deviation:.2} mm (3 sd)\n"
+            "          the growth pauses after {layers} layers, at {at:.1} mm: the next layers would be {clearance:.2} \
+             mm clear, with an uncertainty of {deviation:.2} mm (3 sd)\n"
         );
     }
     text
@@ -109,7 +109,7 @@ pub fn campaign(campaign: &Campaign, robot: &str, simulation: &Simulation, seed:
     table += &line("direction, deg", &campaign.direction_error_deg, 1.0);
     table += &line("heading, deg", &campaign.heading_error_deg, 1.0);
     table += &line("pitch, deg", &campaign.pitch_error_deg, 1.0);
-    table += &format!("\nMedian and 95 % are to {} %", 100.0 * Statistics::RESOLUTION);
+    table += &format!("\nMedian and 95 %: exact to {} %", 100.0 * Statistics::RESOLUTION);
     if let Some(WorstRun { seed, .. }) = campaign.farthest {
         table += &format!("; the max position error is that of --seed {seed}");
     }

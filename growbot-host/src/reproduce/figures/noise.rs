@@ -43,11 +43,11 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
             "{} growths at each level, along the path of each group whose error is nearest to the median (Figure 5).",
             of.request.repeat_noise
         ),
-        "The noise is uniform, up to that percentage of each layer's growth. Without it and in open loop a growth is \
-         the same every time;"
+        "The noise is uniform, up to that percentage of each layer's growth. Without noise and in open loop all \
+         growths are the same;"
             .to_owned(),
-        "exact slicing then misses by less than 1e-9, below the scale. The closed loop's sensors are noisy \
-         throughout: 1 % of a layer, 0.5 degrees."
+        "exact slicing then has an error below 1e-9, outside the scale. The sensors of the closed loop always have \
+         noise: 1 % of a layer, 0.5 degrees."
             .to_owned(),
     ];
     let mut canvas = figure(SIZE.0, SIZE.1, title, &notes);

@@ -26,16 +26,16 @@ const AZIMUTHS: u32 = 36;
 /// Returns Figure 5 as SVG.
 pub fn of_robot_a(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot == paper::ROBOT_A).collect();
-    let first = "The growth of each group whose position error is nearest to the group's median; two-plane paths, \
-                 steps of 3.096 mm.";
+    let first = "For each group, the growth whose position error is nearest to the median of the group; two-plane \
+                 paths, steps of 3.096 mm.";
     draw(of, title, first, &examples, 236.0)
 }
 
 /// Returns Figure 7 as SVG.
 pub fn of_robots_b_and_c(of: &Reproduction, title: &'static str) -> String {
     let examples: Vec<&Example> = of.experiments.examples.iter().filter(|e| e.growth.robot != paper::ROBOT_A).collect();
-    let first = "The growth to goals at 8 R whose position error is nearest to the median; two-plane paths, steps of \
-                 62.64 and 20 mm.";
+    let first = "The growths to goals at 8 R whose position errors are nearest to the median; two-plane paths, steps \
+                 of 62.64 and 20 mm.";
     draw(of, title, first, &examples, 480.0)
 }
 
@@ -44,7 +44,7 @@ fn draw(of: &Reproduction, title: &str, first: &str, examples: &[&Example], side
     let (width, height) = (1000.0, 150.0 + 2.0 * tall + 84.0 + 74.0);
     let notes = [
         first.to_owned(),
-        "Seen from a side of its own each; the grey line is the shadow on the ground below.".to_owned(),
+        "Each body is seen from its own best side; the grey line is its shadow on the ground.".to_owned(),
     ];
     let mut canvas = figure(width, height, title, &notes);
     canvas.legend(

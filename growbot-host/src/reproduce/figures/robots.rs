@@ -24,7 +24,7 @@ pub fn svg(of: &Reproduction, title: &'static str) -> String {
             "Means of {} growths between random poses, along two-plane paths, whole steps, open loop, without noise.",
             of.request.repeat
         ),
-        "Robot A by steps of 3.096 mm, B of 62.64 mm, C of 20 mm. The paper's numbers are those of its text and of \
+        "Robot A grows by steps of 3.096 mm, B of 62.64 mm, C of 20 mm. The paper's numbers are from its text and its \
          Table 2."
             .to_owned(),
     ];

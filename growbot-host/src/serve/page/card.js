@@ -79,7 +79,7 @@ function maintenanceBlockedBy(robot, isStale, canControl) {
   if (!canControl) return "This URL is read-only.";
   if (robot.state === "disconnected") return "The robot is not connected.";
   if (isStale) return "The state of the robot is not known.";
-  if (robot.job) return "A job is active: pause it, and use its page.";
+  if (robot.job) return "A job is active: pause the job, and use the page of the job.";
   if (robot.fault) return "A fault is latched: clear it first.";
   return "";
 }

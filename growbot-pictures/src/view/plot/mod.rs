@@ -366,7 +366,7 @@ fn error(curve: &PlotCurve, axis: &Axis) -> Result<PanelData, ViewError> {
     let Some(built) = &layers.built else {
         return Err(ViewError::NotMeasured {
             name: subject.name.to_owned(),
-            what: "error: it lies where it is planned",
+            what: "error, because a planned body lies exactly on its plan",
         });
     };
     let start = subject.plan.start.frame();

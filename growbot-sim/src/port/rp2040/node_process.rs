@@ -198,7 +198,7 @@ impl NodeProcess {
         command.envs(figures.map(|file| (FIGURES, file)));
         let mut node = command.spawn().map_err(Rp2040Error::NoNode)?;
         let (Some(to), Some(from)) = (node.stdin.take(), node.stdout.take()) else {
-            return Err(Rp2040Error::Ended("it has no standard input and output".to_owned()));
+            return Err(Rp2040Error::Ended("the emulator has no standard input and output".to_owned()));
         };
         Ok(Self { node, to, from })
     }
@@ -246,7 +246,8 @@ impl NodeProcess {
 
     fn request(&mut self, request: &[u8]) -> Result<RunResponse, Rp2040Error> {
         let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
-        RunResponse::parse(&answer).ok_or_else(|| Rp2040Error::Ended("its response cannot be read".to_owned()))
+        RunResponse::parse(&answer)
+            .ok_or_else(|| Rp2040Error::Ended("the emulator's response cannot be read".to_owned()))
     }
 
     fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {

@@ -62,7 +62,7 @@ pub fn check_terminal() -> Result<(), Failure> {
     {
         if !is_terminal {
             return Err(Failure::bad_input(format!(
-                "--tui needs a terminal, and {what} is not one: remove --tui and give commands line by line"
+                "--tui needs a terminal, but {what} is not a terminal: remove --tui and give commands line by line"
             )));
         }
     }
@@ -131,7 +131,7 @@ impl Screen {
         // After a panic, ratatui restores the terminal.
         ratatui::try_init().map(Self).map_err(|error| {
             ratatui::restore();
-            Failure::bad_input(format!("cannot use the whole screen ({error}): remove --tui"))
+            Failure::bad_input(format!("cannot control the terminal's screen ({error}): remove --tui"))
         })
     }
 }
@@ -280,7 +280,9 @@ impl TuiApp {
             self.model.log_error(&format!("{}: {}", warning.code, warning.message));
         }
         if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
-            self.model.log_error("not planned: choose another pose, or grow it with `growbot grow --force`");
+            self.model.log_error(
+                "the body was not planned: choose another pose, or grow the body with `growbot grow --force`",
+            );
             return false;
         }
         let request = BoardRequest::Plan(plan.goal);

@@ -162,13 +162,13 @@ pub fn explanation(state: State) -> &'static str {
         State::Homing => "the head searches for its index mark",
         State::Growing => "laying layers",
         State::Paused => "hot, waiting between layers; g continues",
-        State::Parked => "after a long pause, the heater is off; g continues",
+        State::Parked => "the heater is off after a long pause; g heats and continues",
         State::Done => "every layer is laid, heater and steppers are off",
         State::Stopped => "stopped on request, heater and steppers are off",
-        State::Maintenance => "hot for maintenance; off 10 minutes after the latest command",
-        State::Tuning => "the nozzle is driven round a temperature",
+        State::Maintenance => "hot for maintenance; heater off 10 minutes after the latest command",
+        State::Tuning => "the nozzle's temperature swings to find the heater's gains",
         State::Fault => "heater and steppers are off; fix the cause, then c clears the fault",
-        State::EmergencyStop => "everything is off; release the button, then c clears it",
+        State::EmergencyStop => "all is off; release the button, then c clears the emergency stop",
     }
 }
 
