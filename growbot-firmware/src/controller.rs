@@ -6,19 +6,23 @@
 //! nozzle is hot, because the nozzle may stick in cold plastic. A reset never starts heat or motion by itself.
 //!
 //! - `requests`: the requests of the host;
-//! - `configuration`: a new robot description;
-//! - `job`: the current plan, its layers, and their records in the journal;
+//! - `configuration`: a new robot description, which `config_upload` receives part by part;
+//! - `job`: the current plan, its layers, and their records in the journal; `active_job` has the progress;
 //! - `supervision`: temperature, sensors and watchdog, ten times a second, and the reaction to a fault;
 //! - `maintenance`: heat and moves without a job;
-//! - `growth`: the moves for the step engine: homing, layers, and filament that is pulled back for a pause.
+//! - `growth`: the moves for the step engine: homing, layers, and filament that is pulled back for a pause;
+//! - `move_tracker`: the moves that the step engine has received.
 //!
 //! The controller never blocks. Call [`Controller::poll`] at least every 20 ms, with the time since the board's start
 //! in us.
 
+mod active_job;
+mod config_upload;
 mod configuration;
 mod growth;
 mod job;
 mod maintenance;
+mod move_tracker;
 mod requests;
 mod supervision;
 #[cfg(test)]
@@ -32,6 +36,9 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
+use self::active_job::ActiveJob;
+use self::config_upload::ConfigUpload;
+use self::move_tracker::MoveTracker;
 use crate::hal::{Adc, Board, BoardResources, StepperDrivers};
 use crate::heater::{self, HeaterController};
 use crate::layer_store::LayerStore;
@@ -86,9 +93,9 @@ pub struct Controller<B: Board> {
     fault: Option<Fault>,
     retained: RetainedState,
     copies: RetainedStore,
-    configuring: configuration::ConfigUpload,
-    job: job::ActiveJob,
-    motion: growth::MoveTracker,
+    configuring: ConfigUpload,
+    job: ActiveJob,
+    motion: MoveTracker,
     heater: HeaterController,
     /// Duty of the fan, 0 to 1.
     fan: f64,
@@ -128,9 +135,9 @@ impl<B: Board> Controller<B> {
             fault: None,
             retained: retained.unwrap_or_default(),
             copies,
-            configuring: configuration::ConfigUpload::default(),
-            job: job::ActiveJob::default(),
-            motion: growth::MoveTracker::default(),
+            configuring: ConfigUpload::default(),
+            job: ActiveJob::default(),
+            motion: MoveTracker::default(),
             heater: HeaterController::default(),
             fan: 0.0,
             thermistor: Oversampler::default(),
@@ -254,7 +261,7 @@ impl<B: Board> Controller<B> {
 
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
-        let job::ActiveJob { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
+        let ActiveJob { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
         let under_way = ActiveWork {
             state: self.state,
             plan_id,

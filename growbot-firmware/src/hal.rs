@@ -14,7 +14,13 @@ use growbot_core::robot::BoardKind;
 use crate::description_store::DescriptionStore;
 use crate::journal::Journal;
 use crate::layer_store::LayerStore;
-use crate::safety::retained::{COPY_BYTES, RETAINED_BYTES};
+
+/// Number of copies of the retained state in the [`RetainedMemory`].
+pub const COPIES: usize = 2;
+/// Length of a copy, bytes: its content, its generation number and its checksum.
+pub const COPY_BYTES: usize = 128;
+/// Length of the retained memory, bytes.
+pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
 
 /// A channel of a 12-bit ADC.
 pub trait Adc {
@@ -105,7 +111,7 @@ pub trait Outputs {
 
 /// Memory that survives a reset but not a loss of power.
 pub trait RetainedMemory {
-    /// Reads the whole content: [`COPIES`](crate::safety::retained::COPIES) copies, one after the other.
+    /// Reads the whole content: [`COPIES`] copies, one after the other.
     fn read(&mut self) -> [u8; RETAINED_BYTES];
     /// Writes one of the copies, from its first byte to its last, and changes no other copy. All later memory accesses
     /// take effect after the last byte is in the memory.

@@ -5,7 +5,7 @@
 //! simulation on the desktop. A layer takes this path through it:
 //!
 //! 1. [`link`] and [`controller`]: it arrives in an `AppendLayers` message, is checked, and is stored in the
-//! [`layer_store`];
+//!    [`layer_store`];
 //! 2. [`stepping::TurnPlanner`] and [`stepping::Turn`]: it is converted to the steps and ticks of 64 sectors of a turn;
 //! 3. [`stepping::Mailbox`]: it passes to the step interrupt;
 //! 4. [`stepping::Engine`]: it becomes step pulses, tick by tick;

@@ -14,7 +14,7 @@ use pyo3::types::PyType;
 
 use crate::arguments::{flag, within, word, wrong_type};
 use crate::error::{Error, ErrorKind};
-use crate::plan::PyPlan;
+use crate::py_plan::PyPlan;
 
 /// Limits of biases, in percent or degrees, equal to those of the command `growbot`. `UNSIGNED` are the limits of
 /// noises.

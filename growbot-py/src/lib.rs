@@ -1,12 +1,14 @@
 //! The Python extension module `growbot._growbot`. Users import the Python package `growbot` in `python/`, which is
 //! based on it.
 //!
-//! - `robot`, `pose`, `scene`, `plan`: the inputs and plans
+//! - `robot`, `pose`, `scene`, `plan`, `py_plan`: the inputs and plans
 //! - `path_frames`: positions along a path
 //! - `conditions`, `simulate`, `summary`: growths without a board, one or many, and their statistics
 //! - `run`: logs of growths
 //! - `board`, `preconditions`: growths on a board
-//! - `arguments`: conversion and checks of arguments
+//! - `arguments`: conversion and checks of arguments; `arrays`: arrays with named fields
+//! - `page`: the page that shows a body
+//! - `interruptible`: computations that Ctrl-C ends
 //! - `pickle`: state of plans for Python's pickle
 //! - `error`: conversion of errors to Python exceptions
 //!
@@ -16,14 +18,18 @@
 #![allow(clippy::type_complexity)]
 
 mod arguments;
+mod arrays;
 mod board;
 mod conditions;
 mod error;
+mod interruptible;
+mod page;
 mod path_frames;
 mod pickle;
 mod plan;
 mod pose;
 mod preconditions;
+mod py_plan;
 mod robot;
 mod run;
 mod scene;
@@ -38,9 +44,11 @@ mod _growbot {
     #[pymodule_export]
     use crate::board::{Growth, PyBoard};
     #[pymodule_export]
-    use crate::plan::{PlanWarning, PyPlan, PySegment, plan, plan_many};
+    use crate::plan::{PlanWarning, PySegment, plan, plan_many};
     #[pymodule_export]
     use crate::pose::PyPose;
+    #[pymodule_export]
+    use crate::py_plan::PyPlan;
     #[pymodule_export]
     use crate::robot::PyRobot;
     #[pymodule_export]

@@ -1,17 +1,15 @@
-//! Classes `growbot.Plan`, `growbot.Segment` and `growbot.PlanWarning`, and the functions that plan.
+//! Methods of the class `growbot.Plan`, the classes `growbot.Segment` and `growbot.PlanWarning`, and the functions that
+//! plan.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use growbot_client::atomic_file::write_atomic;
-use growbot_client::degrees::degrees_below_turn;
 use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
-use growbot_core::angle::degrees;
-use growbot_core::layer::Layer;
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Pose as CorePose, tip_direction};
 use growbot_core::robot::Robot as Described;
@@ -22,28 +20,17 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
 
 use crate::arguments::{self, Rows, check_rows, flag, integer, number, text, threads, within, word, wrong_type};
+use crate::arrays::layer_array;
 use crate::error::{Error, ErrorKind};
+use crate::interruptible::interruptible;
+use crate::page::{framed, page_of};
 use crate::path_frames::frames;
 use crate::pickle::{self, PlanState};
 use crate::pose::{PyPose, as_goal, as_pose, goal_of, pose_of, rows_of};
-use crate::preconditions::page_of;
+use crate::py_plan::PyPlan;
 use crate::robot::{PyRobot, robot_of};
 use crate::scene::PyScene;
-use crate::simulate::{PySimulationResult, interruptible};
-
-/// Maximum number of rows of an array of layers.
-const MAX_LAYERS: usize = 20_000_000;
-
-/// A path that has been checked to end at its goal, with its properties.
-///
-/// growbot.plan returns plans. Plan.load reads them from files that `growbot plan -o` or save wrote. Plans can be
-/// pickled.
-#[pyclass(name = "Plan", frozen, module = "growbot")]
-#[derive(Clone)]
-pub struct PyPlan {
-    pub inner: Arc<client::Plan>,
-    pub robot: Arc<Described>,
-}
+use crate::simulate::PySimulationResult;
 
 /// A piece of a path.
 #[pyclass(name = "Segment", frozen, module = "growbot", get_all, eq)]
@@ -330,50 +317,6 @@ fn starts_of(starts: &Bound<PyAny>, goals: usize) -> Result<Vec<CorePose>, Error
         .enumerate()
         .map(|(row, numbers)| pose(numbers).map_err(|error| error.of_row(row)))
         .collect()
-}
-
-/// Returns layers as a structured array. `layers` yields the index of each layer's segment and the layer.
-pub fn layer_array<'py>(
-    py: Python<'py>,
-    count: usize,
-    layers: impl Iterator<Item = (usize, Layer)>,
-) -> Result<Bound<'py, PyAny>, Error> {
-    if count > MAX_LAYERS {
-        let message = format!("the path has {count} layers, but a table can have at most {MAX_LAYERS}: split the path");
-        return Err(Error::with(ErrorKind::Input, message, count as f64, MAX_LAYERS as f64));
-    }
-    let (mut segments, mut alphas, mut heights, mut tilts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    for (segment, layer) in layers {
-        segments.push(segment as i64);
-        alphas.push(if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 });
-        heights.push(layer.height);
-        tilts.push(degrees(layer.tilt));
-    }
-    let indices: Vec<i64> = (0..segments.len() as i64).collect();
-    let fields =
-        [("layer", "<i8"), ("segment", "<i8"), ("alpha_deg", "<f8"), ("height_mm", "<f8"), ("tilt_deg", "<f8")];
-    let array = structured(py, indices.len(), &fields)?;
-    array.set_item("layer", PyArray1::from_vec(py, indices))?;
-    array.set_item("segment", PyArray1::from_vec(py, segments))?;
-    array.set_item("alpha_deg", PyArray1::from_vec(py, alphas))?;
-    array.set_item("height_mm", PyArray1::from_vec(py, heights))?;
-    array.set_item("tilt_deg", PyArray1::from_vec(py, tilts))?;
-    Ok(array)
-}
-
-/// Creates a NumPy structured array with these fields (name, type). Its values are not initialized.
-pub fn structured<'py>(py: Python<'py>, rows: usize, fields: &[(&str, &str)]) -> PyResult<Bound<'py, PyAny>> {
-    let arguments = PyDict::new(py);
-    arguments.set_item("dtype", fields.to_vec())?;
-    py.import("numpy")?.call_method("empty", (rows,), Some(&arguments))
-}
-
-/// Returns an `iframe` element that contains an HTML page, for display in a notebook.
-pub fn framed(page: &str) -> String {
-    let page = page.replace('&', "&amp;").replace('"', "&quot;");
-    format!(
-        "<iframe sandbox=\"allow-scripts\" srcdoc=\"{page}\" width=\"100%\" height=\"520\" style=\"border:0\"></iframe>"
-    )
 }
 
 /// Writes a file atomically. If that fails, an existing file stays unchanged.

@@ -12,9 +12,10 @@ use pyo3::prelude::*;
 use pyo3::types::PyType;
 
 use crate::arguments::{bytes_of_file, path};
+use crate::arrays::layer_array;
 use crate::error::{Error, ErrorKind};
-use crate::plan::{PyPlan, framed, layer_array};
-use crate::preconditions::page_of;
+use crate::page::{framed, page_of};
+use crate::py_plan::PyPlan;
 
 /// The log of a growth, as written by `growbot grow --log` and Board.grow, as far as it can be read.
 #[pyclass(name = "RunLog", frozen, module = "growbot._growbot", subclass)]

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use growbot_client::plan as client;
 use growbot_client::plan_file::format_hash;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, SceneError, load};
 use nalgebra::Vector3;
@@ -130,4 +131,17 @@ impl PyScene {
         let margin = self.loaded.margin.map_or_else(|| "None".to_owned(), |margin| format!("{margin:?}"));
         format!("Scene({:?}, margin_mm={margin})", self.file.display().to_string())
     }
+}
+
+/// Loads the scene through which a plan was made. `None` for a plan in empty space.
+pub fn through(plan: &client::Plan) -> Result<Option<PyScene>, Error> {
+    let Some(through) = &plan.scene else { return Ok(None) };
+    let found = PyScene::read(PathBuf::from(&through.file), Some(through.margin))
+        .map_err(|error| Error::new(ErrorKind::File, format!("{error}; or give the plan's scene as scene=")))?;
+    if found.loaded.hash == through.hash {
+        return Ok(Some(found));
+    }
+    let message =
+        format!("{} is not the scene of the plan: plan again, or give the plan's scene as scene=", through.file);
+    Err(Error::with(ErrorKind::File, message, format_hash(found.loaded.hash), format_hash(through.hash)))
 }

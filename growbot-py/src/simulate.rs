@@ -1,77 +1,25 @@
 //! Simulated growths without a board: class `growbot.SimulationResult`, and `simulate_many`.
 
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant};
 
 use growbot_client::plan as client;
 use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::{SimulatedBody, Subject};
-use growbot_sim::parallel;
 use growbot_sim::simulation::{Simulation, SimulationResult as CoreResult};
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyAnyMethods;
 
 use crate::arguments::{check_rows, integer, threads, wrong_type};
+use crate::arrays::{layer_array, structured};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::{PyPlan, framed, layer_array, structured};
+use crate::interruptible::interruptible;
+use crate::page::{framed, page_of};
 use crate::pose::PyPose;
-use crate::preconditions::page_of;
-
-/// Interval at which a computation polls whether the user has pressed Ctrl-C.
-const LOOK: Duration = Duration::from_millis(50);
-
-/// Calls `work` for each item, on this number of threads, and returns the results in order. The Python interpreter is
-/// released meanwhile. Ctrl-C ends the computation with an error.
-pub fn interruptible<T: Sync, U: Send>(
-    py: Python<'_>,
-    threads: usize,
-    items: &[T],
-    work: impl Fn(&T) -> U + Sync,
-) -> Result<Vec<U>, Error> {
-    let ended = AtomicBool::new(false);
-    let (results, signal) = py.detach(|| {
-        let mut signal = None;
-        let mut look = || {
-            #[allow(clippy::redundant_closure_for_method_calls, reason = "the method is not for any lifetime")]
-            if let Err(error) = Python::attach(|py| py.check_signals()) {
-                ended.store(true, Ordering::Relaxed);
-                signal = Some(error);
-            }
-        };
-        let work = |item: &T| (!ended.load(Ordering::Relaxed)).then(|| work(item));
-        let results = if threads == 1 {
-            here(items, work, &mut look)
-        } else {
-            parallel::map_on(threads, items, work, |_| look())
-        };
-        (results, signal)
-    });
-    match signal {
-        Some(error) => Err(error.into()),
-        None => Ok(results.into_iter().flatten().collect()),
-    }
-}
-
-/// Calls `work` for each item on the calling thread, and `look` at intervals. This is faster than a new thread, which
-/// would have to request memory from the system first.
-fn here<T, U>(items: &[T], work: impl Fn(&T) -> U, look: &mut impl FnMut()) -> Vec<U> {
-    let mut looked = Instant::now();
-    let mut one = |item: &T| {
-        if looked.elapsed() > LOOK {
-            look();
-            looked = Instant::now();
-        }
-        work(item)
-    };
-    let results = items.iter().map(&mut one).collect();
-    look();
-    results
-}
+use crate::py_plan::PyPlan;
 
 /// A growth that was simulated without a board.
 #[pyclass(name = "SimulationResult", frozen, module = "growbot")]

@@ -13,8 +13,9 @@ use pyo3::types::{PyDict, PyType};
 use crate::arguments::{check_rows, integer, text, threads, wrong_type};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::plan::PyPlan;
-use crate::simulate::{interruptible, rows, seed_of};
+use crate::interruptible::interruptible;
+use crate::py_plan::PyPlan;
+use crate::simulate::{rows, seed_of};
 
 /// Number of growths per batch. Only the outcomes of one batch are in memory at a time.
 const BATCH: u64 = 16_384;

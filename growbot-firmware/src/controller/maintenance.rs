@@ -4,7 +4,7 @@
 
 use growbot_core::link::message::{Fault, MaintenanceTask, Message, Refusal, State};
 
-use super::growth::MaintenanceMove;
+use super::move_tracker::MaintenanceMove;
 use super::requests::MIN_TUNING_C;
 use super::{Controller, centi};
 use crate::hal::{Board, StepperDrivers};

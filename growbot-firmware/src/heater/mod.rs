@@ -2,9 +2,9 @@
 //!
 //! Call [`HeaterController::update`] ten times a second with the mean of the period's conversions
 //! ([`Oversampler`](crate::oversampler::Oversampler)) and the load of the nozzle ([`Demand`]). It returns the states of
-//! the heater's switches. `temperature_control` computes the duty while the nozzle approaches a target and holds it.
-//! `autotune` computes the duty while the PID gains are measured. `supervision` compares the reading with the behaviour
-//! that the `model` predicts for the nozzle.
+//! the heater's switches (`switches`). `temperature_control` computes the duty while the nozzle approaches a target and
+//! holds it. `autotune` computes the duty while the PID gains are measured. `supervision` compares the reading with the
+//! behaviour that the `model` predicts for the nozzle.
 //!
 //! Before the heater heats, both of its switches are tested (`proof_test`). Power flows only while a reading is younger
 //! than half a second. Too high a temperature is a fault whether the heater is on or off. All other checks apply only
@@ -14,6 +14,7 @@ mod autotune;
 mod model;
 mod proof_test;
 mod supervision;
+mod switches;
 mod temperature_control;
 #[cfg(test)]
 mod tests;
@@ -22,9 +23,11 @@ use growbot_core::link::message::{Fault, Tuned};
 use growbot_core::robot::RobotDescription;
 
 use self::autotune::RelayTuner;
+pub use self::model::Demand;
 use self::model::NozzleModel;
 use self::proof_test::{ProofTest, UnheatedTrend};
 use self::supervision::{ControlState, Supervision, SupervisionInput};
+pub use self::switches::HeaterOutput;
 use self::temperature_control::TemperatureControl;
 use crate::thermistor::{ThermistorError, celsius_from_raw};
 
@@ -58,33 +61,6 @@ const TUNING_TIMEOUTS: u64 = 2;
 /// Max duration of a swing during tuning, s. If a swing lasts longer, the reading does not follow the heater's power
 /// (decision 0022).
 const MAX_SWING_S: f32 = 90.0;
-
-/// The load of the nozzle, and the supply voltage of its heater.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Demand {
-    /// Flow of plastic through the nozzle, mm^3/s.
-    pub flow_mm3_per_s: f64,
-    /// Duty of the fan, 0 to 1.
-    pub fan: f64,
-    /// Measured supply voltage, V. `None` without a sensor.
-    pub supply_v: Option<f64>,
-}
-
-/// States of the heater's two switches.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HeaterOutput {
-    /// Duty of the power stage, 0 to 1.
-    pub duty: f64,
-    /// True if the second switch, in series with the power stage, is closed.
-    pub enable: bool,
-}
-
-impl HeaterOutput {
-    /// Output with both switches open.
-    pub const OFF: Self = Self { duty: 0.0, enable: false };
-    const SECOND_SWITCH_ALONE: Self = Self { duty: 0.0, enable: true };
-    const POWER_STAGE_ALONE: Self = Self { duty: 1.0, enable: false };
-}
 
 /// Temperature reading of the thermistor.
 #[derive(Debug, Clone, Copy)]

@@ -4,7 +4,6 @@
 
 use growbot_core::robot::{RobotDescription, Thermistor};
 
-use super::Demand;
 use crate::thermistor;
 
 /// Assumed temperature of the surroundings, degrees Celsius. A difference of ten degrees changes the power that robot A
@@ -15,6 +14,17 @@ const SURROUNDINGS_C: f32 = 25.0;
 const MIN_SUPPLY: f64 = 0.5;
 /// Max supply voltage with which the model computes, as a share of the nominal voltage. See [`MIN_SUPPLY`].
 const MAX_SUPPLY: f64 = 1.5;
+
+/// The load of the nozzle, and the supply voltage of its heater.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Demand {
+    /// Flow of plastic through the nozzle, mm^3/s.
+    pub flow_mm3_per_s: f64,
+    /// Duty of the fan, 0 to 1.
+    pub fan: f64,
+    /// Measured supply voltage, V. `None` without a sensor.
+    pub supply_v: Option<f64>,
+}
 
 /// Model of the nozzle under a load. It is in single precision, which the microcontroller's hardware computes. Readings
 /// are accurate to five digits.

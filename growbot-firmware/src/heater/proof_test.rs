@@ -28,8 +28,8 @@ mod tests;
 use growbot_core::link::message::Fault;
 use heapless::Deque;
 
-use super::HeaterOutput;
 use super::model::NozzleModel;
+use super::switches::HeaterOutput;
 
 /// Time over which readings are averaged to one mean, s (decision 0021).
 const MEAN_S: f32 = 1.0;

@@ -17,13 +17,8 @@ use growbot_core::link::message::{Fault, FaultRecord, ResetCause, State};
 use serde::{Deserialize, Serialize};
 
 use crate::hal::RetainedMemory;
+pub use crate::hal::{COPIES, COPY_BYTES, RETAINED_BYTES};
 
-/// Number of copies of the retained state in the memory.
-pub const COPIES: usize = 2;
-/// Length of a copy, bytes: its content, its generation number and its checksum.
-pub const COPY_BYTES: usize = 128;
-/// Length of the retained memory, bytes.
-pub const RETAINED_BYTES: usize = COPIES * COPY_BYTES;
 /// Length of a generation number, and of a checksum, bytes.
 const NUMBER_BYTES: usize = 4;
 

@@ -3,44 +3,17 @@
 
 use growbot_core::plan::Planner;
 
+pub use super::compared_values::{OurMean, QuotedMean, SignificanceTest};
+pub use super::differences::Difference;
 use super::differences::{WHY_B, WHY_C, WHY_HEADING, WHY_PITCH, differences};
 use super::experiments::{ErrorQuantity, Experiments, GrowthSet};
-use super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::paper::{self, GROUPS, PAPERS_PLANNER, ROBOTS};
 use super::slicing_rule::SlicingRule;
-use super::statistics::{SampleSummary, TestResult, anova, kruskal_wallis};
+use super::statistics::{SampleSummary, anova, kruskal_wallis};
 use super::table2::{self, Cell};
-
-/// Planner of the paper, which is used in the comparison.
-pub(super) const PAPERS_PLANNER: Planner = Planner::TwoPlane;
 
 /// Groups that the paper calls long paths: 8 radii and more, as indexes into [`GROUPS`].
 const LONG: std::ops::Range<usize> = 1..4;
-
-/// A mean that the paper quotes.
-#[derive(Debug, Clone, PartialEq)]
-pub struct QuotedMean {
-    /// Name of the quantity whose mean is quoted.
-    pub what: &'static str,
-    /// Mean and standard deviation that the paper quotes.
-    pub paper: MeanSd,
-    /// Number of significant decimals.
-    pub decimals: usize,
-    /// Means of our simulated growths, one for each slicing rule.
-    pub ours: Vec<OurMean>,
-    /// Reason for the difference between our means and the paper's.
-    pub(super) why: &'static str,
-}
-
-/// A mean of our simulated growths, with its standard deviation.
-#[derive(Debug, Clone, PartialEq)]
-pub struct OurMean {
-    /// Slicing rule of the paths.
-    pub label: String,
-    /// Mean.
-    pub mean: f64,
-    /// Standard deviation.
-    pub sd: f64,
-}
 
 /// Largest errors of our growths with exact slicing and without noise.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -51,39 +24,6 @@ pub struct ExactErrors {
     pub max_direction: f64,
     /// Number of growths.
     pub growths: usize,
-}
-
-/// A significance test for a difference between groups, with the results of two methods.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SignificanceTest {
-    /// Description of the comparison.
-    pub what: String,
-    /// Slicing rule of the paths.
-    pub slicing: String,
-    /// Planner of the paths.
-    pub planner: Planner,
-    /// Number of groups.
-    pub groups: usize,
-    /// Number of values in all groups.
-    pub n: usize,
-    /// p-value of the paper. `None` if the paper does not quote one.
-    pub paper: Option<f64>,
-    /// Result of the test of Kruskal and Wallis, which compares mean ranks. `None` if the values do not permit the
-    /// test.
-    pub kruskal_wallis: Option<TestResult>,
-    /// Result of the one-way analysis of variance, which compares means. `None` if the values do not permit the test.
-    pub anova: Option<TestResult>,
-}
-
-/// A difference between our results and the paper's, with its reason.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Difference {
-    /// Compared quantity.
-    pub what: &'static str,
-    /// Size of the difference.
-    pub by: String,
-    /// Reason of the difference, as far as it is known.
-    pub why: &'static str,
 }
 
 /// The whole comparison. A list is empty if its growths were not requested.
@@ -343,17 +283,4 @@ fn questions(experiments: &Experiments) -> Vec<SignificanceTest> {
     let order: Vec<String> = questions.iter().map(|question| question.what.clone()).collect();
     questions.sort_by_key(|question| order.iter().position(|what| *what == question.what));
     questions
-}
-
-/// Formats a p-value.
-#[must_use]
-pub fn p_text(p: f64) -> String {
-    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
-}
-
-/// Capitalizes the first letter.
-#[must_use]
-pub fn capital(text: &str) -> String {
-    let mut letters = text.chars();
-    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }

@@ -1,10 +1,22 @@
 //! Differences from the paper's numbers, and their reasons.
 
-use super::comparison::{Difference, OurMean, PAPERS_PLANNER, QuotedMean, SignificanceTest, capital, p_text};
-use super::paper::{self, MeanSd};
+use super::compared_values::{OurMean, QuotedMean, SignificanceTest};
+use super::paper::{self, MeanSd, PAPERS_PLANNER};
 use super::slicing_rule::SlicingRule;
 use super::statistics::SampleSummary;
 use super::table2::{Cell, Verdicts};
+use super::texts::{capital, p_text};
+
+/// A difference between our results and the paper's, with its reason.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Difference {
+    /// Compared quantity.
+    pub what: &'static str,
+    /// Size of the difference.
+    pub by: String,
+    /// Reason of the difference, as far as it is known.
+    pub why: &'static str,
+}
 
 /// Returns all differences, with their reasons.
 pub fn differences(table2: &[Cell], quoted: &[QuotedMean], questions: &[SignificanceTest]) -> Vec<Difference> {

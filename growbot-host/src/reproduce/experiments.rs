@@ -17,10 +17,10 @@ use growbot_sim::parallel;
 use nalgebra::Vector3;
 
 use super::paper::{self, GROUPS, NOISE, ROBOTS};
-use super::poses::Endpoints;
+use super::poses::{self, Endpoints};
+use super::request::ReproduceRequest;
 use super::slicing_rule::SlicingRule;
 use super::statistics::SampleSummary;
-use super::{ReproduceRequest, poses};
 
 /// Condition of a growth: planner, slicing, noise and feedback.
 #[derive(Debug, Clone, Copy, PartialEq)]

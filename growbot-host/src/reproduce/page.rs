@@ -4,16 +4,18 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::comparison::{ExactErrors, SignificanceTest, capital, p_text};
+use super::comparison::{ExactErrors, SignificanceTest};
 use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::reproduction::Reproduction;
+use super::request::ReproduceRequest;
 use super::slicing_rule::SlicingRule;
 use super::statistics::{SampleSummary, TestResult};
 use super::summary::error_text;
 use super::table2::Cell;
 use super::tables::parameters;
-use super::{ReproduceRequest, Reproduction};
+use super::texts::{capital, p_text};
 use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");

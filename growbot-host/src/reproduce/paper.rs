@@ -1,5 +1,10 @@
 //! Data that Del Dottore et al. 2019 print: robots, results and quoted p-values. Lengths are in cm, as in the paper.
 
+use growbot_core::plan::Planner;
+
+/// Planner of the paper, which is used in the comparison.
+pub(super) const PAPERS_PLANNER: Planner = Planner::TwoPlane;
+
 /// A mean and its standard deviation, as the paper prints them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanSd {

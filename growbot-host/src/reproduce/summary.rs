@@ -4,14 +4,15 @@ use std::fmt::Write;
 
 use growbot_core::plan::Planner;
 
-use super::Reproduction;
-use super::comparison::{ExactErrors, OurMean, SignificanceTest, capital, p_text};
+use super::comparison::{ExactErrors, OurMean, SignificanceTest};
 use super::experiments::{ErrorQuantity, NOISE_OF_FEEDBACK};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
+use super::reproduction::Reproduction;
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, TestResult};
 use super::table2::{Cell, Verdicts};
 use super::tables::parameters;
+use super::texts::{capital, p_text};
 
 /// Returns the summary, a short text that is 80 columns wide.
 #[must_use]

@@ -2,6 +2,7 @@
 //!
 //! - [`WatchPage`] is the page's server and receives the growth's events.
 //! - `growth_tracker` tracks the state of the growth, and computes the part that a page has not yet received.
+//! - `live_growth` has the state that the pages and the thread that follows the growth share.
 //! - `server` is the HTTP server, on the loopback interface only. `sockets` are the page's WebSockets.
 //! - `heartbeat` has the heartbeats, which show that the data of a page are current, and the check of an order's age.
 //! - `origin_check` rejects requests from other pages. `allowed_origins` are the reverse proxies whose pages it allows.
@@ -14,24 +15,24 @@
 pub(crate) mod allowed_origins;
 mod growth_tracker;
 pub(crate) mod heartbeat;
+mod live_growth;
 pub(crate) mod origin_check;
 pub(crate) mod server;
 pub(crate) mod sockets;
 
 use std::io;
 use std::net::{Ipv4Addr, TcpListener};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use growbot_client::growth::{CommandQueue, Job, JobEvent};
-use growbot_client::port::time_since_boot;
 use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
-use tokio::sync::{oneshot, watch};
+use tokio::sync::oneshot;
 
-use self::growth_tracker::GrowthTracker;
+pub use self::live_growth::LiveGrowth;
+use self::server::WatchState;
 use growbot_pictures::view::{Subject, ViewError, page};
 
 /// Maximum time for which the program waits at the end until the open pages have received the result.
@@ -57,85 +58,6 @@ pub enum WatchError {
     /// The page cannot be created.
     #[error(transparent)]
     View(#[from] ViewError),
-}
-
-/// State that the handlers of the server share: the page, its token and the growth.
-pub(crate) struct WatchState {
-    page: String,
-    /// Secret token, with which every path of the server begins.
-    token: String,
-    live: Arc<LiveGrowth>,
-}
-
-/// State of an active growth, which the live pages and the thread that follows the growth share.
-pub struct LiveGrowth {
-    /// Queue of commands to the growth. `None` if the pages are read-only.
-    orders: Option<Arc<CommandQueue>>,
-    watched: Mutex<GrowthTracker>,
-    /// Time of the board's latest report, since the start of this computer. `None` before the first report.
-    reported: Mutex<Option<Duration>>,
-    /// Counter of changes of the growth. The stream of each open page waits until the counter changes.
-    changes: watch::Sender<u64>,
-    is_left: AtomicBool,
-}
-
-impl LiveGrowth {
-    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers. Pages can send
-    /// commands only if `orders`, the queue of commands, is given.
-    #[must_use]
-    pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
-        let watched = Mutex::new(GrowthTracker::new(job, known));
-        let reported = Mutex::default();
-        Arc::new(Self { orders, watched, reported, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
-    }
-
-    fn watched(&self) -> MutexGuard<'_, GrowthTracker> {
-        self.watched.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
-    /// computed. `None` if the pace is not known.
-    pub fn set_pace(&self, pace: Option<f64>) {
-        self.watched().set_pace(pace);
-    }
-
-    /// Updates the state of the growth with an event, and sends the change to the pages.
-    pub fn ingest(&self, event: &JobEvent) {
-        if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
-            *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(time_since_boot());
-        }
-        self.watched().ingest(event);
-        self.signal_change();
-    }
-
-    /// Returns the time since the board's latest report, s. `None` before the first report.
-    fn status_age_s(&self) -> Option<f64> {
-        let reported = *self.reported.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(heartbeat::status_age_s(reported?, self.watched().pace()))
-    }
-
-    /// Shows a problem with this program's own files on the pages, or clears it.
-    pub fn set_warning(&self, words: Option<String>) {
-        self.watched().set_warning(words);
-        self.signal_change();
-    }
-
-    /// Sends the result to the pages, in the format of `growbot grow --json`.
-    pub fn end(&self, result: GrowthResult) {
-        self.watched().end(result);
-        self.signal_change();
-    }
-
-    /// Ends the streams of events of this growth, because another [`LiveGrowth`] will replace it. The pages then
-    /// reconnect.
-    pub fn supersede(&self) {
-        self.is_left.store(true, Ordering::Release);
-        self.signal_change();
-    }
-
-    fn signal_change(&self) {
-        self.changes.send_modify(|changes| *changes += 1);
-    }
 }
 
 /// Server of a live page of a growth. It stops when it is dropped.

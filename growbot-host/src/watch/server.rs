@@ -23,14 +23,22 @@ use tokio::time::{sleep, timeout};
 
 use super::growth_tracker::UpdateCursor;
 use super::heartbeat::{Heartbeat, HeartbeatTimer, OrderAge};
+use super::live_growth::LiveGrowth;
 use super::origin_check::{not_found, require_same_origin};
 use super::sockets::{CommandMessage, limited, send_texts, serve_commands};
-use super::{LiveGrowth, WatchState};
 
 /// Minimum time between two updates of a page.
 const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
 /// Maximum time in which open connections can close by themselves when the server stops.
 const TO_CLOSE: Duration = Duration::from_millis(500);
+
+/// State that the handlers of the server share: the page, its token and the growth.
+pub struct WatchState {
+    pub(super) page: String,
+    /// Secret token, with which every path of the server begins.
+    pub(super) token: String,
+    pub(super) live: Arc<LiveGrowth>,
+}
 
 /// Serves the live page until `stopped` is signalled.
 pub async fn serve(listener: TcpListener, shared: Arc<WatchState>, stopped: oneshot::Receiver<()>) {

@@ -45,9 +45,10 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
+use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
-pub use scene_view::{NamedScene, SceneView};
+pub use scene_view::SceneView;
 
 /// Greatest number of layers of a body that a view shows: some 150 m. Browsers fail with longer bodies.
 pub const MAX_LAYERS: usize = 200_000;
@@ -89,6 +90,15 @@ pub struct SimulatedBody<'a> {
     pub layers: &'a [Layer],
     /// Pose of the tip at the end of the body.
     pub tip: Pose,
+}
+
+/// A scene and the name of its file.
+#[derive(Debug, Clone, Copy)]
+pub struct NamedScene<'a> {
+    /// Name of the file.
+    pub file: &'a str,
+    /// The scene with its obstacles.
+    pub scene: &'a Scene,
 }
 
 /// A plan or a run that is viewed.

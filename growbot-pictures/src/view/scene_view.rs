@@ -8,19 +8,9 @@ use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::Segment;
 use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
 use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
-use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
-use super::{Layers, MAX_POLYLINE_POINTS, Subject, ViewError};
-
-/// A scene and the name of its file.
-#[derive(Debug, Clone, Copy)]
-pub struct NamedScene<'a> {
-    /// Name of the file.
-    pub file: &'a str,
-    /// The scene with its obstacles.
-    pub scene: &'a Scene,
-}
+use super::{Layers, MAX_POLYLINE_POINTS, NamedScene, Subject, ViewError};
 
 /// The part of a scene that is shown around a body.
 #[derive(Debug, Clone)]

@@ -9,8 +9,8 @@ use std::collections::{BinaryHeap, HashSet};
 
 use nalgebra::Vector3;
 
-use super::PlanningProblem;
 use super::budget::BudgetTracker;
+use super::problem::PlanningProblem;
 use crate::bvh::Bounds;
 
 /// Resolutions, tried one after another: the side of the cubes as a fraction of the required distance from obstacles,
@@ -148,10 +148,10 @@ fn apart(a: &Cube, b: &Cube) -> i64 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::PlannerGoal;
     use super::*;
     use crate::centreline::TipPose;
     use crate::clearance::RequiredClearance;
+    use crate::planner::problem::PlannerGoal;
     use crate::scene::Scene;
     use crate::shapes::Shape;
 

@@ -5,8 +5,8 @@ use growbot_core::trigonometry::sin_cos;
 use nalgebra::Vector3;
 use std::f64::consts::TAU;
 
-use super::PlanningProblem;
 use super::budget::BudgetTracker;
+use super::problem::PlanningProblem;
 use super::via_path::ViaPath;
 use crate::centreline::{ArcSegment, Curve, any_perpendicular};
 use crate::clearance::{DistanceQueries, is_clear};

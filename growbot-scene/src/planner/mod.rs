@@ -12,91 +12,23 @@
 mod budget;
 mod flood;
 mod improve;
+mod problem;
 mod search_tree;
 mod via_path;
+mod ways_to_goal;
 
 use std::time::Instant;
 
 use growbot_core::random::Rng;
-use nalgebra::Vector3;
 
 use self::budget::BudgetTracker;
 use self::flood::Flood;
 use self::improve::{PathShortener, cost, is_via_path_clear, perturbed, sample_path, straighten};
+pub use self::problem::{PlannerGoal, PlanningProblem};
+pub use self::search_tree::SearchResolution;
 use self::search_tree::SearchTree;
 pub use self::via_path::ViaPath;
-use crate::centreline::{TipPose, length};
-use crate::clearance::RequiredClearance;
-use crate::scene::Scene;
-
-/// Goal of a body.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum PlannerGoal {
-    /// A position with any direction.
-    Position {
-        /// The position, mm.
-        at: Vector3<f64>,
-        /// Maximum distance from the position at which the body may end, mm.
-        tolerance: f64,
-    },
-    /// A position with a direction.
-    Pose(TipPose),
-}
-
-impl PlannerGoal {
-    /// Returns the position, mm.
-    #[must_use]
-    pub fn position(&self) -> Vector3<f64> {
-        match self {
-            Self::Position { at, .. } => *at,
-            Self::Pose(tip) => tip.position,
-        }
-    }
-}
-
-/// A planning problem: scene, start, goal and requirements of the body.
-#[derive(Clone, Copy)]
-pub struct PlanningProblem<'a> {
-    /// The obstacles.
-    pub scene: &'a Scene,
-    /// Start of the body.
-    pub start: TipPose,
-    /// Goal of the body.
-    pub goal: PlannerGoal,
-    /// Minimum radius of bends, mm.
-    pub radius: f64,
-    /// Minimum distance of the centreline from the obstacles.
-    pub required_clearance: RequiredClearance,
-    /// Maximum length of the body, mm.
-    pub max_length: f64,
-    /// Further condition for a clear body, such as that it is clear of itself.
-    pub accept: &'a dyn Fn(&ViaPath) -> bool,
-}
-
-/// Resolution of a search.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SearchResolution {
-    /// Length of an arc or line, mm.
-    pub step: f64,
-    /// Number of directions in which a tip may bend.
-    pub bend_directions: u32,
-    /// Side of a cell of positions, mm. Tips in the same cell are not distinguished.
-    pub position: f64,
-    /// Side of a cell of directions, radians. Tips in the same cell are not distinguished.
-    pub direction: f64,
-}
-
-impl SearchResolution {
-    /// Returns the resolution of a level. Each level is twice as fine as the previous one. Two bodies that bend to
-    /// different sides for one step end in different cells.
-    fn of_level(problem: &PlanningProblem, level: usize) -> Self {
-        let span = (problem.goal.position() - problem.start.position).norm();
-        let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
-        let step = coarsest / f64::from(1_u32 << level);
-        let turn = step / problem.radius;
-        Self { step, bend_directions: 8 + 4 * level as u32, position: 0.5 * step * turn, direction: 0.5 * turn }
-    }
-}
+use crate::centreline::length;
 
 /// Limits of a search.
 #[derive(Debug, Clone, Copy)]

@@ -13,8 +13,8 @@ use growbot_core::trigonometry::sin_cos;
 use nalgebra::Vector3;
 
 use super::budget::BudgetTracker;
+use super::problem::PlanningProblem;
 use super::via_path::ViaPath;
-use super::{PlanningProblem, SearchResolution};
 use crate::centreline::{ArcSegment, TipPose, any_perpendicular, arc_and_line_to, length};
 use crate::clearance::is_clear;
 
@@ -24,6 +24,31 @@ const HEURISTIC_WEIGHT: f64 = 1.5;
 
 /// Maximum number of nodes of a tree, which take some 500 MB with the queue.
 const MAX_NODES: usize = 500_000;
+
+/// Resolution of a search.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SearchResolution {
+    /// Length of an arc or line, mm.
+    pub step: f64,
+    /// Number of directions in which a tip may bend.
+    pub bend_directions: u32,
+    /// Side of a cell of positions, mm. Tips in the same cell are not distinguished.
+    pub position: f64,
+    /// Side of a cell of directions, radians. Tips in the same cell are not distinguished.
+    pub direction: f64,
+}
+
+impl SearchResolution {
+    /// Returns the resolution of a level. Each level is twice as fine as the previous one. Two bodies that bend to
+    /// different sides for one step end in different cells.
+    pub(super) fn of_level(problem: &PlanningProblem, level: usize) -> Self {
+        let span = (problem.goal.position() - problem.start.position).norm();
+        let coarsest = (0.4 * problem.radius).min(0.25 * span).max(0.01 * problem.radius);
+        let step = coarsest / f64::from(1_u32 << level);
+        let turn = step / problem.radius;
+        Self { step, bend_directions: 8 + 4 * level as u32, position: 0.5 * step * turn, direction: 0.5 * turn }
+    }
+}
 
 /// A node of the tree: a tip that has been reached, and the way from the previous node.
 struct SearchNode {

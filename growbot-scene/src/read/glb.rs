@@ -7,7 +7,7 @@ use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-use super::{RawGeometry, fan};
+use super::raw_geometry::{RawGeometry, fan};
 
 /// Maximum depth of nested nodes.
 const MAX_DEPTH: usize = 64;

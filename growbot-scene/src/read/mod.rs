@@ -8,7 +8,9 @@ mod glb;
 mod obj;
 mod pcd;
 mod ply;
+mod raw_geometry;
 mod stl;
+mod words;
 
 use std::fs::File;
 use std::io::Read as _;
@@ -16,6 +18,8 @@ use std::path::Path;
 
 use growbot_core::hash::Hasher;
 use nalgebra::Vector3;
+
+pub use self::raw_geometry::RawGeometry;
 
 /// Maximum length of a mesh or cloud, bytes (512 MiB): some 10 million triangles.
 pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
@@ -28,15 +32,6 @@ type GeometryReader = fn(&[u8]) -> Result<RawGeometry, String>;
 
 /// File extensions of meshes and clouds, in lower case.
 const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
-
-/// Content of a mesh or cloud file: points, and triangles between them.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct RawGeometry {
-    /// The points in the file's units, in axes with z up.
-    pub points: Vec<Vector3<f64>>,
-    /// Corners of each triangle, as indices of points.
-    pub triangles: Vec<[u32; 3]>,
-}
 
 /// A mesh or cloud file that has been read.
 #[derive(Debug)]
@@ -145,21 +140,6 @@ pub(crate) fn one_line(text: &str) -> String {
     short
 }
 
-/// Adds a face as a fan of triangles from its first corner.
-fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
-    let points = geometry.points.len();
-    let corner = |index: i64| match usize::try_from(index) {
-        Ok(found) if found < points => Ok(found as u32),
-        _ => Err(format!("a face of the file has corner {index}, but the file has {points} points, counted from 0")),
-    };
-    let [first, rest @ ..] = corners else { return Ok(()) };
-    let first = corner(*first)?;
-    for pair in rest.windows(2) {
-        geometry.triangles.push([first, corner(pair[0])?, corner(pair[1])?]);
-    }
-    Ok(())
-}
-
 /// Numbers of edges at which a mesh is not properly closed. A mesh with such edges encloses no volume.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct MeshDefects {
@@ -213,21 +193,4 @@ pub fn find_defects(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> MeshDefe
         }
     }
     faults
-}
-
-/// Returns the lines of a text, each split into words. Bytes that are not UTF-8 may occur in names and comments.
-fn lines(bytes: &[u8]) -> impl Iterator<Item = Vec<&str>> {
-    bytes.split(|byte| *byte == b'\n').map(words)
-}
-
-/// Splits a line into words. A word that is not UTF-8, and so not a number, is replaced.
-fn words(line: &[u8]) -> Vec<&str> {
-    let words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
-    words.map(|word| std::str::from_utf8(word).unwrap_or("(no UTF-8)")).collect()
-}
-
-/// Parses the first three words as coordinates. Returns `None` if they are not numbers.
-fn parse_point(words: &[&str]) -> Option<Vector3<f64>> {
-    let [x, y, z, ..] = words else { return None };
-    Some(Vector3::new(x.parse().ok()?, y.parse().ok()?, z.parse().ok()?))
 }

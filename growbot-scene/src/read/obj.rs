@@ -1,6 +1,7 @@
 //! OBJ: points and faces. Normals, textures, materials and groups are ignored.
 
-use super::{RawGeometry, fan, lines, parse_point};
+use super::raw_geometry::{RawGeometry, fan};
+use super::words::{lines, parse_point};
 
 /// Reads an OBJ file.
 pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::RawGeometry;
+use super::raw_geometry::RawGeometry;
 
 /// Position of a coordinate among the values of a point in a PCD file.
 #[derive(Debug, Clone, Copy)]

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
-use super::RawGeometry;
+use super::raw_geometry::{RawGeometry, fan};
 
 /// A point of a PLY file. Properties other than x, y and z are ignored.
 struct Vertex(Vector3<f64>);
@@ -83,7 +83,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
             "face" => {
                 let read = Parser::<Face>::new().read_payload_for_element(&mut reader, element, &header);
                 for Face(corners) in read.map_err(|error| error.to_string())? {
-                    super::fan(&corners, &mut geometry)?;
+                    fan(&corners, &mut geometry)?;
                 }
             }
             // A mesh made of strips would be mistaken for a cloud.

@@ -2,7 +2,8 @@
 
 use nalgebra::Vector3;
 
-use super::{RawGeometry, lines, parse_point};
+use super::raw_geometry::RawGeometry;
+use super::words::{lines, parse_point};
 
 /// Number of bytes before the triangles of a binary file. `TRIANGLE` is the number of bytes of each triangle.
 const HEADER: usize = 84;

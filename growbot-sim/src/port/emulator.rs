@@ -28,8 +28,8 @@ use growbot_core::layer::Layer;
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use growbot_firmware::emulated_tip as table;
 
-use super::OpenError;
 use super::debugger::Debugger;
+use super::open_error::OpenError;
 use super::qemu::{EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
 use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::image_seal;

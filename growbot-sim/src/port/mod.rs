@@ -2,10 +2,12 @@
 
 pub mod debugger;
 pub mod emulator;
+mod open_error;
 pub mod paced;
 pub mod qemu;
 pub mod rp2040;
 pub mod sim;
+mod tip_settings;
 
 use std::cell::RefCell;
 use std::path::PathBuf;
@@ -16,47 +18,16 @@ use std::time::Duration;
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError};
-use growbot_core::pose::Pose;
-use growbot_core::robot::{Robot, RobotError};
+use growbot_core::robot::Robot;
 
+pub use open_error::OpenError;
 use paced::PacedSim;
 use qemu::QemuError;
-use rp2040::Rp2040Error;
+pub use tip_settings::TipSettings;
 
 use crate::ground_truth::SimulatedTip;
-use crate::sim_daemon::{DaemonPort, RemoteTip, SimDaemonError, StateDir};
-use crate::tip::{TipModel, Variation};
-use growbot_core::simulation::ErrorModel;
-
-/// Reason why a port could not be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum OpenError {
-    /// The port's name is not valid.
-    #[error(
-        "unknown port `{0}`: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, \
-         tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
-    )]
-    Unknown(String),
-    /// The simulated robot runs inside the program that uses it, so no second connection can be opened for the
-    /// emergency stop.
-    #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
-    NoEmergencyPort,
-    /// The robot exceeds the limits of the boards. The fields are the robot's name and the reason.
-    #[error("no board, real or emulated, can drive robot {0}: {1}")]
-    UnsupportedRobot(String, RobotError),
-    /// Error of the background process of a simulated robot (port `sim:NAME`).
-    #[error(transparent)]
-    Daemon(#[from] SimDaemonError),
-    /// Error of QEMU (port `emulator`).
-    #[error(transparent)]
-    Emulator(#[from] QemuError),
-    /// Error of the emulator of the Raspberry Pi Pico (port `rp2040`).
-    #[error(transparent)]
-    Rp2040(#[from] Rp2040Error),
-    /// Error of the connection.
-    #[error(transparent)]
-    Port(#[from] PortError),
-}
+use crate::sim_daemon::{DaemonPort, RemoteTip, StateDir};
+use crate::tip::Variation;
 
 impl From<QemuError> for PortError {
     fn from(error: QemuError) -> Self {
@@ -139,28 +110,6 @@ impl FromStr for PortName {
             None if text.starts_with('/') || text.starts_with("COM") => Ok(Self::Serial(text.to_string())),
             _ => Err(OpenError::Unknown(text.to_string())),
         }
-    }
-}
-
-/// Settings of a simulated tip.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct TipSettings {
-    /// Pose at the start of the growth, which determines the readings of the orientation sensor. `None` stands for the
-    /// origin with the direction upwards.
-    pub start: Option<Pose>,
-    /// Errors of the layers that the tip lays, and of its measurements.
-    pub imperfection: ErrorModel,
-    /// Speed of the tip's time as a multiple of real time, above 0. If `None`, time passes as fast as it is computed.
-    /// Used only for the port `sim`.
-    pub pace: Option<f64>,
-}
-
-impl TipSettings {
-    pub(crate) fn apply(&self, tip: &mut TipModel) {
-        if let Some(start) = &self.start {
-            tip.start_at(start);
-        }
-        tip.disturb(&self.imperfection);
     }
 }
 

@@ -19,8 +19,8 @@ use std::time::Duration;
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
 
-use super::OpenError;
-pub use node_process::{CrashMode, Rp2040Error};
+use super::open_error::OpenError;
+pub use node_process::{CrashMode, HostLink, Rp2040Error};
 use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
 
 use crate::ground_truth::SimulatedTip;
@@ -34,26 +34,6 @@ const EXCHANGE_NS: u64 = 1_000_000;
 /// Initial position of the head, in head steps from the tip's x axis. The value is arbitrary but not 0, so that homing
 /// has to move the head.
 const HEAD_AT_FIRST: i64 = -137;
-
-/// Connection between host and board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum HostLink {
-    /// The UART.
-    #[default]
-    Uart,
-    /// The serial port over USB.
-    Usb,
-}
-
-impl HostLink {
-    /// Returns the name of the link in the arguments of the emulator's script.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Uart => "uart",
-            Self::Usb => "usb",
-        }
-    }
-}
 
 /// A Raspberry Pi Pico in the emulator `rp2040js`, connected to a simulated tip.
 pub struct Rp2040Emulator {

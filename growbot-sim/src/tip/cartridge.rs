@@ -12,7 +12,7 @@
 //! firmware's model. The equations are integrated by the Runge-Kutta method of fourth order, with steps of at most 0.05
 //! s.
 
-use super::nozzle::NozzleInputs;
+use super::nozzle_inputs::NozzleInputs;
 
 /// Parameters of a nozzle whose heater cartridge, block and thermistor are simulated as separate parts.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -170,6 +170,15 @@ impl Faults {
     }
 }
 
+/// Constant readings of a thermistor that no longer follows the temperature, because of a fault.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct StuckReading {
+    /// Reading of the ADC at the beginning of the fault.
+    pub number: u16,
+    /// Voltage of the thermistor at the beginning of the fault, in counts of the ADC before noise and rounding.
+    pub counts: f64,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,6 @@
 //! Heater, fan and supply of the simulated tip, and the temperature of its nozzle.
 
-use super::nozzle::NozzleInputs;
+use super::nozzle_inputs::NozzleInputs;
 use super::{HeaterInput, TipFault, TipModel};
 
 impl TipModel {

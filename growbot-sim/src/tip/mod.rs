@@ -20,7 +20,7 @@
 //! | file | what |
 //! |---|---|
 //! | `plastic.rs` | plastic by angle, layers, the tip's frame |
-//! | `nozzle.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
+//! | `nozzle.rs`, `nozzle_inputs.rs`, `cartridge.rs`, `heat.rs` | nozzle, heater and thermistor |
 //! | `filament.rs` | the filament between spool and nozzle, and the encoder that it turns |
 //! | `sensors.rs`, `noise.rs` | readings of a 12-bit ADC, the index sensor, the switches and the orientation sensor; noise is a function of seed, channel and tick |
 //! | `variation.rs` | differences of one copy of a robot from its description: power, heat capacity, heat loss, room temperature, supply, lag, noise |
@@ -36,6 +36,7 @@ mod index_mark;
 pub mod manual_action;
 mod noise;
 mod nozzle;
+mod nozzle_inputs;
 pub mod pins;
 mod plastic;
 mod sensors;
@@ -54,10 +55,10 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 
+use fault::StuckReading;
 use filament::{FeedResult, SimulatedFilament};
 use nozzle::Nozzle;
 use plastic::Plastic;
-use sensors::StuckReading;
 
 /// The simulated tip of one robot.
 #[derive(Debug, Clone)]

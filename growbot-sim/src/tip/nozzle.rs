@@ -14,24 +14,12 @@
 
 use growbot_core::robot::{Heater, Robot};
 
-use super::Variation;
 use super::cartridge::{Cartridge, Load};
+use super::nozzle_inputs::NozzleInputs;
+use super::variation::Variation;
 
 /// Number of time slots per second in which the flow of filament is counted.
 const SLOTS_PER_S: u64 = 10;
-
-/// Inputs of the nozzle, which are constant until they are set again.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct NozzleInputs {
-    /// Power of the heater, W.
-    pub power_w: f64,
-    /// Heat loss to the surroundings, W/K.
-    pub loss_w_per_k: f64,
-    /// Time constant of the thermistor, s.
-    pub lag_s: f64,
-    /// Fraction of the block's temperature above the surroundings that the thermistor measures, 0 to 1.
-    pub share: f64,
-}
 
 /// The nozzle and its temperatures.
 #[derive(Debug, Clone, PartialEq)]

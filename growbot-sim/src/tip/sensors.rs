@@ -15,15 +15,6 @@ enum SensorChannel {
     Supply,
 }
 
-/// Constant readings of a thermistor that no longer follows the temperature, because of a fault.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct StuckReading {
-    /// Reading of the ADC at the beginning of the fault.
-    pub number: u16,
-    /// Voltage of the thermistor at the beginning of the fault, in counts of the ADC before noise and rounding.
-    pub counts: f64,
-}
-
 /// Length of filament from the filament switch to the feed, mm. Two layers of robot A use less filament. So the robot
 /// can finish the layers in its step engine after the filament's end has passed the switch.
 const SWITCH_AHEAD_MM: f64 = 200.0;

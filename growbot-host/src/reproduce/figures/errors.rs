@@ -2,10 +2,10 @@
 
 use growbot_core::plan::Planner;
 
-use super::super::Reproduction;
 use super::super::comparison::open_set;
 use super::super::experiments::ErrorQuantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::super::reproduction::Reproduction;
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CanvasExt, Mark, PAPER, PanelExt, TABLE_STEP, TEXT_STEP, figure};
 use growbot_pictures::drawing::canvas::Canvas;

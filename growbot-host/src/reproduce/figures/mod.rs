@@ -6,7 +6,7 @@ mod noise;
 mod paths;
 mod robots;
 
-use super::Reproduction;
+use super::reproduction::Reproduction;
 
 /// A figure.
 #[derive(Debug, Clone, PartialEq, Eq)]

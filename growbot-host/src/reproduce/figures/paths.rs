@@ -2,10 +2,10 @@
 
 use nalgebra::Vector3;
 
-use super::super::Reproduction;
 use super::super::experiments::{Example, PlannedSegment};
 use super::super::paper::{self, GROUPS, ROBOTS};
 use super::super::poses::Endpoints;
+use super::super::reproduction::Reproduction;
 use super::chart::{CanvasExt, Mark, figure};
 use growbot_pictures::drawing::canvas::Canvas;
 use growbot_pictures::drawing::chart::{number, round_below};

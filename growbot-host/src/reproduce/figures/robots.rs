@@ -2,10 +2,10 @@
 
 use growbot_core::plan::Planner;
 
-use super::super::Reproduction;
 use super::super::comparison::open_set;
 use super::super::experiments::ErrorQuantity;
 use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
+use super::super::reproduction::Reproduction;
 use super::super::slicing_rule::SlicingRule;
 use super::super::statistics::SampleSummary;
 use super::chart::{CanvasExt, EXACT, Mark, PAPER, PanelExt, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};

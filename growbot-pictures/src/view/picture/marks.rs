@@ -3,8 +3,7 @@
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-use super::WIDE;
-use super::projection::{Projection, ScreenBounds, solid};
+use super::projection::{Projection, ScreenBounds, WIDE, solid};
 use crate::drawing::canvas::Canvas;
 
 /// Names and colours of the tip's axes.

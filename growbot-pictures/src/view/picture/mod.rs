@@ -40,7 +40,7 @@ use nalgebra::Vector3;
 use self::axes::Axes;
 use self::camera::Camera;
 use self::marks::{FREE_SIDE, LineStyle, key};
-use self::projection::{Projection, ScreenBounds};
+use self::projection::{Projection, ScreenBounds, WIDE};
 use self::stage::Stage;
 use self::tube::Detail;
 use super::heights::{HeightScale, LEGEND};
@@ -52,9 +52,8 @@ use crate::drawing::canvas::{Canvas, escape};
 use crate::drawing::chart::{number, round_below};
 use crate::drawing::colours::Palette;
 
-/// Width of a drawing, units of the drawing. The constants below are the heights of a body's area: the minimum, the
-/// maximum for a single body, and the maximum for each of several bodies.
-const WIDE: f64 = 960.0;
+/// Minimum height of a body's area, units of the drawing. The constants below are the maximum for a single body, and
+/// the maximum for each of several bodies.
 const MIN_HIGH: f64 = 240.0;
 const HIGH: f64 = 600.0;
 const HIGH_OF_TWO: f64 = 440.0;

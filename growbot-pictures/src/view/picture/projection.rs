@@ -7,6 +7,9 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 
+/// Width of a drawing, units of the drawing.
+pub const WIDE: f64 = 960.0;
+
 /// A rectangle of the camera's picture. Coordinates are to the right and up, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScreenBounds {

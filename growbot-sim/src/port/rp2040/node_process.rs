@@ -8,7 +8,6 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use growbot_client::port::PortError;
 use growbot_core::robot::{BoardDescription, Signal};
 
-use super::HostLink;
 use crate::tip::Motor;
 
 /// Path of the script that Node runs, relative to growbot's source directory.
@@ -25,6 +24,26 @@ const EDGE: usize = 8;
 /// respond.
 const SILENT: u16 = u16::MAX;
 const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
+
+/// Connection between host and board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum HostLink {
+    /// The UART.
+    #[default]
+    Uart,
+    /// The serial port over USB.
+    Usb,
+}
+
+impl HostLink {
+    /// Returns the name of the link in the arguments of the emulator's script.
+    fn name(self) -> &'static str {
+        match self {
+            Self::Uart => "uart",
+            Self::Usb => "usb",
+        }
+    }
+}
 
 /// Reason why the emulated Pico does not run.
 #[derive(Debug, thiserror::Error)]

@@ -1,0 +1,27 @@
+//! The content of a mesh or cloud file as its reader returns it.
+
+use nalgebra::Vector3;
+
+/// Content of a mesh or cloud file: points, and triangles between them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RawGeometry {
+    /// The points in the file's units, in axes with z up.
+    pub points: Vec<Vector3<f64>>,
+    /// Corners of each triangle, as indices of points.
+    pub triangles: Vec<[u32; 3]>,
+}
+
+/// Adds a face as a fan of triangles from its first corner.
+pub(super) fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
+    let points = geometry.points.len();
+    let corner = |index: i64| match usize::try_from(index) {
+        Ok(found) if found < points => Ok(found as u32),
+        _ => Err(format!("a face of the file has corner {index}, but the file has {points} points, counted from 0")),
+    };
+    let [first, rest @ ..] = corners else { return Ok(()) };
+    let first = corner(*first)?;
+    for pair in rest.windows(2) {
+        geometry.triangles.push([first, corner(pair[0])?, corner(pair[1])?]);
+    }
+    Ok(())
+}

@@ -1,0 +1,38 @@
+//! Reasons why a port could not be opened.
+
+use growbot_client::port::PortError;
+use growbot_core::robot::RobotError;
+
+use super::qemu::QemuError;
+use super::rp2040::Rp2040Error;
+use crate::sim_daemon::SimDaemonError;
+
+/// Reason why a port could not be opened.
+#[derive(Debug, thiserror::Error)]
+pub enum OpenError {
+    /// The port's name is not valid.
+    #[error(
+        "unknown port `{0}`: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, \
+         tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+    )]
+    Unknown(String),
+    /// The simulated robot runs inside the program that uses it, so no second connection can be opened for the
+    /// emergency stop.
+    #[error("this simulated robot has no port, because it ends with its program: use sim:NAME, which is persistent")]
+    NoEmergencyPort,
+    /// The robot exceeds the limits of the boards. The fields are the robot's name and the reason.
+    #[error("no board, real or emulated, can drive robot {0}: {1}")]
+    UnsupportedRobot(String, RobotError),
+    /// Error of the background process of a simulated robot (port `sim:NAME`).
+    #[error(transparent)]
+    Daemon(#[from] SimDaemonError),
+    /// Error of QEMU (port `emulator`).
+    #[error(transparent)]
+    Emulator(#[from] QemuError),
+    /// Error of the emulator of the Raspberry Pi Pico (port `rp2040`).
+    #[error(transparent)]
+    Rp2040(#[from] Rp2040Error),
+    /// Error of the connection.
+    #[error(transparent)]
+    Port(#[from] PortError),
+}
