@@ -30,11 +30,10 @@ use growbot_scene::scene_file::LoadedScene;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
+pub use crate::margin::CLEARANCE_SIGMAS;
 use crate::plan::{Goal, Plan, PlanOptions};
 use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, describe_clearance};
 
-/// Number of standard deviations of its position that a body must stay clear of obstacles.
-pub const CLEARANCE_SIGMAS: f64 = 3.0;
 /// Maximum number of detours of one growth. The number is limited because each detour bends the body more.
 pub const MAX_DETOURS: usize = 12;
 /// Number of layers after which the deviations along the remaining body are computed again.

@@ -5,8 +5,8 @@
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
-//! - [`plan`]: a path with its properties; [`warning`]: reasons against growing a plan; [`self_collision`]: parts of a
-//!   body that would collide with earlier parts;
+//! - [`plan`]: a path with its properties; [`waypoints`]: the planning of a path through several goals; [`warning`]:
+//!   reasons against growing a plan; [`self_collision`]: parts of a body that would collide with earlier parts;
 //! - [`plan_file`]: plans as JSON, and their checks; [`scene_planning`]: plans around obstacles;
 //! - [`port`]: the serial or TCP connection to a board; [`client`]: requests to the board and their responses;
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;

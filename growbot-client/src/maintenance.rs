@@ -5,49 +5,11 @@ use std::path::Path;
 
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
-use serde::de::Error;
-use serde::{Deserialize, Deserializer};
 
 use crate::pose_text::parse_number;
+pub use crate::robot_file::MaterialPreset;
 use crate::robot_file::{self, RobotFileError};
 use crate::suggest::did_you_mean;
-
-/// Settings of a material: a table `[materials.NAME]` of a robot file.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields, default)]
-pub struct MaterialPreset {
-    /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
-    pub nozzle_c: Option<f64>,
-    /// Length of filament that is pushed in to load the material, mm.
-    #[serde(deserialize_with = "length")]
-    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
-    pub load_mm: f64,
-    /// Length of filament that is pulled out to unload the material, mm.
-    #[serde(deserialize_with = "length")]
-    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
-    pub unload_mm: f64,
-    /// Length of filament that is pushed through the nozzle to purge it, mm.
-    #[serde(deserialize_with = "length")]
-    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
-    pub purge_mm: f64,
-}
-
-/// Deserializes a length of filament, mm, which must be 0 or more. The direction of the move depends on the command.
-fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
-    let mm = f64::deserialize(from)?;
-    if mm.is_finite() && mm >= 0.0 {
-        Ok(mm)
-    } else {
-        Err(D::Error::custom(format!("{mm} mm is not a length of filament: give 0 mm or more")))
-    }
-}
-
-impl Default for MaterialPreset {
-    fn default() -> Self {
-        Self { nozzle_c: None, load_mm: 60.0, unload_mm: 80.0, purge_mm: 30.0 }
-    }
-}
 
 /// Material presets of a robot file, by name of the material.
 #[derive(Debug, Clone, Default, PartialEq)]

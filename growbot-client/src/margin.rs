@@ -12,10 +12,11 @@ use growbot_core::slicing::{Slicing, layers};
 use growbot_scene::scene::Scene;
 use growbot_scene::scene_file::LoadedScene;
 
-use crate::clearance_guard::CLEARANCE_SIGMAS;
 use crate::plan::Plan;
 use crate::warning::{NEAR_OBSTACLE, Warning};
 
+/// Number of standard deviations of its position that a body must stay clear of obstacles.
+pub const CLEARANCE_SIGMAS: f64 = 3.0;
 /// Expected noise of a layer's height: half-width of its uniform distribution, as a fraction of the height. It is the
 /// largest noise that Del Dottore et al. 2019 expect of a real robot.
 const EXPECTED_NOISE: f64 = 0.1;

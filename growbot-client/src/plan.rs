@@ -15,7 +15,6 @@ use nalgebra::Vector3;
 
 use crate::self_collision::closest_self_approach;
 use crate::warning::{Warning, warnings};
-use crate::waypoints;
 
 /// A plan for one robot: a path that ends at its goal, with its properties. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
@@ -149,65 +148,6 @@ pub struct PlanOptions {
 const AT_THE_POSE: f64 = 1e-11;
 
 impl Plan {
-    /// Plans the shortest path that the planner finds from a start to a goal. `radius` is the radius of the arcs, mm.
-    ///
-    /// ```
-    /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
-    /// use growbot_core::plan::Planner;
-    /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
-    /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,77.4,0,90").unwrap());
-    /// let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
-    /// assert_eq!(plan.requirements.layers, 100);
-    /// assert_eq!(plan.path_type(), "S");
-    /// ```
-    ///
-    /// # Errors
-    /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
-    pub fn new(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
-        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, avoid_self_collision: false })
-    }
-
-    /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
-    /// leg ended.
-    ///
-    /// The directions at positions are chosen so that the whole path becomes as short as possible
-    /// ([`crate::waypoints`]).
-    ///
-    /// With [`PlanOptions::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself
-    /// nor with the earlier legs. If all candidates collide, the leg is the shortest candidate, and the plan gets a
-    /// warning.
-    ///
-    /// # Errors
-    /// Like [`Plan::new`].
-    pub fn through_waypoints<G: Copy + Into<Goal>>(
-        robot: &Robot,
-        start: &Pose,
-        via: &[G],
-        goal: &G,
-        search: &PlanOptions,
-    ) -> Result<Self, PlanError> {
-        Self::through_waypoints_while(robot, start, via, goal, search, &|| Ok(()))
-    }
-
-    /// Like [`Plan::through_waypoints`], but calls `check` before each leg and each step of the search for directions.
-    /// An error that `check` returns ends the planning.
-    ///
-    /// # Errors
-    /// Like [`Plan::new`], and the error of `check`.
-    pub fn through_waypoints_while<G: Copy + Into<Goal>, E: From<PlanError>>(
-        robot: &Robot,
-        start: &Pose,
-        via: &[G],
-        goal: &G,
-        search: &PlanOptions,
-        check: &dyn Fn() -> Result<(), E>,
-    ) -> Result<Self, E> {
-        let goals: Vec<Goal> = via.iter().chain([goal]).map(|goal| (*goal).into()).collect();
-        let plan = Self::leg_by_leg(robot, start, &goals, search, check)?;
-        let shorter = waypoints::optimize_directions(&plan, robot, &goals, search, check)?;
-        Ok(shorter.unwrap_or(plan))
-    }
-
     /// Plans the legs one after the other. The direction at a position is the one that makes the leg to it shortest.
     pub(crate) fn leg_by_leg<E: From<PlanError>>(
         robot: &Robot,

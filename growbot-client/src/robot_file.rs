@@ -1,4 +1,4 @@
-//! Loading of robot descriptions: built-in ones by name, or others from TOML files.
+//! Loading of robot descriptions: built-in ones by name, or others from TOML files, with any presets of materials.
 //!
 //! The files in `robots/` are compiled into the program, so that no other files have to be installed. A user's own file
 //! may have any name. Each description is checked in full ([`Robot::new`]) before it is used.
@@ -8,11 +8,10 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer};
 
 use crate::input::{self, InputError};
-use crate::maintenance::MaterialPreset;
 use crate::suggest::{did_you_mean, suggest};
 
 /// Name of the default robot: robot A of the paper.
@@ -69,6 +68,43 @@ pub enum RobotFileError {
         #[source]
         error: RobotError,
     },
+}
+
+/// Settings of a material: a table `[materials.NAME]` of a robot file.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields, default)]
+pub struct MaterialPreset {
+    /// Temperature of the nozzle, C. Defaults to `heater.target_c`.
+    pub nozzle_c: Option<f64>,
+    /// Length of filament that is pushed in to load the material, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
+    pub load_mm: f64,
+    /// Length of filament that is pulled out to unload the material, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
+    pub unload_mm: f64,
+    /// Length of filament that is pushed through the nozzle to purge it, mm.
+    #[serde(deserialize_with = "length")]
+    #[cfg_attr(feature = "schema", schemars(range(min = 0)))]
+    pub purge_mm: f64,
+}
+
+/// Deserializes a length of filament, mm, which must be 0 or more. The direction of the move depends on the command.
+fn length<'de, D: Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    let mm = f64::deserialize(from)?;
+    if mm.is_finite() && mm >= 0.0 {
+        Ok(mm)
+    } else {
+        Err(D::Error::custom(format!("{mm} mm is not a length of filament: give 0 mm or more")))
+    }
+}
+
+impl Default for MaterialPreset {
+    fn default() -> Self {
+        Self { nozzle_c: None, load_mm: 60.0, unload_mm: 80.0, purge_mm: 30.0 }
+    }
 }
 
 /// Returns the names of the built-in robots, in alphabetical order.

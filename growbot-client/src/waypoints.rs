@@ -1,4 +1,5 @@
-//! Joint optimization of the directions at waypoints, for the shortest path through all of them.
+//! Planning from a start through waypoints to a goal, with a joint optimization of the directions at the waypoints, for
+//! the shortest path through all of them.
 //!
 //! If the legs are planned one after the other, each leg arrives at its position in the direction that makes this leg
 //! shortest, and the next leg has to start in that direction. This module minimises the total length of all legs over
@@ -45,9 +46,70 @@ const NO_GAIN: f64 = 1e-9;
 /// and none took more than 139.
 const MAX_SWEEPS: usize = 200;
 
+impl Plan {
+    /// Plans the shortest path that the planner finds from a start to a goal. `radius` is the radius of the arcs, mm.
+    ///
+    /// ```
+    /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
+    /// use growbot_core::plan::Planner;
+    /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
+    /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("0,0,77.4,0,90").unwrap());
+    /// let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
+    /// assert_eq!(plan.requirements.layers, 100);
+    /// assert_eq!(plan.path_type(), "S");
+    /// ```
+    ///
+    /// # Errors
+    /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
+    pub fn new(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
+        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, avoid_self_collision: false })
+    }
+
+    /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
+    /// leg ended.
+    ///
+    /// The directions at positions are chosen so that the whole path becomes as short as possible
+    /// ([`crate::waypoints`]).
+    ///
+    /// With [`PlanOptions::avoid_self_collision`], each leg is the shortest candidate that collides neither with itself
+    /// nor with the earlier legs. If all candidates collide, the leg is the shortest candidate, and the plan gets a
+    /// warning.
+    ///
+    /// # Errors
+    /// Like [`Plan::new`].
+    pub fn through_waypoints<G: Copy + Into<Goal>>(
+        robot: &Robot,
+        start: &Pose,
+        via: &[G],
+        goal: &G,
+        search: &PlanOptions,
+    ) -> Result<Self, PlanError> {
+        Self::through_waypoints_while(robot, start, via, goal, search, &|| Ok(()))
+    }
+
+    /// Like [`Plan::through_waypoints`], but calls `check` before each leg and each step of the search for directions.
+    /// An error that `check` returns ends the planning.
+    ///
+    /// # Errors
+    /// Like [`Plan::new`], and the error of `check`.
+    pub fn through_waypoints_while<G: Copy + Into<Goal>, E: From<PlanError>>(
+        robot: &Robot,
+        start: &Pose,
+        via: &[G],
+        goal: &G,
+        search: &PlanOptions,
+        check: &dyn Fn() -> Result<(), E>,
+    ) -> Result<Self, E> {
+        let goals: Vec<Goal> = via.iter().chain([goal]).map(|goal| (*goal).into()).collect();
+        let plan = Self::leg_by_leg(robot, start, &goals, search, check)?;
+        let shorter = optimize_directions(&plan, robot, &goals, search, check)?;
+        Ok(shorter.unwrap_or(plan))
+    }
+}
+
 /// Returns a plan with the same goals that is shorter than `plan`, which was planned leg by leg. `None` if no shorter
 /// plan is found. `check` is called regularly, and an error that it returns ends the search.
-pub(crate) fn optimize_directions<E: From<PlanError>>(
+fn optimize_directions<E: From<PlanError>>(
     plan: &Plan,
     robot: &Robot,
     goals: &[Goal],

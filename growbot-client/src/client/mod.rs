@@ -26,7 +26,6 @@ pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::{ClientError, MOVE_FILAMENT};
 pub use self::exchange::has_commanded_board;
 pub use self::requests::StopOutcome;
-use self::session::new_session;
 use crate::port::Port;
 
 /// A host's connection to a board, for requests and events. When it is dropped with an open session, it sends
@@ -113,4 +112,11 @@ impl Drop for Client {
             let _ = self.post(self.seq, &Message::Goodbye(Empty {}));
         }
     }
+}
+
+/// Returns a new session number that differs from those of other hosts with high probability.
+fn new_session() -> u32 {
+    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    // The number is never 0, which stands for the absence of a session.
+    (now.as_secs() as u32).rotate_left(12) ^ now.subsec_nanos() ^ std::process::id() | 1
 }

@@ -7,7 +7,7 @@ use growbot_core::link::message::{
 };
 use growbot_core::robot::Robot;
 
-use super::{Client, ClientError};
+use super::{Client, ClientError, new_session};
 
 /// Maximum number of attempts to open a session with a board that another host owns. That host loses the board if it
 /// sends nothing for 10 s (PROTOCOL.md).
@@ -176,11 +176,4 @@ fn host_name() -> HostName {
     let machine = std::fs::read_to_string("/proc/sys/kernel/hostname").unwrap_or_default();
     let name = format!("{program} {} on {}", std::process::id(), machine.trim());
     name.bytes().take(HostName::new().capacity()).collect()
-}
-
-/// Returns a new session number that differs from those of other hosts with high probability.
-pub(super) fn new_session() -> u32 {
-    let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
-    // The number is never 0, which stands for the absence of a session.
-    (now.as_secs() as u32).rotate_left(12) ^ now.subsec_nanos() ^ std::process::id() | 1
 }

@@ -7,7 +7,7 @@ use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
-use crate::maintenance::MaterialPreset;
+use crate::robot_file::MaterialPreset;
 use crate::stop_signal::{Permit, StopLevel};
 
 /// A command of a user during a growth.

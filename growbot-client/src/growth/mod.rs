@@ -12,8 +12,8 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
-    Accepted, BoardInfo, BootReport, EnergizingRequest, Fault, HostSilencePolicy, InterruptedLayer, LayerReadings,
-    Message, PassiveRequest, Refusal, ResetCause, Start, State, Status,
+    Accepted, BoardInfo, BootReport, EnergizingRequest, HostSilencePolicy, InterruptedLayer, LayerReadings, Message,
+    PassiveRequest, Refusal, ResetCause, Start, State, Status,
 };
 use growbot_core::path::{Segment, length};
 use growbot_core::pose::Pose;
@@ -21,9 +21,9 @@ use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 
 pub use self::commands::{Command, CommandQueue};
-pub use self::report::{GrowthReport, MeasuredBy, as_built_hash, as_built_or_commanded};
+pub use self::report::{GrowthReport, MeasuredBy, Outcome, as_built_hash, as_built_or_commanded};
 use crate::clearance_guard::{ClearanceViolation, Detour};
-use crate::client::{Client, ClientError, ClockDrift};
+use crate::client::{Client, ClientError};
 use crate::feedback::{EncoderReference, Feedback};
 use crate::plan::Plan;
 use crate::stop_signal::Permit;
@@ -57,41 +57,6 @@ impl<'a> Job<'a> {
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
         let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
         Self { robot, start, goal, length: length(path), plan_id: plan_id(robot, &layers), layers }
-    }
-}
-
-/// Outcome of a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Outcome {
-    /// Every layer of the job is laid.
-    Done,
-    /// The growth was stopped by a command, or by the emergency stop.
-    Stopped,
-    /// The board detected a fault and switched heater and steppers off.
-    Fault(Fault),
-    /// The board was stopped, because its clock is wrong and heating, speeds and time limits depend on that clock.
-    ClockDrift(ClockDrift),
-    /// A long pause has switched the heater off. The body can be resumed.
-    Parked,
-    /// The board has restarted, or another host has opened a session with it. The body can be resumed.
-    Interrupted,
-    /// The board does not respond. It may still be growing.
-    Lost,
-}
-
-impl Outcome {
-    /// Returns the name of the outcome in files.
-    #[must_use]
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Done => "done",
-            Self::Stopped => "stopped",
-            Self::ClockDrift(_) => "clock-drift",
-            Self::Fault(_) => "fault",
-            Self::Parked => "parked",
-            Self::Interrupted => "interrupted",
-            Self::Lost => "lost",
-        }
     }
 }
 

@@ -3,6 +3,8 @@
 
 use std::time::Duration;
 
+use growbot_core::layer::{Layer, grow};
+use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Empty, Fault, LayerLaid, Message, PassiveRequest, PauseCause, Refusal, State, Status,
 };
@@ -10,10 +12,12 @@ use growbot_core::link::message::{
 use super::amendment::IN_ENGINE;
 use super::commands::QueuedCommand;
 use super::{
-    Command, CommandQueue, GrowthError, GrowthReport, JobEvent, JobRunner, OnInterrupted, OnParked, Outcome, is_crash,
-    report_crash,
+    Command, CommandQueue, GrowthError, GrowthReport, JobEvent, JobRunner, MeasuredBy, OnInterrupted, OnParked,
+    Outcome, as_built_or_commanded, is_crash, report_crash,
 };
+use crate::arrival::Arrival;
 use crate::client::ClientError;
+use crate::feedback::Feedback;
 use crate::stop_signal::StopLevel;
 
 /// Maximum time to wait for an event of the board before the command queue is polled.
@@ -104,6 +108,33 @@ impl JobRunner<'_> {
             Err(error) => return Err(GrowthError::Interrupted(error)),
         };
         Ok(self.measure(outcome))
+    }
+
+    /// Creates the result of the growth from the layers as built. With feedback, the pose of the tip is the estimate
+    /// from the sensors.
+    fn measure(self, outcome: Outcome) -> GrowthReport {
+        let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
+        let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();
+        let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
+        let feed_steps = length * self.job.robot.feed_steps_per_length();
+        let fed_back = self.feedback.as_ref().map(Feedback::result);
+        let (measured_by, end) = match &fed_back {
+            Some(fed_back) => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
+            None => (MeasuredBy::Steps, grow(&self.job.start.frame(), body.iter().copied())),
+        };
+        GrowthReport {
+            outcome,
+            plan_id: self.job.plan_id,
+            arrival: Arrival::of(&end, self.job.goal, self.job.length),
+            body,
+            duration_s: self.board.duration_s(),
+            filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
+            laid: self.built.laid,
+            as_built: self.built.as_built,
+            interrupted: self.built.interrupted,
+            measured_by,
+            feedback: fed_back,
+        }
     }
 
     /// Opens a new session and continues to process the growth, if the board still stores its job.

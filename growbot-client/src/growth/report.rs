@@ -1,17 +1,52 @@
 //! Result of a growth: the body, the pose of its tip with the errors from the goal, and the source of this pose.
 
 use growbot_core::hash::Hasher;
-use growbot_core::layer::{Layer, grow};
-use growbot_core::layer_bytes::{LayerBytes, decode};
-use growbot_core::link::message::InterruptedLayer;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::{Fault, InterruptedLayer};
 use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::{JobRunner, Outcome};
 use crate::arrival::Arrival;
-use crate::feedback::{Feedback, FeedbackReport};
+use crate::client::ClockDrift;
+use crate::feedback::FeedbackReport;
 use crate::plan_deviation::centreline;
+
+/// Outcome of a growth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Outcome {
+    /// Every layer of the job is laid.
+    Done,
+    /// The growth was stopped by a command, or by the emergency stop.
+    Stopped,
+    /// The board detected a fault and switched heater and steppers off.
+    Fault(Fault),
+    /// The board was stopped, because its clock is wrong and heating, speeds and time limits depend on that clock.
+    ClockDrift(ClockDrift),
+    /// A long pause has switched the heater off. The body can be resumed.
+    Parked,
+    /// The board has restarted, or another host has opened a session with it. The body can be resumed.
+    Interrupted,
+    /// The board does not respond. It may still be growing.
+    Lost,
+}
+
+impl Outcome {
+    /// Returns the name of the outcome in files.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Stopped => "stopped",
+            Self::ClockDrift(_) => "clock-drift",
+            Self::Fault(_) => "fault",
+            Self::Parked => "parked",
+            Self::Interrupted => "interrupted",
+            Self::Lost => "lost",
+        }
+    }
+}
 
 /// Result of a growth.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,33 +144,4 @@ pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
         hasher.write_bytes(&layer.unwrap_or_default());
     }
     hasher.finish()
-}
-
-impl JobRunner<'_> {
-    /// Creates the result of the growth from the layers as built. With feedback, the pose of the tip is the estimate
-    /// from the sensors.
-    pub(super) fn measure(self, outcome: Outcome) -> GrowthReport {
-        let layers = as_built_or_commanded(&self.built.as_built, &self.job.layers);
-        let body: Vec<Layer> = layers.map(|layer| decode(&layer)).collect();
-        let length = body.iter().fold(0.0, |sum, layer| sum + layer.height);
-        let feed_steps = length * self.job.robot.feed_steps_per_length();
-        let fed_back = self.feedback.as_ref().map(Feedback::result);
-        let (measured_by, end) = match &fed_back {
-            Some(fed_back) => (MeasuredBy::Estimate, fed_back.estimate.base_from_tip),
-            None => (MeasuredBy::Steps, grow(&self.job.start.frame(), body.iter().copied())),
-        };
-        GrowthReport {
-            outcome,
-            plan_id: self.job.plan_id,
-            arrival: Arrival::of(&end, self.job.goal, self.job.length),
-            body,
-            duration_s: self.board.duration_s(),
-            filament_mm: feed_steps / self.job.robot.description().feed.steps_per_mm,
-            laid: self.built.laid,
-            as_built: self.built.as_built,
-            interrupted: self.built.interrupted,
-            measured_by,
-            feedback: fed_back,
-        }
-    }
 }

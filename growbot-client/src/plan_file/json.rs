@@ -8,11 +8,13 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::{Robot, RobotDescription};
 use serde::{Deserialize, Serialize};
 
-use super::FORMAT;
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
 use crate::plan::{Plan, SearchSummary, path_type};
 use crate::sanitize;
 use crate::warning::Warning;
+
+/// Name and version of the format of plan files that this version writes and reads.
+pub const FORMAT: &str = "growbot-plan/1";
 
 /// A plan in JSON form.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -15,16 +15,15 @@ use serde::Deserialize;
 
 pub use self::check::pose_from_json;
 pub use self::check_error::PlanCheckError;
-pub use self::json::{GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash};
+pub use self::json::{
+    FORMAT, GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash,
+};
 use crate::input::{self, InputError};
 use crate::margin::near_obstacle;
 use crate::plan::Plan;
 use crate::robot_file::{self, RobotFileError};
 use crate::scene_planning::{self, SceneCheckError};
 use crate::warning::NEAR_OBSTACLE;
-
-/// Name and version of the format of plan files that this version writes and reads.
-pub const FORMAT: &str = "growbot-plan/1";
 
 /// Error of reading a plan file.
 #[derive(Debug, thiserror::Error)]

@@ -9,6 +9,9 @@ use serde::{Deserialize, Serialize};
 use super::lenient::lenient;
 use crate::plan_file::PlanFile;
 
+/// Name and version of the format of run logs, which the first line contains.
+pub const FORMAT: &str = "growbot-run/4";
+
 /// The first line of a run log.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

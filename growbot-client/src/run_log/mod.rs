@@ -37,7 +37,9 @@ use time::format_description::well_known::iso8601::{Config, EncodedConfig, TimeP
 pub use self::event::{
     BoardRecord, BoardStatus, LaidLayer, LayerJson, MeasuredJson, RunEvent, RunLine, SimulatedLayer, to_run_events,
 };
-pub use self::header::{Distribution, DisturbancesJson, ResumeRecord, RunHeader, SensorNoiseJson, TipKind, Unit};
+pub use self::header::{
+    Distribution, DisturbancesJson, FORMAT, ResumeRecord, RunHeader, SensorNoiseJson, TipKind, Unit,
+};
 pub use self::hexadecimal::hex_of;
 pub(crate) use self::hexadecimal::{hash, layers};
 pub(crate) use self::lenient::lenient;
@@ -51,9 +53,6 @@ use crate::growth::{Job, JobEvent};
 use crate::plan::Plan;
 use crate::plan_file::PlanFile;
 use crate::sanitize::json_line;
-
-/// Name and version of the format of run logs, which the first line contains.
-pub const FORMAT: &str = "growbot-run/4";
 
 /// File extensions of run logs.
 const ENDINGS: [&str; 2] = ["jsonl", "json"];

@@ -13,9 +13,8 @@ use growbot_core::tracking::SensorNoise;
 use growbot_scene::scene_file::LoadedScene;
 use serde_json::Value;
 
-use super::FORMAT;
 use super::event::{BoardRecord, LaidLayer, LayerJson, RunEvent, SimulatedLayer};
-use super::header::{RunHeader, SensorNoiseJson, TipKind};
+use super::header::{FORMAT, RunHeader, SensorNoiseJson, TipKind};
 use super::reader::{Damage, Events, LogLine};
 use super::result::{GrowthResult, OutcomeKind};
 use crate::clearance_guard::SceneContext;

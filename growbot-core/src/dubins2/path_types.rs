@@ -2,8 +2,7 @@
 
 use core::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
-use super::{PathType, PlanarPath, PlanarPose};
-
+use super::planar_path::{PathType, PlanarPath, PlanarPose};
 use crate::angle::wrap_positive;
 use crate::trigonometry;
 

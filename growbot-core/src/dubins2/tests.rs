@@ -5,6 +5,7 @@ use core::f64::consts::{FRAC_PI_2, PI, TAU};
 use proptest::prelude::*;
 
 use super::*;
+use crate::angle::wrap_positive;
 
 /// Max error of a path at the goal, radii and radians, for goals within some 60 radii.
 const GOAL_TOLERANCE: f64 = 1e-12;

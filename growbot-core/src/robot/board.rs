@@ -11,8 +11,6 @@ use core::fmt;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{RobotDescription, Sensors};
-
 /// A kind of controller board.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -168,23 +166,6 @@ impl Signal {
             Self::OrientationClock => "orientation_clock",
             Self::Thermistor => "thermistor",
             Self::Supply => "supply",
-        }
-    }
-
-    /// Reports whether the robot uses the signal. Every robot needs the signals that do not belong to an optional
-    /// sensor.
-    #[must_use]
-    pub fn is_used(self, robot: &RobotDescription) -> bool {
-        let Sensors { filament_presence, filament_motion, driver_fault, emergency_stop, supply, orientation } =
-            &robot.sensors;
-        match self {
-            Self::DriverFault => driver_fault.is_some(),
-            Self::FilamentPresence => filament_presence.is_some(),
-            Self::FilamentMotion => filament_motion.is_some(),
-            Self::EmergencyStop => emergency_stop.is_some(),
-            Self::OrientationData | Self::OrientationClock => *orientation,
-            Self::Supply => *supply,
-            _ => true,
         }
     }
 

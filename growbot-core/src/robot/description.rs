@@ -1,9 +1,13 @@
-//! The fields of a robot file. Names contain the units.
+//! The fields of a robot file, and the version of their encoding. Names contain the units.
 
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
 use super::BoardDescription;
+
+/// Version of the encoding of robot descriptions. It changes whenever a field of [`RobotDescription`] is added,
+/// removed, moved or redefined.
+pub const ENCODING_VERSION: u8 = 2;
 
 /// A robot as described in its file, before the checks of [`super::Robot::new`].
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,11 +1,7 @@
 //! The form in which boards receive and store a robot's description: a byte with its version, then the description in
 //! postcard form.
 
-use super::{MAX_ENCODED_LEN, Robot, RobotError};
-
-/// Version of the encoding of robot descriptions. It changes whenever a field of [`super::RobotDescription`] is added,
-/// removed, moved or redefined.
-pub const ENCODING_VERSION: u8 = 2;
+use super::{ENCODING_VERSION, MAX_ENCODED_LEN, Robot, RobotError};
 
 /// Max size of an encoded description, including the byte with its version, bytes.
 pub const MAX_VERSIONED_LEN: usize = 1 + MAX_ENCODED_LEN;

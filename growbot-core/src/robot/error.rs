@@ -1,9 +1,44 @@
-//! The error of a robot description that is not valid.
+//! The errors of a robot description that is not valid.
 
-use super::ENCODING_VERSION;
-use super::driver_settings::DriverError;
+use super::description::ENCODING_VERSION;
 use super::pins::PinError;
 use crate::compact_number::CompactNumber;
+
+/// Reason why the settings of a stepper driver are not valid, with the field, its value, and the remedy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum DriverError {
+    /// Settings are given for a driver of a board that has no configurable drivers.
+    #[error("{field} is set, but only skr-pico has configurable drivers: set board.kind, or remove {field}")]
+    NotSupported {
+        /// Name of the table in a robot file.
+        field: &'static str,
+    },
+    /// The board has drivers that need settings, but none are given.
+    #[error(
+        "{field} is missing, but the drivers of skr-pico need it: give their current, for example `current_a = 0.6`"
+    )]
+    Missing {
+        /// Name of the table in a robot file.
+        field: &'static str,
+    },
+    /// The driver does not support this number of microsteps.
+    #[error("{field} is {value}, but a TMC2209 divides a full step by 1, 2, 4, 8, 16, 32, 64, 128 or 256")]
+    Microsteps {
+        /// Name of the field in a robot file.
+        field: &'static str,
+        /// Value of the field.
+        value: u16,
+    },
+    /// A stall threshold is given for a mode in which the driver cannot detect stalls.
+    #[error(
+        "{field} is set, but a TMC2209 detects stalls only in StealthChop: remove {field}, or set mode = \
+         \"stealthchop\""
+    )]
+    StallMode {
+        /// Name of the field in a robot file.
+        field: &'static str,
+    },
+}
 
 /// Reason why a robot description is not valid, with the field, its value, the limit, and the remedy.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

@@ -4,6 +4,7 @@
 //! checks it once. No other code needs to check again whether a radius is positive or a limit makes sense.
 
 mod board;
+mod checked_field;
 mod description;
 mod driver_settings;
 mod encoding;
@@ -14,15 +15,15 @@ mod validate;
 
 pub use board::{BoardDescription, BoardKind, PinOverrides, Signal};
 pub use description::{
-    ChopperMode, DigitalInput, DriverSettings, Fan, Feed, FeedStrategy, Filament, FilamentMotion, Geometry, Head,
-    HeadRotation, Heater, LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply, Thermistor,
-    Tip, Wall,
+    ChopperMode, DigitalInput, DriverSettings, ENCODING_VERSION, Fan, Feed, FeedStrategy, Filament, FilamentMotion,
+    Geometry, Head, HeadRotation, Heater, LayerDescription, Material, Motion, Pause, RobotDescription, Sensors, Supply,
+    Thermistor, Tip, Wall,
 };
-pub use driver_settings::DriverError;
-pub use encoding::{ENCODING_VERSION, MAX_VERSIONED_LEN};
-pub use error::RobotError;
+pub use encoding::MAX_VERSIONED_LEN;
+pub use error::{DriverError, RobotError};
 pub use pins::{FIRST_ANALOG_PIN, PinError, STEP_SLICE, pwm_slice};
 pub use step_rate::{AxisMotion, LayerMotion};
+pub use validate::MAX_BOARD_TICK_HZ;
 
 use crate::angle::radians;
 use crate::curvature::{max_mean_height, min_radius_by_layers, min_radius_by_packaging};
@@ -35,10 +36,6 @@ pub struct Robot {
     description: RobotDescription,
     hash: u64,
 }
-
-/// Max rate of the step interrupt on a board, Hz. At 112 kHz the step interrupt uses half of the processor of the
-/// robot's board (`cargo step-cost`).
-pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
 /// Max size of a description in postcard form, bytes.
 pub const MAX_ENCODED_LEN: usize = 768;

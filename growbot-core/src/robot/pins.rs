@@ -1,6 +1,6 @@
-//! The checks that the pins of a board can have the functions that a robot needs.
+//! The signals that a robot uses, and the checks that the pins of a board can have their functions.
 
-use super::{BoardDescription, BoardKind, RobotDescription, Signal};
+use super::{BoardDescription, BoardKind, RobotDescription, Sensors, Signal};
 
 /// Number of GPIO pins of the RP2040.
 const RP2040_PINS: usize = 30;
@@ -92,6 +92,25 @@ pub enum PinError {
         /// Pin of the fan.
         fan: u8,
     },
+}
+
+impl Signal {
+    /// Reports whether the robot uses the signal. Every robot needs the signals that do not belong to an optional
+    /// sensor.
+    #[must_use]
+    pub fn is_used(self, robot: &RobotDescription) -> bool {
+        let Sensors { filament_presence, filament_motion, driver_fault, emergency_stop, supply, orientation } =
+            &robot.sensors;
+        match self {
+            Self::DriverFault => driver_fault.is_some(),
+            Self::FilamentPresence => filament_presence.is_some(),
+            Self::FilamentMotion => filament_motion.is_some(),
+            Self::EmergencyStop => emergency_stop.is_some(),
+            Self::OrientationData | Self::OrientationClock => *orientation,
+            Self::Supply => *supply,
+            _ => true,
+        }
+    }
 }
 
 impl BoardDescription {

@@ -1,49 +1,19 @@
 //! The checks of a robot description, in the order in which a person would correct the errors.
 
+use super::checked_field::{CheckedField, MAX_SIZE, MIN_SIZE, advice};
 use super::driver_settings;
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
-use super::{Feed, Head, MAX_BOARD_TICK_HZ, Material, Motion, RobotDescription, RobotError};
+use super::{Feed, Head, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{min_radius_by_layers, min_radius_by_packaging};
 use crate::layer::{Layer, SECTORS};
 
-/// Max size of a part of a robot, mm.
-const MAX_SIZE: f64 = 1e4;
-/// Min size of a part of a robot, mm.
-const MIN_SIZE: f64 = 1e-3;
-
 /// Value that stands for no limit. An optional limit has this value if the robot file omits it.
 const UNLIMITED: f64 = 1e9;
 
-/// Returns the text on a desktop, and an empty text on a board, which reports only the name of a field. This saves the
-/// texts' flash.
-#[inline(always)]
-pub(super) const fn advice(text: &'static str) -> &'static str {
-    if cfg!(target_os = "none") { "" } else { text }
-}
-
-/// A field of a robot description, as its name and its value. The methods check the value.
-pub(super) struct CheckedField(pub &'static str, pub f64);
-
-impl CheckedField {
-    pub(super) fn between(&self, min: f64, max: f64, advice: &'static str) -> Result<(), RobotError> {
-        let &Self(field, value) = self;
-        if !value.is_finite() {
-            return Err(RobotError::NotFinite { field, value });
-        }
-        if value < min {
-            return Err(RobotError::TooSmall { field, value, limit: min, advice });
-        }
-        if value > max {
-            return Err(RobotError::TooLarge { field, value, limit: max, advice });
-        }
-        Ok(())
-    }
-
-    fn size(&self) -> Result<(), RobotError> {
-        self.between(MIN_SIZE, MAX_SIZE, advice("give the size in mm, and check the unit"))
-    }
-}
+/// Max rate of the step interrupt on a board, Hz. At 112 kHz the step interrupt uses half of the processor of the
+/// robot's board (`cargo step-cost`).
+pub const MAX_BOARD_TICK_HZ: u32 = 100_000;
 
 /// Checks the whole description, and returns the first defect as an error.
 pub(super) fn check(robot: &RobotDescription) -> Result<(), RobotError> {

@@ -13,25 +13,26 @@
 //! with one constant changed. A *miss* is a path that is longer than the best known one by more than 1e-6 radii.
 
 use core::f64::consts::PI;
-use core::mem;
 
 use heapless::Vec;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use crate::angle::wrap_positive;
 use crate::dubins2::{self, Direction, PlanarPath, PlanarPose};
 use crate::path::{Path, PathFull, Segment};
-use crate::pose::Pose;
 
 pub mod csc;
 pub mod helicoids;
+mod ordered_list;
+mod problem;
+
+pub use problem::PathProblem;
 
 use csc::{Csc, OverlappingPaths};
 use helicoids::{HelicoidPiece, HelicoidalArc};
+use ordered_list::insert_behind;
+use problem::MAX_GOAL_ERROR;
 
-/// Max error of a path at the goal, radii and radians, for goals within 100 radii. At larger distances it grows in
-/// proportion. It is a tenth of the error that [`crate::plan`] accepts.
-const MAX_GOAL_ERROR: f64 = 1e-10;
 /// Max distance of the goal (radii) and max angle of its direction (radians) from a plane through the start's
 /// direction, for which start and goal count as lying in one plane. It equals [`MAX_GOAL_ERROR`].
 const IN_PLANE: f64 = 1e-10;
@@ -44,47 +45,6 @@ const NO_PLANE: f64 = 1e-9;
 pub(crate) const HELICOIDS_WITHIN: f64 = 3.9;
 /// Max number of candidate paths to one goal: all paths of arc, line and arc, a planar path, and a helicoidal arc.
 pub const MAX_CANDIDATES: usize = csc::MAX_PATHS + 2;
-
-/// The problem of the shortest path: the goal in the frame of the tip at the start.
-#[derive(Debug, Clone, Copy)]
-pub struct PathProblem {
-    /// Position of the goal, radii.
-    goal: Vector3<f64>,
-    /// Direction of growth at the goal, a unit vector.
-    direction: Vector3<f64>,
-    /// Two unit vectors perpendicular to the goal's direction and to each other.
-    across: [Vector3<f64>; 2],
-    /// Distance of the goal in units of 100 radii, at least 1. Tolerances of position are multiplied by it.
-    scale: f64,
-}
-
-impl PathProblem {
-    /// Creates the problem of a path from a tip at the origin that grows along z, to this goal (radii) with this
-    /// direction (a unit vector).
-    #[must_use]
-    pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
-        let e1 = any_perpendicular(direction);
-        let e2 = direction.cross(&e1);
-        Self { goal: *goal, direction: *direction, across: [e1, e2], scale: (0.01 * goal.norm()).max(1.0) }
-    }
-
-    /// Creates the problem of a path from a start pose to a goal pose, with arcs of this radius (mm).
-    #[must_use]
-    pub fn from_poses(start: &Pose, goal: &Pose, radius: f64) -> Self {
-        let tip_from_base = start.frame().rotation.inverse();
-        let offset = (goal.position() - start.position()) / radius;
-        Self::new(&(tip_from_base * offset), &(tip_from_base * goal.direction()))
-    }
-}
-
-/// Returns a unit vector perpendicular to a unit vector.
-fn any_perpendicular(axis: &Vector3<f64>) -> Vector3<f64> {
-    let mut other = Vector3::zeros();
-    if let Some(component) = other.get_mut(axis.iamin()) {
-        *component = 1.0;
-    }
-    axis.cross(&other).normalize()
-}
 
 /// A path that leads to the goal and may be the shortest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -213,33 +173,6 @@ fn keep(found: &mut Candidates, candidate: PathCandidate) {
     insert_behind(found, candidate, |other| other.length() <= length);
 }
 
-/// Inserts an item into an ordered list, after all items for which `goes_before` returns true. If the list is full, the
-/// last item is dropped.
-fn insert_behind<T, const N: usize>(list: &mut Vec<T, N>, item: T, goes_before: impl Fn(&T) -> bool) {
-    if list.is_full() {
-        if list.last().is_none_or(&goes_before) {
-            return;
-        }
-        list.pop();
-    }
-    // The list has space now.
-    let _ = list.push(item);
-    move_last_behind(list, goes_before);
-}
-
-/// Moves the last item of a list forward, to the position after all other items for which `goes_before` returns true.
-/// The other items must already be in order.
-fn move_last_behind<T>(list: &mut [T], goes_before: impl Fn(&T) -> bool) {
-    let mut left = list;
-    while let Some((last, others)) = left.split_last_mut() {
-        match others.last_mut() {
-            Some(other) if !goes_before(other) => mem::swap(other, last),
-            _ => break,
-        }
-        left = others;
-    }
-}
-
 /// Returns the shortest planar path, if one plane contains the positions and the directions of start and goal. `None`
 /// otherwise.
 fn planar(problem: &PathProblem) -> Option<PathCandidate> {
@@ -255,12 +188,6 @@ fn planar(problem: &PathProblem) -> Option<PathCandidate> {
     let heading = libm::atan2(direction.dot(&left), direction.z);
     let path = dubins2::shortest(&PlanarPose { x: goal.z, y: goal.dot(&left), heading });
     Some(PathCandidate::Planar { path, left: libm::atan2(left.y, left.x) })
-}
-
-/// Returns the axes of a tip after an arc, in the axes of the tip before the arc. The arc turns by `angle` and bends
-/// towards the angle `towards` of the deposition plane, both in radians.
-fn axes_after(towards: f64, angle: f64) -> Matrix3<f64> {
-    crate::kinematics::step(towards + PI, angle, angle).rotation.into_inner()
 }
 
 #[cfg(test)]

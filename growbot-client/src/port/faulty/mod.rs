@@ -25,14 +25,13 @@ use std::time::Duration;
 
 use growbot_core::link::frame::MAX_FRAME_LEN;
 
+use self::spec::STEP;
 pub use self::spec::{FaultSpec, FaultSpecError};
 use super::{Port, PortError};
 use growbot_core::random::splitmix64;
 
 /// Duration of a cut, in which all bytes are lost.
 const CUT: Duration = Duration::from_secs(1);
-/// Step in which the remaining time of a stall or a cut is counted down.
-const STEP: Duration = Duration::from_millis(10);
 /// Maximum number of bytes that `receive` may read and lose to faults before it returns without bytes.
 const MAX_SWALLOWED: usize = 1 << 16;
 

@@ -3,10 +3,11 @@
 use std::str::FromStr;
 use std::time::Duration;
 
-use super::STEP;
 use crate::pose_text::parse_number;
 use crate::suggest::did_you_mean;
 
+/// Step in which the remaining time of a stall or a cut is counted down, and minimum duration of a stall.
+pub(super) const STEP: Duration = Duration::from_millis(10);
 /// Probability of a fault that is given without a value.
 const CHANCE: f64 = 0.01;
 /// Maximum duration of a stall, s.

@@ -6,14 +6,15 @@
 //! stays the same, so that every host can request the identity of a board.
 
 mod effect;
+mod layer_batch;
 mod requests;
 mod responses;
 
-use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
 pub use self::effect::{Effect, EnergizingRequest, PassiveRequest};
+pub use self::layer_batch::{LayerBatch, MAX_LAYERS_PER_MESSAGE};
 pub use self::requests::*;
 pub use self::responses::*;
 pub use super::driver_report::{DriverProblem, DriverReport, Motor};
@@ -21,15 +22,6 @@ pub use super::fault::Fault;
 use super::frame::MAX_BODY_LEN;
 pub use super::reset_cause::ResetCause;
 pub use super::state::State;
-use crate::layer_bytes::LayerBytes;
-
-/// Max number of layers in one `AppendLayers`, `Amend` or `StoredLayers`.
-pub const MAX_LAYERS_PER_MESSAGE: usize = 16;
-/// The layers that one message carries.
-pub type LayerBatch = Vec<LayerBytes, MAX_LAYERS_PER_MESSAGE>;
-
-/// Max number of bytes of a robot description in one `Configure`.
-pub const MAX_DESCRIPTION_PART: usize = 192;
 
 /// Body of a message that carries no data.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]

@@ -4,7 +4,7 @@ use heapless::Vec;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::{LayerBatch, MAX_DESCRIPTION_PART};
+use super::layer_batch::LayerBatch;
 use crate::plan::Planner;
 use crate::pose::{Pose, PoseError};
 
@@ -176,6 +176,9 @@ pub enum MaintenanceTask {
     /// `Preheat`. It serves to commission a robot whose nozzle contains nothing that could hold the head.
     DryRun,
 }
+
+/// Max number of bytes of a robot description in one `Configure`.
+pub const MAX_DESCRIPTION_PART: usize = 192;
 
 /// Sends a part of a robot description that replaces the description of the board. The parts follow each other in
 /// order. After the last part the board checks the description as it checks a robot file, and writes it to flash. Then

@@ -4,7 +4,7 @@ use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 
-use super::LayerBatch;
+use super::layer_batch::LayerBatch;
 use super::requests::HostName;
 use crate::layer_bytes::LayerBytes;
 use crate::link::crash::CrashWords;

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::far::FAR;
 use super::{Csc, CscSearch, MAX_NEWTON_START_ERROR, cosine, in_tip};
-use crate::shortest::{MAX_GOAL_ERROR, PathProblem, any_perpendicular, axes_after};
+use crate::shortest::problem::{MAX_GOAL_ERROR, PathProblem, any_perpendicular};
 use crate::trigonometry;
 
 /// Max error at the goal, radii and radians, at which a single arc counts as nearly leading to the goal.
@@ -246,4 +246,10 @@ fn arcs_between(from: &Vector3<f64>, to: &Vector3<f64>) -> [ArcBetween; 2] {
     let short = ArcBetween { sin, cos, is_long: false, offset: from * sin + towards * (1.0 - cos), towards };
     let long = ArcBetween { is_long: true, offset: -short.offset, towards: -towards, ..short };
     [short, long]
+}
+
+/// Returns the axes of a tip after an arc, in the axes of the tip before the arc. The arc turns by `angle` and bends
+/// towards the angle `towards` of the deposition plane, both in radians.
+fn axes_after(towards: f64, angle: f64) -> Matrix3<f64> {
+    crate::kinematics::step(towards + PI, angle, angle).rotation.into_inner()
 }

@@ -9,7 +9,8 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::{CscLine, CscSearch, any_perpendicular};
+use super::{CscLine, CscSearch};
+use crate::shortest::problem::any_perpendicular;
 
 /// Distance beyond which a goal counts as far, radii. There are four paths to such a goal, and the direction of each
 /// path's line hardly depends on its arcs.

@@ -25,7 +25,8 @@ use core::f64::consts::TAU;
 use heapless::Vec;
 use nalgebra::{Matrix3, Vector3};
 
-use super::{PathProblem, any_perpendicular, insert_behind};
+use super::ordered_list::insert_behind;
+use super::problem::PathProblem;
 use crate::trigonometry;
 
 mod degenerate;

@@ -11,7 +11,7 @@ use nalgebra::{Matrix5, Vector3, Vector5};
 
 use super::{Csc, MAX_NEWTON_START_ERROR};
 use crate::linalg5::{Cholesky, solve};
-use crate::shortest::{MAX_GOAL_ERROR, PathProblem};
+use crate::shortest::problem::{MAX_GOAL_ERROR, PathProblem};
 use crate::trigonometry;
 
 /// Max number of Newton steps.

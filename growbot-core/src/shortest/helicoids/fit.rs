@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix6x5, Vector3, Vector6};
 
 use super::hybrid_curve::HybridPoint;
-use super::refine::Precision;
+use super::precision::Precision;
 use super::seed::Seed;
 use crate::float::PortableFloat;
 use crate::shortest::PathProblem;

@@ -9,32 +9,37 @@
 //! - `overlap_seeds.rs`: seeds from paths of arc, line and arc whose line has a negative length. A helicoidal arc with
 //!   a narrow neck replaces the joint between the two arcs.
 //! - `table.rs`: seeds from a table of arcs whose ends have nearly the same relative pose as start and goal.
+//!   `invariants.rs`: the numbers by which these poses are compared.
 //! - `closed_form.rs`: the point of a curve at a phase.
 //! - `hybrid_curve.rs`: the point of a curve with circles between very narrow necks.
 //! - `seed.rs`: the numbers that the search varies. `fit.rs`: the residual of an arc between start and goal.
 //! - `refine.rs`: Newton's method from a seed to the goal, first in single precision, then in double precision.
+//!   `precision.rs`: its parameters in either precision.
 //! - `pieces.rs`: the segments of which an arc is grown.
 //!
 //! All seeds are refined roughly, and the arcs found are refined precisely, shortest first, until one reaches the goal.
 //! This search is not complete. docs/measurements.md reports how often it does not find the shortest path.
 
 use heapless::Vec;
-use nalgebra::Vector3;
 
 use super::csc::Csc;
-use super::{PathProblem, insert_behind};
+use super::ordered_list::insert_behind;
+use super::problem::PathProblem;
 use crate::helicoid::Helicoid;
 
 mod closed_form;
 mod fit;
 mod hybrid_curve;
+mod invariants;
 mod overlap_seeds;
 mod pieces;
+mod precision;
 mod refine;
 mod seed;
 mod table;
 
 use fit::FitGoal;
+use invariants::Invariants;
 use refine::{Refinement, refine, refined_precisely};
 use seed::Seed;
 
@@ -181,38 +186,5 @@ impl RoughArcs {
             }
         }
         shortest
-    }
-}
-
-/// Relative pose of start and goal, as numbers that do not depend on the roll. Problems that differ by a mirror image,
-/// or by an exchange of start and goal, have the same numbers.
-#[derive(Debug, Clone, Copy)]
-struct Invariants {
-    numbers: [f32; 5],
-    /// True if the numbers are those of the mirror image of the problem.
-    mirrored: bool,
-    /// True if the numbers are those of the problem with start and goal exchanged.
-    reversed: bool,
-}
-
-impl Invariants {
-    /// Returns the invariants of a problem. The weights of the numbers were found by trial.
-    fn of(problem: &PathProblem) -> Self {
-        let PathProblem { goal, direction, .. } = problem;
-        let (along_start, along_goal) = (goal.z, goal.dot(direction));
-        let side = Vector3::z().dot(&goal.cross(direction));
-        let numbers = [
-            along_start.max(along_goal),
-            along_start.min(along_goal),
-            1.3 * direction.z,
-            0.7 * goal.norm(),
-            0.7 * side.abs(),
-        ];
-        Self { numbers: numbers.map(|number| number as f32), mirrored: side < 0.0, reversed: along_start < along_goal }
-    }
-
-    /// Returns the square of the distance between these numbers and the numbers of another problem.
-    fn distance(&self, other: &[f32; 5]) -> f32 {
-        self.numbers.iter().zip(other).map(|(a, b)| (a - b) * (a - b)).sum()
     }
 }

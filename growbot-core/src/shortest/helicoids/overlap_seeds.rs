@@ -16,9 +16,9 @@
 //! c = lim sqrt(2 r + kappa^2 - 2) - int_1^r dr / sqrt(2 (r - 1) + kappa^2 (1 - 1/r^2))
 //! ```
 
-use super::Csc;
 use super::seed::Seed;
 use crate::angle::wrap_signed;
+use crate::shortest::csc::Csc;
 use crate::trigonometry;
 
 /// Min and max of the angle between the planes of the two arcs, radians. Other angles are clamped to this range,

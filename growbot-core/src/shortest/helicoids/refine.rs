@@ -5,8 +5,8 @@
 
 use nalgebra::{Matrix5, Matrix6x5, Vector3, Vector5, Vector6};
 
-use super::closed_form::Nodes;
 use super::fit::{Fit, FitGoal};
+use super::precision::Precision;
 use super::seed::Seed;
 use crate::float::PortableFloat;
 use crate::linalg5::{self, Cholesky};
@@ -19,42 +19,6 @@ const MAX_HALVINGS: usize = 3;
 const MAX_VIEWS: u32 = 2;
 /// Max change of the logarithm of `|m|` at a very narrow neck in one step.
 const MAX_NARROWER: f64 = 0.5;
-
-/// Parameters of the refinement of an arc in one precision.
-pub(super) trait Precision: Nodes {
-    /// Max number of steps of the refinement.
-    const ROUNDS: usize;
-    /// Max residual of an arc that counts as converged, radii and radians.
-    const MISFIT: Self;
-    /// Relative change of the numbers at the neck by which their derivatives are computed numerically.
-    const DERIVATIVE_STEP: Self;
-    /// True if another refinement follows. If so, the arc has no circles between its necks, because they would take too
-    /// much time.
-    const IS_ROUGH: bool;
-    /// Initial damping of the Levenberg-Marquardt method.
-    const DAMPING: Self;
-    /// Max ratio of the square of the residual to its value three steps before. The refinement ends if the ratio is
-    /// larger.
-    const FALL: Self;
-}
-
-impl Precision for f32 {
-    const ROUNDS: usize = 9;
-    const MISFIT: Self = 3e-4;
-    const DERIVATIVE_STEP: Self = 4e-3;
-    const IS_ROUGH: bool = true;
-    const DAMPING: Self = 1e-3;
-    const FALL: Self = 0.5;
-}
-
-impl Precision for f64 {
-    const ROUNDS: usize = 12;
-    const MISFIT: Self = 1e-11;
-    const DERIVATIVE_STEP: Self = 1e-5;
-    const IS_ROUGH: bool = false;
-    const DAMPING: Self = 1e-6;
-    const FALL: Self = 1.0;
-}
 
 /// Returns Newton's step. It is computed without the normal equations, whose squares would lose half of the digits,
 /// because near a circle few digits are significant. `None` if the derivatives are singular.
@@ -87,6 +51,20 @@ pub(super) enum Refinement<T: PortableFloat> {
     Converged(Seed<T>, Fit<T>),
     /// The method did not converge. The values are those of the last arc that it reached.
     NotConverged(Seed<T>, Fit<T>),
+}
+
+impl<T: Precision> Seed<T> {
+    /// Returns the arc after a step of the refinement. `step` holds the changes of narrowness and twist, and of the
+    /// lengths before and after the neck.
+    fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
+        Self {
+            narrowness: self.narrowness + step[0],
+            twist: self.twist + step[1] + self.twist_by_narrowness() * step[0],
+            start: self.start - step[2] / fit.start.rate,
+            end: self.end + step[3] / fit.end.rate,
+            ..*self
+        }
+    }
 }
 
 /// Refines a seed in double precision to the arc that leads to the goal, with phases that are counted from a neck.

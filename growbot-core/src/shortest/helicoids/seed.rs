@@ -5,9 +5,8 @@ use core::f64::consts::PI;
 use nalgebra::Vector5;
 
 use super::closed_form::ClosedFormCurve;
-use super::fit::Fit;
 use super::hybrid_curve::{HybridCurve, HybridPoint};
-use super::refine::Precision;
+use super::precision::Precision;
 
 /// Logarithms of `|m|` and of the component of `p` along `m`, both at the neck, below which the parts of a curve
 /// between its necks are replaced by circles.
@@ -37,18 +36,6 @@ pub(super) struct Seed<T> {
 impl<T: Precision> Seed<T> {
     pub(super) fn curve(&self) -> ClosedFormCurve<T> {
         ClosedFormCurve::new(self.narrowness.exponential(), self.twist.exponential())
-    }
-
-    /// Returns the arc after a step of the refinement. `step` holds the changes of narrowness and twist, and of the
-    /// lengths before and after the neck.
-    pub(super) fn changed(&self, step: &Vector5<T>, fit: &Fit<T>) -> Self {
-        Self {
-            narrowness: self.narrowness + step[0],
-            twist: self.twist + step[1] + self.twist_by_narrowness() * step[0],
-            start: self.start - step[2] / fit.start.rate,
-            end: self.end + step[3] / fit.end.rate,
-            ..*self
-        }
     }
 
     /// Returns the derivative of the twist with respect to the narrowness while the refinement changes the narrowness.
