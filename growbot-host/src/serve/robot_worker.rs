@@ -278,7 +278,7 @@ impl RobotWorker {
         let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&requests));
         if let Err(error) = spawned {
             keeper.update_state(|known| {
-                known.connection_error = Some(format!("cannot start the thread of the robot: {error}"))
+                known.connection_error = Some(format!("cannot start the thread of the robot: {error}"));
             });
         }
         keeper
