@@ -74,7 +74,10 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     };
     let (most, end) = uf2.split_at(uf2.len().saturating_sub(END));
     let mut file = File::create(&onto).map_err(|error| {
-        Failure::bad_input(format!("cannot write {}: {error}; check that the drive has free space", onto.display()))
+        Failure::bad_input(format!(
+            "cannot write {}: {error}; check that the drive is writable and has free space",
+            onto.display()
+        ))
     })?;
     file.write_all(most).map_err(failed)?;
     match file.write_all(end).and_then(|()| file.sync_all()) {

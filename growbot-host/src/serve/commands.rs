@@ -88,9 +88,12 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         }
         RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
         RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
-        RobotCommand::Pause | RobotCommand::Continue => {
-            Err(format!("robot {} has no active job, so there is nothing to {}", keeper.name, order.name()))
-        }
+        RobotCommand::Pause | RobotCommand::Continue => Err(format!(
+            "cannot {} robot {}, because the robot has no active job or is not connected: check the robot's \
+                 state",
+            order.name(),
+            keeper.name
+        )),
     }
 }
 

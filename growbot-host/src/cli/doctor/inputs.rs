@@ -27,7 +27,8 @@ pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
     }
     Ok(Finding::failed(
         found,
-        "let the nozzle cool; if it is cold, compare [thermistor] in the robot file with the part and its pull-up",
+        "if the nozzle was heated, let it cool; otherwise compare [thermistor] in the robot file with the part and its \
+         pull-up",
     ))
 }
 
