@@ -169,8 +169,8 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("planning_radius_mm", robot.planning_radius_mm).between(
         by_packaging.max(by_layers),
         MAX_SIZE,
-        advice("give a radius in mm from R_min to 10,000; R_min is the larger of two limits: by the size of the parts in the \
-         tip (table [geometry]), and by the tilt and height of layers (table [layer])"),
+        advice("give a radius in mm from R_min to 10,000 (R_min is the larger of two limits, by the size of the parts \
+         in the tip, table [geometry], and by the tilt and height of layers, table [layer])"),
     )
 }
 
@@ -205,8 +205,10 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     CheckedField("head.homing_turns_per_s", head.homing_turns_per_s).between(
         1e-4,
         f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
-        advice("give the speed of homing in turns/s; homing can make at most one motor step in two ticks of the step \
-         interrupt, so a faster one needs fewer head.steps_per_turn or a higher motion.tick_hz"),
+        advice(
+            "give the speed of homing in turns/s, with at most one motor step in two ticks of the step interrupt (see \
+         head.steps_per_turn and motion.tick_hz)",
+        ),
     )?;
     CheckedField("head.index_angle_deg", head.index_angle_deg).between(
         -360.0,
@@ -278,8 +280,8 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
         min_jump,
         UNLIMITED,
         advice(
-            "give the speed jump in mm/s; if feed.retract_mm is above 0, filament is pulled back without a ramp, so \
-         the speed jump must be at least feed.retract_mm_per_s; remove this line for no limit",
+            "give the speed jump in mm/s, at least feed.retract_mm_per_s if feed.retract_mm is above 0 (filament is \
+         pulled back without a ramp), or remove this line for no limit",
         ),
     )
 }
@@ -460,8 +462,10 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField(advice("layer.period_s * motion.tick_hz"), ticks).between(
         4.0 * f64::from(SECTORS as u32),
         f64::from(u32::MAX / 4),
-        advice("a layer must take at least four ticks of the step interrupt in each of its sectors, and at most 2^30 - 1 \
-         ticks: change motion.tick_hz or layer.period_s"),
+        advice(
+            "a layer must take at least four ticks of the step interrupt in each of its sectors, and at most 2^30 - 1 \
+         ticks: change motion.tick_hz or layer.period_s",
+        ),
     )?;
     // The steepest layer of a plan at the planning radius.
     let tilt = layer.height_mm / robot.planning_radius_mm;
