@@ -258,12 +258,12 @@ impl ServiceRobot {
         match result.outcome {
             OutcomeKind::Done => Ok(()),
             outcome => Err(Failure::request_failed(format!(
-                "{}: job {} of the {}robot {}{}",
-                outcome,
+                "job {} of the {}robot {} ended with outcome {outcome}{}: check the robot, then resume the body with \
+                 `growbot resume`, or discard it with `growbot cancel`",
                 job.id,
                 self.kind(),
                 self.robot.name,
-                result.fault.map_or_else(String::new, |fault| format!(", fault {fault}"))
+                result.fault.map_or_else(String::new, |fault| format!(" (fault {fault})"))
             ))),
         }
     }

@@ -52,8 +52,8 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     };
     let Some(drive) = drive else {
         return Err(Failure::bad_input(format!(
-            "no drive {DRIVE} with a file {MARK} was found: {way}, and check that the drive is mounted; name the drive \
-             with --drive DIR, or write a file with --uf2 FILE and copy the file to the drive"
+            "no drive {DRIVE}, or drive of --drive, with a file {MARK} was found: {way}, and check that the drive is \
+             mounted; name the drive with --drive DIR, or write a file with --uf2 FILE and copy the file to the drive"
         )));
     };
     put(&uf2, &drive)?;

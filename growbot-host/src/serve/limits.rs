@@ -142,7 +142,9 @@ impl RoleLimits {
             let _ = reply.send(what(&computation));
         };
         thread::Builder::new().name("computation".to_owned()).spawn(run).map_err(Problem::internal)?;
-        computed.await.unwrap_or_else(|_| Err(Problem::internal("a computation of the service has failed")))
+        computed.await.unwrap_or_else(|_| {
+            Err(Problem::internal("a computation of the service has failed: see the messages of `growbot serve`"))
+        })
     }
 }
 

@@ -163,7 +163,7 @@ impl TuiApp {
         let gone = |error: io::Error| {
             Failure::bad_input(format!(
                 "the terminal was closed ({error}), and no stop was sent to the robot: run `growbot status`, or \
-                     stop the robot with `growbot stop`"
+                 stop the robot with `growbot stop`"
             ))
         };
         let mut last = Instant::now();
