@@ -77,8 +77,8 @@ pub enum ClientError {
     Description(RobotError),
     /// The board stored a new description but did not restart with it.
     #[error(
-        "the board at {port} stored the description, but did not restart with it within 10 s: reset the board, and run \
-         `growbot status`"
+        "the board at {port} did not restart with the new description within 10 s: reset the board, and check with \
+         `growbot status` whether it has the description"
     )]
     NotRestarted {
         /// Name of the port.

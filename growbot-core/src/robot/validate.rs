@@ -169,8 +169,10 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("planning_radius_mm", robot.planning_radius_mm).between(
         by_packaging.max(by_layers),
         MAX_SIZE,
-        advice("give a radius in mm from R_min to 10,000 (R_min is the larger of two limits, by the size of the parts \
-         in the tip, table [geometry], and by the tilt and height of layers, table [layer])"),
+        advice(
+            "give a radius in mm from R_min to 10,000 (R_min is the larger of two limits, by the size of the parts \
+         in the tip, table [geometry], and by the tilt and height of layers, table [layer])",
+        ),
     )
 }
 
