@@ -472,13 +472,13 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     // The steepest layer of a plan at the planning radius.
     let tilt = layer.height_mm / robot.planning_radius_mm;
     let busiest = BusiestSector::of(robot, layer.height_mm, tilt);
-    let advice = advice(
+    let remedy = advice(
         "the step interrupt makes at most one motor step in two ticks: lower head.steps_per_turn or \
                   feed.steps_per_mm, or raise motion.tick_hz or layer.period_s",
     );
     let max = libm::floor(busiest.ticks / 2.0);
-    CheckedField(advice("head steps in the busiest sector"), busiest.head).between(0.0, max, advice)?;
-    CheckedField(advice("feed steps in the busiest sector"), busiest.feed).between(0.0, max, advice)
+    CheckedField(advice("head steps in the busiest sector"), busiest.head).between(0.0, max, remedy)?;
+    CheckedField(advice("feed steps in the busiest sector"), busiest.feed).between(0.0, max, remedy)
 }
 
 /// Checks that the motors can follow the steepest layer of a plan at the planning radius, and can reach its speed.
