@@ -249,7 +249,7 @@ class ServiceGrowth:
             fault = f" ({self._result['fault']})" if self._result.get("fault") else ""
             raise BoardError(
                 f"the growth ended with {outcome}{fault}: check robot {self._robot}, then resume the body with "
-                "`growbot resume`",
+                "`growbot resume` if the robot still stores it",
                 outcome,
                 "done",
             )
