@@ -162,7 +162,7 @@ impl Fault {
             Self::ThermistorShort => {
                 "the thermistor's reading is that of a short circuit: check the insulation of its wires"
             }
-            Self::ThermistorSilent => "no temperature reading for half a second: check the board",
+            Self::ThermistorSilent => "no temperature reading for 0.4 s or longer: check the board",
             Self::OverTemperature => {
                 "the nozzle got hotter than heater.max_c, or was about to: check the heater's switches and the \
                  thermistor's seat"
