@@ -141,7 +141,7 @@ impl ServiceRobot {
     /// Discards the unfinished body of the robot.
     pub fn cancel(&self) -> Result<(), Failure> {
         self.send_command(RobotCommand::Cancel)?;
-        Ok(print(&format!("the {}board has discarded the body\n", self.kind()))?)
+        Ok(print(&format!("the {}board stores no body any more\n", self.kind()))?)
     }
 
     /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
@@ -259,7 +259,7 @@ impl ServiceRobot {
             OutcomeKind::Done => Ok(()),
             outcome => Err(Failure::request_failed(format!(
                 "job {} of the {}robot {} ended with outcome {outcome}{}: check the robot, then resume the body with \
-                 `growbot resume`, or discard it with `growbot cancel`",
+                 `growbot resume` if the robot still stores it, or discard it with `growbot cancel`",
                 job.id,
                 self.kind(),
                 self.robot.name,
@@ -482,14 +482,14 @@ fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "pause")?;
     owned.send_command(RobotCommand::Pause)?;
-    Ok(print(&format!("the {}robot {} pauses after its layer\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to pause after its layer\n", owned.kind(), owned.robot.name))?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "continue")?;
     owned.send_command(RobotCommand::Continue)?;
-    Ok(print(&format!("the {}robot {} continues\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to continue\n", owned.kind(), owned.robot.name))?)
 }
 
 /// Runs `growbot attach`.
