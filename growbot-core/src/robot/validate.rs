@@ -420,12 +420,12 @@ fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("supply.min_v", supply.min_v).between(
         0.5,
         supply.nominal_v,
-        advice("give a minimum voltage in V from 0.5 V to supply.nominal_v"),
+        advice("give a minimum voltage from 0.5 V to supply.nominal_v"),
     )?;
     CheckedField("supply.max_v", supply.max_v).between(
         supply.nominal_v,
         200.0,
-        advice("give a maximum voltage in V from supply.nominal_v to 200 V"),
+        advice("give a maximum voltage from supply.nominal_v to 200 V"),
     )?;
     CheckedField("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
