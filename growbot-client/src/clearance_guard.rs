@@ -79,7 +79,7 @@ impl std::fmt::Display for ClearanceViolation {
             describe_clearance(*clearance_mm)
         )?;
         if let Some(why) = no_detour {
-            write!(f, "; no detour was found: {why}")?;
+            write!(f, "; no detour was found: planning the rest of the body failed ({why})")?;
         }
         Ok(())
     }
@@ -308,9 +308,7 @@ impl<'a> ClearanceGuard<'a> {
     fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
         let around = self.scene;
         let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
-            return Err(format!(
-                "the body has already taken {MAX_DETOURS} detours, the maximum: plan the rest of the body again"
-            ));
+            return Err(format!("the body has already taken {MAX_DETOURS} detours, the maximum"));
         };
         let estimate = tracker.estimate();
         let start = Pose::from_frame(tracker.reference_start());

@@ -44,7 +44,7 @@ impl MaterialPresets {
             let meant = did_you_mean(name, self.by_name.keys().map(String::as_str));
             format!(
                 "{name:?} is neither a number nor a material of the robot file{meant}: give a number, or add \
-                 [materials.{name}] to it"
+                 [materials.{name}] to a robot file, and give that file with --robot"
             )
         })
     }
@@ -114,7 +114,8 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
 pub fn task_message(task: MaintenanceTask) -> String {
     match task {
         MaintenanceTask::Preheat { target_centi_c } => format!(
-            "the nozzle heats to {} C; the heater switches off by itself after 10 minutes without commands",
+            "the nozzle heats to {} C; in maintenance the heater switches off by itself after 10 minutes without \
+             commands",
             f64::from(target_centi_c) / 100.0
         ),
         MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),

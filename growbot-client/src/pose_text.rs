@@ -12,8 +12,8 @@ use crate::plan::Goal;
 pub enum PoseTextError {
     /// The number of values is not five.
     #[error(
-        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, but this is {found}: put a pose with spaces in \
-         quotes"
+        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, but this is {found}: give five, and put a pose \
+         with spaces in quotes"
     )]
     Count {
         /// Number of values that the text contains.
@@ -21,8 +21,8 @@ pub enum PoseTextError {
     },
     /// The number of values is neither three nor five.
     #[error(
-        "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z for any direction, but this is {found}: put a pose \
-         with spaces in quotes"
+        "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z for any direction, but this is {found}: give \
+         five or three, and put a goal with spaces in quotes"
     )]
     GoalCount {
         /// Number of values that the text contains, such as "2 numbers".

@@ -130,8 +130,8 @@ pub enum NoPathError {
     },
     /// The only path of the two-plane planner is too near to an obstacle.
     #[error(
-        "no path of the planner two-plane is clear of the scene, and this planner does not search for others: use the \
-         planner shortest, which does"
+        "no path of the planner two-plane is clear of the scene and of the body itself within --max-length, and this \
+         planner does not search for others: use the planner shortest, which does"
     )]
     TwoPlaneBlocked,
     /// The search ended without a path because its effort or its time was used up.
@@ -220,7 +220,10 @@ pub enum SceneCheckError {
         obstacle: String,
     },
     /// The body would come nearer to an obstacle than the plan states.
-    #[error("the plan claims {claimed} mm of clearance in {file}, but only {found} mm could be verified: plan again")]
+    #[error(
+        "the plan claims {claimed} mm of clearance in {file}, and {found} mm could be verified, less than it claims or \
+         less than its margin: plan again"
+    )]
     ClearanceOverstated {
         /// Name of the scene's file.
         file: String,

@@ -28,7 +28,7 @@ pub struct Layer {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum LayerError {
     /// A number is NaN or infinite.
-    #[error("the layer holds a number that is not finite")]
+    #[error("the layer holds a number that is not finite: plan again")]
     NotFinite,
     /// The outer side would be higher than the nozzle can lay.
     #[error(
@@ -69,8 +69,8 @@ pub enum LayerError {
     StepRate,
     /// The speed of an axis would have to change faster, from sector to sector, than its motor can follow.
     #[error(
-        "the layer needs an acceleration of {value} of the {axis}, above the limit of {limit}: tilt the layer less, \
-         raise layer.period_s, or raise the axis's acceleration and speed jump"
+        "the layer needs an acceleration of {value} of the {axis}, above the limit of {limit}: plan with a larger \
+         radius, raise layer.period_s, or raise the axis's acceleration and speed jump"
     )]
     Acceleration {
         /// Name of the axis, with the unit of the acceleration.

@@ -33,7 +33,7 @@ impl FirmwareImage {
     pub fn open(path: &Path) -> Result<Self, String> {
         let wrong = |reason: String| {
             format!(
-                "cannot find the crash addresses in {}: {reason}; give the ELF image that the board was flashed with",
+                "cannot use {} as the firmware image: {reason}; give the ELF image that the board was flashed with",
                 path.display()
             )
         };

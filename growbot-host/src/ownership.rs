@@ -32,7 +32,8 @@ pub enum OwnershipError {
     /// Another user owns the file or folder.
     #[error(
         "{path} belongs to user {owner}, but this command runs as user {user} and trusts only files of this user and \
-         of root: remove {path}, or, if you trust its content, run `chown {user} {path}`",
+         of root: work in a folder of your own, or, if you trust the content of {path}, run `chown {user} {path}` as \
+         root",
         path = .path.display()
     )]
     Owner {

@@ -124,7 +124,7 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     let copy = RecordedRun::open(&lab.directory.path().join("copy.jsonl")).unwrap();
     assert_eq!(copy.outcome().name(), "stopped");
     let (code, answer) = lab.run(&["pause"]);
-    assert!(code == Some(1) && answer.contains("nothing to pause"), "{answer}");
+    assert!(code == Some(1) && answer.contains("has no active job"), "{answer}");
     let (status, _) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"clear-fault"}"#);
     assert_eq!(status, 200);
     assert_eq!(lab.run(&["maintain", "preheat", "120"]).0, Some(0));

@@ -320,7 +320,7 @@ fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
 #[test]
 fn invalid_notification_settings_are_refused_at_startup() {
     for (settings, wanted) in [
-        ("webhook = \"hooks.example/s3cret\"", "not a URL"),
+        ("webhook = \"hooks.example/s3cret\"", "cannot be used: give a URL"),
         ("command = []", "the command of [serve.notify] is empty"),
         ("events = [\"dance\"]", "dance"),
         ("webhok = \"http://localhost/\"", "webhok"),

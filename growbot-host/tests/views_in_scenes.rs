@@ -181,7 +181,7 @@ fn a_missing_scene_is_an_error_for_a_plan_and_a_warning_for_a_growth() {
     let warned = growbot(&["view", &run, "-o", &fixture.path("bare.html")]);
     assert_eq!(warned.code, Some(0), "{}", warned.err);
     let words = warned.err.replace("\n    ", " ");
-    assert!(words.contains("warning: ") && words.contains("shown without the scene"), "{words}");
+    assert!(words.contains("warning: ") && words.contains("is left out"), "{words}");
     assert!(data(&fs::read(fixture.path("bare.html")).unwrap())["scene"].is_null());
     // The scene was moved. Another scene is refused for plans and growths.
     let moved = fixture.path("moved.toml");

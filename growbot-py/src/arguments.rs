@@ -128,7 +128,7 @@ pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
 pub fn bytes_of_file(path: &Path, longest: u64) -> Result<(Vec<u8>, String), Error> {
     let name = path.display().to_string();
     let failed = |error: std::io::Error| {
-        Error::new(ErrorKind::File, format!("cannot read {name}: {error}; give a file that exists"))
+        Error::new(ErrorKind::File, format!("cannot read {name}: {error}; give a file that can be read"))
     };
     let about = fs::metadata(path).map_err(failed)?;
     if !about.is_file() {

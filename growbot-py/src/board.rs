@@ -262,14 +262,17 @@ fn outcome_error(result: &GrowthResult) -> Option<Error> {
     let why = match (result.outcome, result.log_lines_missing) {
         (OutcomeKind::Done | OutcomeKind::Stopped, None) => return None,
         (OutcomeKind::Done | OutcomeKind::Stopped, Some(missing)) => {
-            format!("the growth ended with {outcome}, but {missing} lines of its run log are missing: free disk space")
+            format!(
+                "the growth ended with {outcome}, but {missing} lines of its run log could not be written: free disk \
+                 space before the next growth, and check that the file is writable"
+            )
         }
         (_, _) => {
             let of_fault = result.fault.as_ref().map_or_else(String::new, |fault| format!(" ({fault})"));
             let robot = if result.simulated { "simulated robot" } else { "robot" };
             format!(
                 "the growth ended with {outcome}{of_fault}: check the {robot}, then resume the body with `growbot \
-                 resume`"
+                 resume` if the robot still stores it"
             )
         }
     };

@@ -150,7 +150,10 @@ pub enum SceneError {
         reason: String,
     },
     /// The scene file has a format version that is not supported.
-    #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: change the file's first line")]
+    #[error(
+        "{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: write the file in that \
+         format, with the line `format = {FORMAT:?}`"
+    )]
     UnsupportedFormat {
         /// Path of the file.
         file: String,
@@ -170,7 +173,10 @@ pub enum SceneError {
         limit: &'static str,
     },
     /// The file has too many entries of one kind.
-    #[error("{file} has {count} entries of [[{kind}]], but the maximum is {MAX_ENTRIES}: combine them into a mesh")]
+    #[error(
+        "{file} has {count} entries of [[{kind}]], but the maximum is {MAX_ENTRIES}: combine several into one mesh or \
+         point cloud, or remove some"
+    )]
     TooMany {
         /// Path of the file.
         file: String,
@@ -182,7 +188,7 @@ pub enum SceneError {
     /// A solid mesh has a hole, so it encloses no volume.
     #[error(
         "{file} is an open mesh, with {open} edges that belong to one face only, and cannot be solid: close the mesh, \
-         or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
+         or set `solid = false` in its [[mesh]] of a scene file to use only its faces as obstacles"
     )]
     OpenMesh {
         /// Path of the mesh file.
@@ -194,7 +200,8 @@ pub enum SceneError {
     #[error(
         "{file} is a mesh with {flipped} edges whose two faces name their corners in the same direction, so that one \
          of the two is inside out, and cannot be solid: turn its faces to one side (in Blender: Mesh > Normals > \
-         Recalculate Outside), or set `solid = false` in its [[mesh]] to use only its faces as obstacles"
+         Recalculate Outside), or set `solid = false` in its [[mesh]] of a scene file to use only its faces as \
+         obstacles"
     )]
     FlippedFaces {
         /// Path of the mesh file.

@@ -23,7 +23,9 @@ pub enum SealError {
         error: io::Error,
     },
     /// The file is not an image of growbot's firmware, or the firmware is so old that it does not support seals.
-    #[error("{file} cannot be sealed: {reason}; give the ELF image that `cargo build-stm32f405` makes")]
+    #[error(
+        "{file} cannot be sealed: {reason}; give the ELF image that `cargo build-stm32f405` or `cargo build-pico` makes"
+    )]
     NoImage {
         /// Path of the image file.
         file: String,

@@ -77,8 +77,8 @@ pub enum ClientError {
     Description(RobotError),
     /// The board stored a new description but did not restart with it.
     #[error(
-        "the board at {port} stored the description, but did not restart with it within 10 s: reset the board, and run \
-         `growbot status`"
+        "the board at {port} did not restart with the new description within 10 s: reset the board, and check with \
+         `growbot status` whether it has the description"
     )]
     NotRestarted {
         /// Name of the port.
@@ -207,12 +207,15 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             format!("the board expects byte {expected} of the robot description next: send the description again")
         }
         Refusal::OutOfOrder { expected } => {
-            format!("the board expects layer {expected} next: send the layers in order")
+            format!("the board expects layer {expected} next: continue the body from there (`growbot resume`)")
         }
         Refusal::LayerStoreFull => "the board's layer buffer is full: send the next layers when the robot has laid \
                                     some"
             .to_string(),
-        Refusal::LayerOutOfLimits { index } => format!("layer {index} is beyond the robot's limits or the plan's end"),
+        Refusal::LayerOutOfLimits { index } => format!(
+            "layer {index} is beyond the limits of the robot that the board stores, or beyond the plan's end: plan \
+             again, with a larger radius"
+        ),
         Refusal::WrongState { state } => format!("this is not allowed in state {} of the board", state.name()),
         Refusal::FaultRemains { fault } => {
             format!("the cause of {} is still present: {}", fault.code(), fault.explanation())
@@ -224,7 +227,8 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             format!("the plan has {layers} layers, but the board can store at most {capacity}: choose a nearer goal")
         }
         Refusal::TemperatureOutOfRange { min, max } => format!(
-            "the temperature must be between {} and {} C, the limits in the description that the board stores",
+            "the temperature must be between {} and {} C (the board's heater.max_c limits it; in a pause it must be \
+             heater.target_c): give such a temperature",
             f64::from(min) / 100.0,
             f64::from(max) / 100.0
         ),
@@ -252,7 +256,8 @@ fn explain(request: &str, refusal: &Refusal) -> String {
                 .to_string()
         }
         Refusal::NozzleTooCold { now, min } => format!(
-            "the nozzle is at {:.1} C and must reach {} C before anything moves: preheat, and wait until it is hot",
+            "the nozzle is at {:.1} C and must reach {} C before anything moves: preheat, and wait until the \
+             temperature is steady",
             f64::from(now) / 100.0,
             f64::from(min) / 100.0
         ),

@@ -176,7 +176,8 @@ impl GrowthError {
         let stored = match status.plan_id {
             0 => "it stores none, so start a new growth".to_string(),
             id => format!(
-                "it stores one of plan {id:016x}, with {} of {} layers laid: resume that one, or start a new growth",
+                "it stores a body of plan {id:016x}, with {} of {} layers laid: resume that one if layers are missing, \
+                 or start a new growth",
                 status.layers_laid, status.layer_count
             ),
         };

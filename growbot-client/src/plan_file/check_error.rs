@@ -89,7 +89,7 @@ pub enum PlanCheckError {
     },
     /// A total in the file does not match the value computed from the segments.
     #[error(
-        "{what} is {}, but the segments give {}: the plan was edited by hand; plan again",
+        "{what} is {}, but the segments give {}: the plan was edited or damaged; plan again",
         CompactNumber(.value), CompactNumber(.expected)
     )]
     Total {
@@ -101,7 +101,7 @@ pub enum PlanCheckError {
         expected: f64,
     },
     /// The path type in the file does not match the segments.
-    #[error("path_type is {found:?}, but the segments give {expected:?}: the plan was edited by hand; plan again")]
+    #[error("path_type is {found:?}, but the segments give {expected:?}: the plan was edited or damaged; plan again")]
     PathType {
         /// Path type in the file.
         found: String,
@@ -109,7 +109,9 @@ pub enum PlanCheckError {
         expected: String,
     },
     /// The number of legs in the file does not match the number of waypoints.
-    #[error("the plan has {found} legs, but its via poses require {expected}: the plan was edited by hand; plan again")]
+    #[error(
+        "the plan has {found} legs, but its via poses require {expected}: the plan was edited or damaged; plan again"
+    )]
     Legs {
         /// Number of legs in the file.
         found: usize,
@@ -118,8 +120,8 @@ pub enum PlanCheckError {
     },
     /// The segments of a leg do not end at its goal or waypoint.
     #[error(
-        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was edited by hand; plan \
-         again",
+        "the segments end {} mm and {} rad from {which}, more than {} mm and {} rad: the plan was edited or damaged; \
+         plan again",
         .miss.distance, .miss.angle, .limit.distance, .limit.angle
     )]
     Missed {

@@ -123,7 +123,7 @@ pub fn time_since_boot() -> Duration {
 #[derive(Debug, thiserror::Error)]
 pub enum PortError {
     /// The device does not exist.
-    #[error("port {0} not found: check the cable and the name{1}")]
+    #[error("port {0} not found or not usable: check the cable and the name{1}")]
     Missing(String, String),
     /// Another program uses the device.
     #[error(
@@ -144,8 +144,8 @@ pub enum PortError {
     Unreachable(String, String),
     /// The connection worked before, but is now broken.
     #[error(
-        "lost the connection to {0} ({1}): check the cable, and connect again; layers that are already laid are not \
-         lost"
+        "lost the connection to {0} ({1}): check the board's power and its connection, and connect again; layers that \
+         are already laid are not lost"
     )]
     Lost(String, String),
     /// A simulated board has failed, for example because its time does not advance.

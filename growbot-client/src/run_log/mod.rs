@@ -61,7 +61,9 @@ const ENDINGS: [&str; 2] = ["jsonl", "json"];
 #[derive(Debug, thiserror::Error)]
 pub enum RunLogError {
     /// The log's file cannot be created, or an existing log cannot be opened to resume it.
-    #[error("cannot write the run log {file}: {error}; choose another file with --log")]
+    #[error(
+        "cannot write the run log {file}: {error}; make it writable, or for a new growth choose another file with --log"
+    )]
     Begin {
         /// Name of the log's file.
         file: String,
@@ -71,7 +73,7 @@ pub enum RunLogError {
     /// A line cannot be written and waits in memory.
     #[error(
         "cannot write the run log {file}: {error}; the growth continues, and the missing lines are kept in memory \
-         until they can be written: free disk space there"
+         until they can be written: free disk space there, or make the file writable"
     )]
     Write {
         /// Name of the log's file.

@@ -37,7 +37,10 @@ pub enum ReadRunLogError {
     #[error("no run log to read: {0}")]
     File(#[from] InputError),
     /// The first line is not the header of a run log.
-    #[error("{file} is not a run log ({reason}): give a file that `growbot grow --log` wrote")]
+    #[error(
+        "{file} is not a run log that this version of growbot reads ({reason}): give a file that `growbot grow --log` \
+         wrote"
+    )]
     Header {
         /// Name of the log's file.
         file: String,

@@ -162,15 +162,18 @@ impl Fault {
             Self::ThermistorShort => {
                 "the thermistor's reading is that of a short circuit: check the insulation of its wires"
             }
-            Self::ThermistorSilent => "no temperature reading for half a second: check the board",
+            Self::ThermistorSilent => "no temperature reading for 0.4 s or longer: check the board",
             Self::OverTemperature => {
-                "the nozzle got hotter than heater.max_c: check the heater's switches and the thermistor's seat"
+                "the nozzle got hotter than heater.max_c, or was about to: check the heater's switches and the \
+                 thermistor's seat"
             }
             Self::UnderTemperature => {
-                "the nozzle cooled below heater.extrusion_min_c while growing: check heater, fan and draught"
+                "the nozzle cooled below heater.extrusion_min_c while growing or while filament was fed: check heater, \
+                 fan and draught"
             }
             Self::HeatingTooSlow => {
-                "the nozzle was not hot within heater.heating_timeout_s: check heater, supply and the thermistor's seat"
+                "the nozzle was not hot within heater.heating_timeout_s, or warmed less than the heater's power should \
+                 warm it: check heater, supply and the thermistor's seat"
             }
             Self::IndexNotFound => {
                 "the head turned one and a half turns without passing its index mark: check the sensor, the motor \
@@ -194,8 +197,8 @@ impl Fault {
                  and draught"
             }
             Self::HeaterStuckOn => {
-                "the nozzle gets hotter, or does not cool, at zero power: the heater's power stage conducts by itself, \
-                 or the thermistor does not follow; replace it"
+                "the nozzle gets hotter, or cools less, than the heater's duty allows: the heater's power stage \
+                 conducts by itself, or the thermistor does not follow; replace it"
             }
             Self::HeaterSwitchWelded => {
                 "the nozzle gets hotter although the heater's second switch is open: the switch conducts by itself; \
@@ -209,7 +212,8 @@ impl Fault {
                  sensor"
             }
             Self::IndexStuck => {
-                "the index sensor reports its mark at every angle of the head: check the sensor and its wire"
+                "the index sensor reports its mark over a wider angle than the mark has: check the sensor and its wire, \
+                 that the head turns, and head.index_width_deg"
             }
             Self::HeadStepsLost => {
                 "the index mark is at another position, so the head has lost or gained steps: remove what blocks the \
@@ -224,7 +228,10 @@ impl Fault {
                 "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
                  `growbot status` shows more for drivers with a UART"
             }
-            Self::SupplyLow => "the supply's voltage fell below supply.min_v: check the supply and its wires",
+            Self::SupplyLow => {
+                "the supply's voltage fell below supply.min_v, or could not be measured: check the supply and its \
+                 wires, and the wires to the board's measuring input"
+            }
             Self::SupplyHigh => "the supply's voltage rose above supply.max_v: check the supply",
             Self::MotionOverdue => {
                 "a layer or the homing took too long: the step interrupt is late or has stopped; check the board"
@@ -251,7 +258,7 @@ impl Fault {
             Self::DebugProbe => {
                 "a debug probe is or was attached: in debug mode the processor may halt with the heater on. Detach the \
                  probe and disconnect the board's power for a moment; for a test bench set test_bench = true in the \
-                 robot file"
+                 robot file, and send it with `growbot configure`"
             }
         }
     }

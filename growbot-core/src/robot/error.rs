@@ -8,14 +8,17 @@ use crate::compact_number::CompactNumber;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum DriverError {
     /// Settings are given for a driver of a board that has no configurable drivers.
-    #[error("{field} is set, but only skr-pico has configurable drivers: set board.kind, or remove {field}")]
+    #[error(
+        "{field} is set, but only skr-pico has configurable drivers: set board.kind to skr-pico, or remove {field}"
+    )]
     NotSupported {
         /// Name of the table in a robot file.
         field: &'static str,
     },
     /// The board has drivers that need settings, but none are given.
     #[error(
-        "{field} is missing, but the drivers of skr-pico need it: give their current, for example `current_a = 0.6`"
+        "the table [{field}] is missing, but the drivers of skr-pico need it: add it with the motor's current, for \
+         example `current_a = 0.6`"
     )]
     Missing {
         /// Name of the table in a robot file.

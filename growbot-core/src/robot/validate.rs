@@ -66,7 +66,7 @@ fn check_geometry(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("wall.width_mm", robot.wall.width_mm).between(
         MIN_SIZE,
         geometry.tip_radius_mm,
-        advice("give a wall in mm that is thinner than the tip's radius"),
+        advice("give the width of the tube's wall in mm, at most the tip's radius (geometry.tip_radius_mm)"),
     )
 }
 
@@ -139,8 +139,10 @@ fn check_radius(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("planning_radius_mm", robot.planning_radius_mm).between(
         by_packaging.max(by_layers),
         MAX_SIZE,
-        advice("give a radius in mm of at least R_min, the larger of two limits: by the size of the parts in the tip (Eq 7) \
-         and by the tilt and height of layers"),
+        advice(
+            "give a radius in mm from R_min to 10,000 (R_min is the larger of two limits, by the size of the parts \
+         in the tip, table [geometry], and by the tilt and height of layers, table [layer])",
+        ),
     )
 }
 
@@ -175,8 +177,10 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     CheckedField("head.homing_turns_per_s", head.homing_turns_per_s).between(
         1e-4,
         f64::from(motion.tick_hz) / (2.0 * f64::from(head.steps_per_turn)),
-        advice("homing can make at most one motor step in two ticks of the step interrupt: lower head.homing_turns_per_s or \
-         head.steps_per_turn, or raise motion.tick_hz"),
+        advice(
+            "give the speed of homing in turns/s, with at most one motor step in two ticks of the step interrupt (see \
+         head.steps_per_turn and motion.tick_hz)",
+        ),
     )?;
     CheckedField("head.index_angle_deg", head.index_angle_deg).between(
         -360.0,
@@ -248,8 +252,8 @@ fn check_feed(motion: &Motion, feed: &Feed) -> Result<(), RobotError> {
         min_jump,
         UNLIMITED,
         advice(
-            "filament is pulled back without a ramp, so this speed jump must be at least feed.retract_mm_per_s; remove \
-         this line for no limit",
+            "give the speed jump in mm/s, at least feed.retract_mm_per_s if feed.retract_mm is above 0 (filament is \
+         pulled back without a ramp), or remove this line for no limit",
         ),
     )
 }
@@ -270,7 +274,8 @@ fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
         25.0,
         heater.target_c - heater.band_c,
         advice(
-            "filament is fed only above this temperature, which must be at least heater.band_c below heater.target_c",
+            "filament is fed only above this temperature: give at least 25 C, and at most heater.target_c minus \
+         heater.band_c",
         ),
     )?;
     CheckedField("heater.band_c", heater.band_c).between(
@@ -385,12 +390,12 @@ fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("supply.min_v", supply.min_v).between(
         0.5,
         supply.nominal_v,
-        advice("give a minimum voltage in V below supply.nominal_v"),
+        advice("give a minimum voltage from 0.5 V to supply.nominal_v"),
     )?;
     CheckedField("supply.max_v", supply.max_v).between(
         supply.nominal_v,
         200.0,
-        advice("give a maximum voltage in V above supply.nominal_v"),
+        advice("give a maximum voltage from supply.nominal_v to 200 V"),
     )?;
     CheckedField("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
@@ -429,8 +434,10 @@ fn check_step_rates(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField(advice("layer.period_s * motion.tick_hz"), ticks).between(
         4.0 * f64::from(SECTORS as u32),
         f64::from(u32::MAX / 4),
-        advice("a layer must take at least four ticks of the step interrupt in each of its sectors: raise motion.tick_hz or \
-         layer.period_s"),
+        advice(
+            "a layer must take at least four ticks of the step interrupt in each of its sectors, and at most 2^30 - 1 \
+         ticks: change motion.tick_hz or layer.period_s",
+        ),
     )?;
     // The steepest layer of a plan at the planning radius.
     let tilt = layer.height_mm / robot.planning_radius_mm;

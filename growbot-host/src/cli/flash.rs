@@ -81,7 +81,7 @@ impl FlashTarget {
     fn built_for(self, robot: &Robot, name: &Path) -> Result<OsString, Failure> {
         match robot.description().board {
             Some(BoardDescription { kind, .. }) if kind != self.kind() => Err(Failure::bad_input(format!(
-                "{}: board.kind is {kind} in this robot file, but --board is {}: give the same board in both",
+                "{}: board.kind is {kind} in this robot's description, but --board is {}: give the same board in both",
                 robot.name(),
                 self.kind()
             ))),
@@ -154,7 +154,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
     if is_uf2 && (args.seal_only || !is_drive) {
         return Err(Failure::bad_input(format!(
             "{} is a UF2 file, which only --board pico and skr-pico take, and a UF2 file cannot be sealed: give the \
-             ELF image",
+             ELF image, or pass --board pico or skr-pico without --seal-only",
             image.display()
         )));
     }
@@ -336,7 +336,7 @@ fn named(robot: &Path) -> Result<OsString, Failure> {
     }
     if robot.extension() != Some(OsStr::new("toml")) {
         return Err(Failure::bad_input(format!(
-            "{}: a robot's file must end in .toml to be built in",
+            "the name of the robot file {} must end in .toml, because the firmware is built for it: rename the file",
             robot.display()
         )));
     }

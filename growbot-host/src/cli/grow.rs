@@ -237,8 +237,8 @@ impl GrowArgs {
     fn by_service(&self, print: ResultFormat) -> Result<ServiceGrowthOptions, Failure> {
         if self.disturbance.has_disturbance() || self.disturbance.has_sensor_noise() {
             return Err(Failure::bad_input(
-                "the service owns this robot and cannot simulate disturbed layers: remove the noise and bias options, \
-                 or use --port sim",
+                "the service owns this robot and does not support noise and bias options: remove them, or use \
+                 --port sim",
             ));
         }
         let log = match &self.log {

@@ -309,8 +309,8 @@ struct GrowthProgress {
 
 /// Instructions for a robot that waits for filament.
 const OUT_OF_FILAMENT: &str = "out of filament: push new filament in up to the feed, then `preheat`, `load`, `purge` \
-                               (here or on the page), and `continue`; the robot waits for an hour at standby \
-                               temperature";
+                               (here or on a page with --control), and `continue`; the robot waits for an hour at \
+                               standby temperature";
 
 impl GrowthProgress {
     fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {
@@ -361,9 +361,9 @@ impl GrowthProgress {
                 "{instead_of}: from layer {from} on the body takes another path, which is {clearance_mm:.2} mm clear \
                  of obstacles"
             )),
-            JobEvent::ClearanceViolation(too_near) => self.progress.warn(&format!(
-                "{too_near}; the robot pauses: remove the obstacle, or stop and plan another body from here"
-            )),
+            JobEvent::ClearanceViolation(too_near) => self
+                .progress
+                .warn(&format!("{too_near}; the robot pauses: stop the robot, and plan another body from here")),
             JobEvent::CommandFailed(why) => self.progress.warn(why),
             JobEvent::NoResponse => self.progress.warn("the board does not respond: growbot tries again"),
             JobEvent::Reconnected => self.progress.note("the board responds again"),

@@ -170,7 +170,7 @@ fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
     ask_line(format_args!("{}", schema::meaning(schema, path)));
     match proposed {
         Some(proposed) => ask_line(format_args!("  {path}{words} [{}]:", in_brackets(proposed))),
-        None => ask_line(format_args!("  {path}{words}, {BACK} because no value fits the previous answers:")),
+        None => ask_line(format_args!("  {path}{words} (no value fits the previous answers, type {BACK}):")),
     }
 }
 

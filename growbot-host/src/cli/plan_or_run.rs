@@ -46,7 +46,7 @@ impl PlanOrRun {
                 Err(error) if given.is_some() => return Err(error.into()),
                 // A grown body can be shown without its scene.
                 Err(error) => {
-                    growbot_host::warning!("{error}; {} is shown without the scene", display_name(file));
+                    growbot_host::warning!("{error}; the scene of {} is left out", display_name(file));
                     None
                 }
             };

@@ -228,7 +228,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     );
     match status.interrupted {
         Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.layers_laid, made(cut)),
-        None => growbot_host::note!("no layer was interrupted: the head stood at 0 degrees, between two layers"),
+        None => growbot_host::note!("no layer was interrupted"),
     }
     if let Some(fault) = status.fault {
         return Err(Failure::request_failed(format!(

@@ -81,8 +81,8 @@ fn show(args: &SceneInfoArgs) -> Result<(), Failure> {
     let file = args.source.display().to_string();
     if args.seed.is_some() || !is_standard_output(&args.output) {
         return Err(Failure::bad_input(format!(
-            "--seed and -o apply only to the example scenes pipe-rack and rubble-heap, but {file} is a file: remove \
-             these options"
+            "--seed and -o apply only to the example scenes pipe-rack and rubble-heap, but {file} is not one of \
+             them: remove these options"
         )));
     }
     let loaded = scene_file::load(&args.source)?;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::env;
 use std::os::unix::process::CommandExt;
+use std::path::Path;
 use std::process::Command;
 use std::sync::Arc;
 
@@ -66,7 +67,14 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
     })?;
     // Other users cannot read what the service writes.
     umask(Mode::RWXG | Mode::RWXO);
-    places.create().map_err(Failure::bad_input)?;
+    places.create().map_err(|error| {
+        Failure::bad_input(format!(
+            "cannot create the folders of the service, {} and {}: {error}; set XDG_STATE_HOME and XDG_RUNTIME_DIR to \
+             folders that you can write",
+            places.state_dir().display(),
+            places.socket().parent().unwrap_or(Path::new("")).display()
+        ))
+    })?;
     let handed_over = take_handed_over().map_err(Failure::bad_input)?;
     let port = args.page_port.or(serve.port).unwrap_or(PAGE_PORT);
     let runtime = tokio::runtime::Builder::new_current_thread()

@@ -141,7 +141,7 @@ impl ServiceRobot {
     /// Discards the unfinished body of the robot.
     pub fn cancel(&self) -> Result<(), Failure> {
         self.send_command(RobotCommand::Cancel)?;
-        Ok(print(&format!("the {}board has discarded the body\n", self.kind()))?)
+        Ok(print(&format!("the {}board stores no body any more\n", self.kind()))?)
     }
 
     /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
@@ -193,7 +193,10 @@ impl ServiceRobot {
         let job = jobs.into_iter().find(|job| job.robot == self.robot.name && is_open(job) && is_wanted(job));
         let job = job.ok_or_else(|| {
             let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
-            Failure::request_failed(format!("the service has no unfinished job{of_plan} on robot {}", self.robot.name))
+            Failure::request_failed(format!(
+                "the service has no unfinished job{of_plan} on robot {}: start a job with `growbot grow`",
+                self.robot.name
+            ))
         })?;
         if self.robot.job.as_ref() != Some(&job.id) {
             let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
@@ -242,7 +245,7 @@ impl ServiceRobot {
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {
             let why = now.reason.unwrap_or_else(|| "the service gave no reason".to_owned());
-            return Err(Failure::request_failed(format!("the service abandoned job {}: {why}", job.id)));
+            return Err(Failure::request_failed(format!("job {} ended without a result: {why}", job.id)));
         };
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
@@ -255,12 +258,12 @@ impl ServiceRobot {
         match result.outcome {
             OutcomeKind::Done => Ok(()),
             outcome => Err(Failure::request_failed(format!(
-                "{}: job {} of the {}robot {}{}",
-                outcome,
+                "job {} of the {}robot {} ended with outcome {outcome}{}: check the robot, then resume the body with \
+                 `growbot resume` if the robot still stores it, or discard it with `growbot cancel`",
                 job.id,
                 self.kind(),
                 self.robot.name,
-                result.fault.map_or_else(String::new, |fault| format!(", fault {fault}"))
+                result.fault.map_or_else(String::new, |fault| format!(" (fault {fault})"))
             ))),
         }
     }
@@ -374,8 +377,9 @@ impl JobProgress {
 
     fn wait_for_service(&mut self) {
         if !std::mem::replace(&mut self.is_silent, true) {
-            self.progress
-                .warn("the service does not respond: the robot continues with the layers that it has; waiting");
+            self.progress.warn(
+                "the service does not respond: waiting for it; without a service the robot pauses after its layer",
+            );
         }
         std::thread::sleep(Duration::from_millis(500));
     }
@@ -427,7 +431,7 @@ fn text_of(robot: &RobotStatus) -> String {
         text += &format!("paused       {pause}\n");
     }
     if let Some(refused) = &robot.command_error {
-        text += &format!("refused      {refused}\n");
+        text += &format!("problem      {refused}\n");
     }
     text
 }
@@ -478,21 +482,24 @@ fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "pause")?;
     owned.send_command(RobotCommand::Pause)?;
-    Ok(print(&format!("the {}robot {} pauses after its layer\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to pause after its layer\n", owned.kind(), owned.robot.name))?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "continue")?;
     owned.send_command(RobotCommand::Continue)?;
-    Ok(print(&format!("the {}robot {} continues\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to continue\n", owned.kind(), owned.robot.name))?)
 }
 
 /// Runs `growbot attach`.
 pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "follow")?;
     let Some(id) = &owned.robot.job else {
-        return Err(Failure::request_failed(format!("robot {} has no active job", owned.robot.name)));
+        return Err(Failure::request_failed(format!(
+            "robot {} has no active job: start a job with `growbot grow`",
+            owned.robot.name
+        )));
     };
     let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
     let options = ServiceGrowthOptions {

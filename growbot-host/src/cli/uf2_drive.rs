@@ -52,8 +52,8 @@ pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str)
     };
     let Some(drive) = drive else {
         return Err(Failure::bad_input(format!(
-            "no drive {DRIVE} with a file {MARK} was found: {way}, and check that the drive is mounted; name the drive \
-             with --drive DIR, or write a file with --uf2 FILE and copy the file to the drive"
+            "no drive {DRIVE}, or drive of --drive, with a file {MARK} was found: {way}, and check that the drive is \
+             mounted; name the drive with --drive DIR, or write a file with --uf2 FILE and copy the file to the drive"
         )));
     };
     put(&uf2, &drive)?;
@@ -74,7 +74,10 @@ fn put(uf2: &[u8], drive: &Path) -> Result<(), Failure> {
     };
     let (most, end) = uf2.split_at(uf2.len().saturating_sub(END));
     let mut file = File::create(&onto).map_err(|error| {
-        Failure::bad_input(format!("cannot write {}: {error}; check that the drive has free space", onto.display()))
+        Failure::bad_input(format!(
+            "cannot write {}: {error}; check that the drive is writable and has free space",
+            onto.display()
+        ))
     })?;
     file.write_all(most).map_err(failed)?;
     match file.write_all(end).and_then(|()| file.sync_all()) {

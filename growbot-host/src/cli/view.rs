@@ -348,14 +348,14 @@ impl ViewArgs {
                 Some((_, option)) => {
                     Err(Failure::bad_input(format!("{option} applies only to pictures: add --svg, --png or --pdf")))
                 }
-                None if self.width.is_some() => {
-                    Err(Failure::bad_input("--width is a number of pixels and applies only to PNG pictures: add --png"))
-                }
+                None if self.width.is_some() => Err(Failure::bad_input(
+                    "--width is a number of pixels and applies only to PNG pictures: write one with --png",
+                )),
                 None => Ok(()),
             },
-            ViewFormat::Svg | ViewFormat::Pdf if self.width.is_some() => {
-                Err(Failure::bad_input("--width is a number of pixels and applies only to PNG pictures: add --png"))
-            }
+            ViewFormat::Svg | ViewFormat::Pdf if self.width.is_some() => Err(Failure::bad_input(
+                "--width is a number of pixels and applies only to PNG pictures: write one with --png",
+            )),
             _ => Ok(()),
         }
     }

@@ -41,7 +41,8 @@ impl WatchArgs {
     pub fn pace(&self, port: &PortName) -> Result<Option<f64>, Failure> {
         if self.pace.is_some() && !port.is_virtual() {
             return Err(Failure::bad_input(
-                "--pace applies only to --port sim, because other ports run in real time: remove --pace".to_string(),
+                "--pace applies only to --port sim: remove --pace (`growbot power on --pace` sets the pace of sim:NAME)"
+                    .to_string(),
             ));
         }
         Ok(self.pace.or((self.watch && port.is_virtual()).then_some(WATCHED_PACE)))

@@ -109,7 +109,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     let length = args.length.unwrap_or_else(|| robot.description().filament.spool_mm / robot.filament_per_length());
     if !(1.0..=LONGEST).contains(&length) {
         return Err(Failure::bad_input(format!(
-            "the length of the body is {} mm: give 1 to {LONGEST} mm",
+            "the length of the body is {} mm: give 1 to {LONGEST} mm with --length",
             CompactNumber(&length)
         )));
     }

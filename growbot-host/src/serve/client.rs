@@ -25,7 +25,10 @@ use crate::ownership::{OwnershipError, trusts_user};
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
     /// The service does not respond.
-    #[error("cannot reach the growbot service ({0}): start `growbot serve`, or check that it runs")]
+    #[error(
+        "no valid response from the growbot service ({0}): check that `growbot serve` runs and has the release of this \
+         command"
+    )]
     Unreachable(String),
     /// Another user may have replaced the service's socket, because that user can write to a directory of its path.
     #[error(

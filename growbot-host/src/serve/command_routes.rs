@@ -125,7 +125,10 @@ pub async fn send_live_command(
     let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
     let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
         let live = keeper.live(&id).ok_or_else(|| {
-            Problem::conflict(format!("job {id} is not active, so it accepts no commands: start or resume a job"))
+            Problem::conflict(format!(
+                "job {id} accepts no commands, because it is not active or its robot is not connected: check the \
+                 robot's state"
+            ))
         })?;
         let answer = watch::send_command(&live, &order, &permits.age).await;
         if answer.status().is_success() {

@@ -19,7 +19,7 @@ const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
 const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
 /// End of the error message after each stop that the board has not confirmed.
 const KEPT: &str = "The service keeps the stop, and sends the stop before anything else once the robot is connected; \
-                    the command `withdraw-stop` withdraws the stop";
+                    the command `withdraw-stop` of the API, or Withdraw stop on the page, withdraws the stop";
 
 /// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
@@ -88,9 +88,12 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         }
         RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
         RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
-        RobotCommand::Pause | RobotCommand::Continue => {
-            Err(format!("robot {} has no active job, so there is nothing to {}", keeper.name, order.name()))
-        }
+        RobotCommand::Pause | RobotCommand::Continue => Err(format!(
+            "cannot {} robot {}, because the robot has no active job or is not connected: check the robot's \
+             state",
+            order.name(),
+            keeper.name
+        )),
     }
 }
 

@@ -121,7 +121,7 @@ impl GrowRequest {
                 return Err(Problem::bad("the request has both \"plan\" and \"to\": remove one of them"));
             }
             (None, None) => {
-                return Err(Problem::bad("there is nothing to grow: give \"plan\" or \"to\" in the request"));
+                return Err(Problem::bad("the request has neither \"plan\" nor \"to\": give one of them"));
             }
             (Some(plan), None) => self.given(plan, robot, scene.as_deref())?,
             (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref(), computation)?,
@@ -244,8 +244,8 @@ fn ensure_storable(layers: u64) -> Result<(), Problem> {
         return Ok(());
     }
     Err(Problem::conflict(format!(
-        "the plan has {layers} layers, but a board can store {MAX_JOB_LAYERS}: choose a nearer goal, or use a robot \
-         with higher layers"
+        "the plan needs at least {layers} layers, but a board can store {MAX_JOB_LAYERS}: plan a shorter body, or use \
+         a robot with higher layers"
     )))
 }
 

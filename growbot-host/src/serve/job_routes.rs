@@ -210,7 +210,11 @@ fn ensure_resumable(job: &Job) -> Result<(), String> {
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
         JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
-        JobState::Failed => Err(format!("job {} ended before the growth started: grow its plan again", job.id)),
+        JobState::Failed => Err(format!(
+            "job {} has failed ({}) and cannot be resumed: grow its plan again",
+            job.id,
+            job.reason.as_deref().unwrap_or("for an unknown reason")
+        )),
     }
 }
 
@@ -243,7 +247,9 @@ pub async fn job_log(
     let job = found_job(&service, &id)?;
     let permit = limits.permit_download()?;
     let path = service.shared.jobs_to_read().log_path(&job.id);
-    let unread = |error| Problem::conflict(format!("the run log of the job cannot be read: {error}"));
+    let unread = |error| {
+        Problem::conflict(format!("cannot read the run log of the job: {error}; a job that never started has none"))
+    };
     let file = run_blocking(move || File::open(path).map_err(unread)).await?;
     let body = Body::from_stream(unfold(Some(file), |file| async { next_part(file?).await }));
     Ok(holding(permit, ([(CONTENT_TYPE, "application/jsonl")], body).into_response()))
@@ -278,7 +284,7 @@ pub async fn live(
 
 fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
     let live = find_robot(service, &job.robot)?.live(&job.id);
-    live.ok_or_else(|| Problem::conflict(format!("job {} is not active, so there is nothing to command", job.id)))
+    live.ok_or_else(|| Problem::conflict(format!("job {} is {}", job.id, job.state.name())))
 }
 
 pub async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {

@@ -33,7 +33,8 @@ use crate::watch::LiveGrowth;
 type Reply = Sender<Result<(), String>>;
 
 /// Message for a job that was not started because a later stop has voided its request.
-const VOIDED: &str = "the job was not started, because the robot was stopped after this order: order the job again";
+const VOIDED: &str = "the job was not started, because the robot was stopped, had a fault or discarded its body before \
+                      the order reached it: check the robot, and order the job again";
 
 impl RobotWorker {
     /// Starts a new job, and follows it until it ends or the connection is lost.
@@ -98,7 +99,11 @@ impl RobotWorker {
         let permit = self.signal().continuation();
         self.continue_job(connection, job, permit, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
-            state => Err(format!("the board is in state {}: resume the job, or cancel the job", state.name())),
+            state => Err(format!(
+                "the board is in state {}: clear the fault or the emergency stop, if there is one, then resume or \
+                 cancel the job",
+                state.name()
+            )),
         })
     }
 

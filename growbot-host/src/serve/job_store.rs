@@ -83,8 +83,8 @@ pub enum JobStoreError {
     },
     /// SQLite has failed.
     #[error(
-        "cannot read or write the list of jobs: {0}; stop the service, move jobs.sqlite away, and start the service \
-         again, which then rebuilds the list from the run logs"
+        "cannot read or write the list of jobs: {0}; if the disk is full, free space; otherwise stop the service, move \
+         jobs.sqlite away, and start the service again, which then rebuilds the list from the run logs"
     )]
     Database(#[from] rusqlite::Error),
 }

@@ -132,7 +132,7 @@ impl JobStore {
         {
             crate::warning!(
                 "cannot write the list of jobs ({error}): its changes are kept in memory, and written once that is \
-                 possible; free disk space"
+                 possible; if the disk is full, free space"
             );
         }
     }

@@ -142,7 +142,9 @@ impl RoleLimits {
             let _ = reply.send(what(&computation));
         };
         thread::Builder::new().name("computation".to_owned()).spawn(run).map_err(Problem::internal)?;
-        computed.await.unwrap_or_else(|_| Err(Problem::internal("a computation of the service has failed")))
+        computed.await.unwrap_or_else(|_| {
+            Err(Problem::internal("a computation of the service has failed: see the messages of `growbot serve`"))
+        })
     }
 }
 
@@ -171,7 +173,8 @@ impl Computation {
         }
         if Instant::now() >= self.deadline {
             return Err(Problem::bad(format!(
-                "no plan was found within {} s: give fewer waypoints, or plan with `growbot plan` and send the plan",
+                "no plan was found and checked within {} s: give fewer waypoints or a simpler scene, or plan with \
+                 `growbot plan` and send the plan",
                 COMPUTATION_TIME.as_secs()
             )));
         }
@@ -330,6 +333,6 @@ mod tests {
     fn a_computation_ends_at_its_deadline() {
         let computation = Computation { deadline: Instant::now(), is_abandoned: Arc::default() };
         let problem = computation.check().unwrap_err();
-        assert!(problem.detail.contains("no plan was found within 30 s"), "{}", problem.detail);
+        assert!(problem.detail.contains("no plan was found and checked within 30 s"), "{}", problem.detail);
     }
 }

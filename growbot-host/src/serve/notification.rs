@@ -150,15 +150,15 @@ impl NotificationContext<'_> {
             NotificationEvent::Fault => format!("{robot} stopped with a fault{at}: {why}"),
             NotificationEvent::Pause => format!("{robot} pauses{at}: {why}"),
             NotificationEvent::FilamentRunout => format!("{robot} pauses{at}: {why}"),
-            NotificationEvent::Interrupted => format!("{robot} abandoned its job{at}: {why}"),
+            NotificationEvent::Interrupted => format!("the job of {robot} was interrupted{at}: {why}"),
             NotificationEvent::Parked => {
                 format!(
                     "{robot} is parked{at}, with its heater off: continue the job, or stop the job and then cancel it"
                 )
             }
             NotificationEvent::EmergencyStop => format!(
-                "{robot} was stopped by the emergency stop{at}: release the button, clear the emergency stop, and \
-                 resume or cancel the job"
+                "{robot} was stopped by the emergency stop{at}: release the button if it is pressed, clear the \
+                 emergency stop, and resume or cancel the job if there is one"
             ),
             NotificationEvent::Disconnected => format!("{robot} has lost its connection{at}: {why}"),
             NotificationEvent::BoardRestart => format!("{robot} has restarted{at} ({why}): check the robot"),

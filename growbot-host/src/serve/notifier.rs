@@ -43,15 +43,15 @@ const SECRET: &str = "whsec_";
 #[derive(Debug, thiserror::Error)]
 pub enum NotifyError {
     /// The webhook's URL is invalid. The message does not repeat the URL, because it may contain a secret.
-    #[error("the webhook of [serve.notify] is not a URL: give one with https:// or http:// and a host")]
+    #[error("the webhook of [serve.notify] cannot be used: give a URL with https:// or http:// and a host")]
     Address,
     /// The command that receives notices is empty.
     #[error("the command of [serve.notify] is empty: give a list of a program and its arguments, or remove the line")]
     Command,
     /// The webhook's secret cannot be used.
     #[error(
-        "cannot use the webhook's secret in {path}: {reason}; delete the file, and the service generates another \
-         secret"
+        "cannot use the webhook's secret in {path}: {reason}; make the file readable and correct it, or delete it \
+         and give the receiver the secret that the service then generates"
     )]
     Secret {
         /// Path of the secret's file.

@@ -95,5 +95,6 @@ pub async fn new_scene(
 
 pub async fn view_plan(State(service): ServiceState, Path(number): Path<u64>) -> Result<Html<Bytes>, Problem> {
     let page = service.shared.preview(number);
-    page.map(Html).ok_or_else(|| Problem::not_found("preview any more, of", &number.to_string()))
+    page.map(Html)
+        .ok_or_else(|| Problem::not_found("page (only the latest are kept: plan again) of plan", &number.to_string()))
 }

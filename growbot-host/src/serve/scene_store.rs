@@ -49,7 +49,8 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
         .sum();
     if kept + bytes.len() as u64 > MAX_KEPT {
         return Err(Problem::conflict(format!(
-            "the service already stores {MAX_KEPT} bytes of scenes: remove scenes that no job needs from {}",
+            "with this scene, the service would store more than {MAX_KEPT} bytes of scenes: remove scenes that no job \
+             needs from {}",
             directory.display()
         )));
     }
@@ -77,6 +78,7 @@ pub fn find(places: &ServicePaths, name: &str) -> Result<PathBuf, Problem> {
         return Ok(path);
     }
     Err(Problem::bad(format!(
-        "the service stores no scene {name:?}: send the scene to /scenes first, and use the name in the response"
+        "the service stores no scene {name:?}: send the scene to /scenes first, and give the name in the \
+         response as \"scene\" of this request"
     )))
 }

@@ -32,7 +32,10 @@ pub enum ServerError {
     #[error(transparent)]
     Lock(#[from] LockError),
     /// A file cannot be used.
-    #[error("cannot use {path}: {error}")]
+    #[error(
+        "cannot use {path}: {error}; set XDG_RUNTIME_DIR (folder of the socket) or XDG_STATE_HOME (folder of other \
+         files) to a folder of your own"
+    )]
     File {
         /// Path of the file.
         path: String,

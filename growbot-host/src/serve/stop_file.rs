@@ -62,8 +62,8 @@ impl StopFile {
         match self.write(level) {
             Ok(()) => *stored = level,
             Err(error) => crate::warning!(
-                "cannot write {} ({error}): if the service ends now, a stop that is not confirmed yet is lost; free \
-                 disk space",
+                "cannot write {} ({error}): if the service ends now, an unconfirmed stop is lost, or a confirmed stop \
+                 is sent again; if the disk is full, free space",
                 self.path.display()
             ),
         }
@@ -103,8 +103,8 @@ impl PauseFile {
         match changed {
             Ok(()) => *is_stored = is_pending,
             Err(error) => crate::warning!(
-                "cannot change {} ({error}): if the service ends now, an order to pause is lost or repeated; free disk \
-                 space",
+                "cannot change {} ({error}): if the service ends now, an order to pause is lost or repeated; if the \
+                 disk is full, free space",
                 self.path.display()
             ),
         }

@@ -416,7 +416,7 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
         let stop = scope.spawn(|| run_command(worker, RobotCommand::Stop, &permit));
         wait_until(|| worker.status().pending_stop.is_some());
         drop(jobs);
-        assert!(grow.join().unwrap().unwrap_err().contains("stopped after this order"));
+        assert!(grow.join().unwrap().unwrap_err().contains("the robot was stopped"));
         assert_eq!(stop.join().unwrap(), Ok(()));
     });
     let board = case.line.board();

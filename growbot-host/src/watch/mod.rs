@@ -42,7 +42,9 @@ const LAST_WORDS: Duration = Duration::from_secs(3);
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The address cannot be bound.
-    #[error("cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove it")]
+    #[error(
+        "cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove --watch"
+    )]
     Address {
         /// Requested port. 0 stands for any free port.
         port: u16,

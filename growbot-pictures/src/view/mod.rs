@@ -68,7 +68,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A plan lacks a quantity that only a growth has.
-    #[error("{name} is a plan and has no {what}: give a run log, as `growbot grow --log` writes it")]
+    #[error("{name} is not the log of a growth and has no {what}: give a run log, as `growbot grow --log` writes it")]
     NotMeasured {
         /// Name of the plan.
         name: String,

@@ -243,13 +243,13 @@ class ServiceGrowth:
             _write(self._log, self._service.bytes(f"/jobs/{self._job}/log"))
         if self._result is None:
             why = self._service.json(f"/jobs/{self._job}").get("reason") or "the service gave no reason"
-            raise BoardError(f"the service abandoned job {self._job}: {why}")
+            raise BoardError(f"job {self._job} ended without a result: {why}")
         outcome = self._result["outcome"]
         if outcome not in ("done", "stopped"):
             fault = f" ({self._result['fault']})" if self._result.get("fault") else ""
             raise BoardError(
                 f"the growth ended with {outcome}{fault}: check robot {self._robot}, then resume the body with "
-                "`growbot resume`",
+                "`growbot resume` if the robot still stores it",
                 outcome,
                 "done",
             )

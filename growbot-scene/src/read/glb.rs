@@ -170,7 +170,8 @@ impl<'a> GlbReader<'a> {
         let count = items.len();
         if first + count > MAX_POINTS {
             return Err(format!(
-                "the file has more than {MAX_POINTS} points, counting a mesh once for each node that uses it"
+                "the file has more than {MAX_POINTS} points, counting a mesh once for each node that uses it: \
+                 simplify it"
             ));
         }
         for item in items {
@@ -187,7 +188,8 @@ impl<'a> GlbReader<'a> {
         };
         if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
             return Err(format!(
-                "the file has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it"
+                "the file has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it: \
+                 simplify it"
             ));
         }
         // A node that mirrors turns its faces inside out. This is reversed here.

@@ -82,9 +82,9 @@ pub fn maintain(
     };
     let task = task.map_err(Failure::request_failed)?;
     client.maintain(task, permit).map_err(|error| match error {
-        ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => {
-            Failure::request_failed(format!("{error}: motors turn only while the nozzle is hot; run `preheat` first"))
-        }
+        ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => Failure::request_failed(
+            format!("{error}: motors turn only while the nozzle is hot; preheat the nozzle first"),
+        ),
         error => error.into(),
     })?;
     Ok(format!("{}\n", task_message(task)))

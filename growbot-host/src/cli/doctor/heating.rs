@@ -66,7 +66,8 @@ fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
         }
         Some((Some(fault), _)) => Finding::failed(
             format!("the board switched the heater off by another fault, {}", describe(fault)),
-            "without a heater the nozzle must not get warmer: disconnect everything from the heater's terminals",
+            "remove the cause of this fault, check that nothing is connected to the heater's terminals, and repeat \
+             this step",
         ),
         Some((None, degrees)) => Finding::failed(
             format!("the nozzle got warmer by {degrees:.1} degrees; the limit is {WARMER_C}"),
@@ -112,7 +113,7 @@ fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     if let Some(fault) = seen.and_then(|seen| seen.status.fault) {
         return Ok(Finding::failed(
             format!("the board switched off before the lamp could light, because of {}", describe(fault)),
-            "the thermistor must be connected and cold: check it, and try again",
+            "remove the cause of this fault, such as a thermistor that is disconnected or warm, and repeat this step",
         ));
     }
     check_lamp(session)
@@ -190,9 +191,10 @@ pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
             "nozzle at {:.1} C, within {band} C of {LOW_C} C for 5 s",
             f64::from(centi) / 100.0
         )),
-        Some((Some(fault), _)) => {
-            Finding::failed(describe(fault), "the heater is off: compare [heater] of the robot file with the parts")
-        }
+        Some((Some(fault), _)) => Finding::failed(
+            describe(fault),
+            "the heater is off: remove the cause of this fault, and compare [heater] of the robot file with the parts",
+        ),
         None => Finding::failed(
             format!("the nozzle did not come within {band} C of {LOW_C} C in {} s", time.as_secs()),
             "check the heater, the supply and the thermistor's seat; then find the heater's gains with `growbot tune`",

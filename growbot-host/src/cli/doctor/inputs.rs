@@ -27,7 +27,8 @@ pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
     }
     Ok(Finding::failed(
         found,
-        "let the nozzle cool; if it is cold, compare [thermistor] in the robot file with the part and its pull-up",
+        "if the nozzle was heated, let it cool; otherwise compare [thermistor] in the robot file with the part and its \
+         pull-up",
     ))
 }
 
@@ -68,9 +69,10 @@ impl BothLevels {
 
 /// Checks that the index sensor detects its mark at one place of a turn, and not at another.
 pub fn index(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    if !session
-        .confirm("Turn the head slowly by hand, by more than a turn, until the board has detected the index mark.")?
-    {
+    if !session.confirm(
+        "Confirm first, then turn the head slowly by hand, by more than a turn, until the board has detected the \
+         index mark.",
+    )? {
         return Ok(Finding::skipped());
     }
     let mut levels = BothLevels([false; 2]);

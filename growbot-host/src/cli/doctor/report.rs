@@ -169,7 +169,7 @@ impl CommissioningReport {
     pub fn open(file: &Path) -> Result<Self, Failure> {
         let unusable = |what: &str| {
             Failure::bad_input(format!(
-                "{} is not a report of growbot doctor: {what}; name another file",
+                "cannot use {} as a report of growbot doctor: {what}; name another file with -o",
                 file.display()
             ))
         };

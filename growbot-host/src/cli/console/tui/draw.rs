@@ -72,7 +72,7 @@ fn draw(frame: &mut Frame, model: &ConsoleModel) {
         let block = Block::bordered().title_bottom(Span::styled(" any key closes this ", DIM));
         frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
     } else if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
-        let message = format!("terminal too small: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
+        let message = format!("terminal too small for pictures: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
         frame.render_widget(Paragraph::new(message).style(DIM), pictures);
     } else {
         draw_pictures(frame, pictures, model);

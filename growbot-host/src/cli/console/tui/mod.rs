@@ -160,8 +160,12 @@ struct TuiApp {
 
 impl TuiApp {
     fn run(&mut self, screen: &mut Screen, leave: &AtomicBool) -> Result<(), Failure> {
-        let gone =
-            |error: io::Error| Failure::bad_input(format!("the terminal was closed ({error}); the robot continues"));
+        let gone = |error: io::Error| {
+            Failure::bad_input(format!(
+                "the terminal was closed ({error}), and no stop was sent to the robot: run `growbot status`, or \
+                 stop the robot with `growbot stop`"
+            ))
+        };
         let mut last = Instant::now();
         while !self.quit && !leave.load(Ordering::Relaxed) {
             screen.0.draw(|frame| draw::screen(frame, &self.model)).map_err(gone)?;
@@ -213,7 +217,7 @@ impl TuiApp {
         if !self.watch.change_speed(faster) {
             self.model.log(match self.watch.speed() {
                 Some(_) => "the speed is at its limit",
-                None => "the speed of a real robot cannot be changed",
+                None => "the speed can be changed only on the port sim",
             });
         }
         self.model.speed = self.watch.speed();
@@ -234,7 +238,8 @@ impl TuiApp {
                 }
             }
             Ok(ConsoleCommand::Wait(_)) => {
-                self.model.log("this port runs in real time: + and - change the speed on sim only");
+                self.model
+                    .log("`wait` has no effect here, where time passes by itself: + and - change its speed on sim");
             }
             Ok(ConsoleCommand::Help) => self.model.popup = Some(help()),
             Ok(ConsoleCommand::Quit) => self.quit = true,

@@ -168,7 +168,7 @@ pub fn explanation(state: State) -> &'static str {
         State::Maintenance => "hot for maintenance; heater off 10 minutes after the latest command",
         State::Tuning => "the nozzle's temperature swings to find the heater's gains",
         State::Fault => "heater and steppers are off; fix the cause, then c clears the fault",
-        State::EmergencyStop => "all is off; release the button, then c clears the emergency stop",
+        State::EmergencyStop => "all off; release the button if pressed, then c clears the stop",
     }
 }
 
