@@ -212,8 +212,8 @@ impl Fault {
                  sensor"
             }
             Self::IndexStuck => {
-                "the index sensor reports its mark over a wider angle than the mark has: check the sensor and its wire, \
-                 that the head turns, and head.index_width_deg"
+                "the index sensor reports its mark over a wider angle than the mark has: check the sensor and its \
+                 wire, that the head turns, and head.index_width_deg"
             }
             Self::HeadStepsLost => {
                 "the index mark is at another position, so the head has lost or gained steps: remove what blocks the \

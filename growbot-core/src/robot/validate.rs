@@ -45,8 +45,10 @@ pub(super) fn check_for_board(robot: &RobotDescription) -> Result<(), RobotError
     CheckedField("motion.tick_hz", f64::from(robot.motion.tick_hz)).between(
         0.0,
         f64::from(MAX_BOARD_TICK_HZ),
-        advice("the step interrupt of a board runs at 100 kHz at most: lower motion.tick_hz; a robot that needs more can only \
-         be simulated"),
+        advice(
+            "the step interrupt of a board runs at 100 kHz at most: lower motion.tick_hz; a robot that needs more \
+         can only be simulated",
+        ),
     )
 }
 
@@ -190,13 +192,18 @@ fn check_head(motion: &Motion, head: &Head) -> Result<(), RobotError> {
     CheckedField("head.index_width_deg", head.index_width_deg).between(
         2.0 * 360.0 / f64::from(head.steps_per_turn),
         180.0,
-        advice("give the width of the index mark in degrees, at least two steps of the head's motor and at most half a turn"),
+        advice(
+            "give the width of the index mark in degrees, at least two steps of the head's motor and at most \
+         half a turn",
+        ),
     )?;
     CheckedField("head.index_tolerance_deg", head.index_tolerance_deg).between(
         360.0 / f64::from(head.steps_per_turn),
         90.0,
-        advice("give the allowed deviation of an edge of the index mark in degrees, at least one step of the head's motor and \
-         at most a quarter of a turn"),
+        advice(
+            "give the allowed deviation of an edge of the index mark in degrees, at least one step of the head's \
+         motor and at most a quarter of a turn",
+        ),
     )?;
     CheckedField("head.acceleration_turns_per_s2", head.acceleration_turns_per_s2).between(
         1e-4,
@@ -400,8 +407,10 @@ fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
     CheckedField("supply.full_scale_v", supply.full_scale_v).between(
         supply.max_v,
         1000.0,
-        advice("give the supply's voltage in V at which the ADC's input reaches its reference; it must be above supply.max_v, \
-         so that the ADC can measure that voltage"),
+        advice(
+            "give the supply's voltage in V at which the ADC's input reaches its reference; it must be above \
+         supply.max_v, so that the ADC can measure that voltage",
+        ),
     )?;
     if let Some(motion) = sensors.filament_motion {
         CheckedField("sensors.filament_motion.mm_per_pulse", motion.mm_per_pulse).between(
@@ -412,8 +421,10 @@ fn check_sensors(robot: &RobotDescription) -> Result<(), RobotError> {
         CheckedField("sensors.filament_motion.jam_mm", motion.jam_mm).between(
             2.0 * motion.mm_per_pulse,
             1e4,
-            advice("give a length of filament in mm of at least two pulses of the sensor, because a shorter one would give \
-             false alarms"),
+            advice(
+                "give a length of filament in mm of at least two pulses of the sensor, because a shorter one would \
+             give false alarms",
+            ),
         )?;
     }
     Ok(())
@@ -464,13 +475,18 @@ fn check_accelerations(robot: &RobotDescription) -> Result<(), RobotError> {
         acceleration.between(
             min,
             UNLIMITED,
-            advice("the motor must reach the speed of a layer within ten seconds: raise this acceleration or layer.period_s"),
+            advice(
+                "the motor must reach the speed of a layer within ten seconds: raise this acceleration or \
+             layer.period_s",
+            ),
         )?;
         CheckedField(profile, motion.acceleration).between(
             0.0,
             motion.acceleration_limit,
-            advice("a layer of a bend of planning_radius_mm may use at most half of the axis's acceleration, and a quarter of \
-             its speed jump between sectors: raise the acceleration and the speed jump, or layer.period_s"),
+            advice(
+                "a layer of a bend of planning_radius_mm may use at most half of the axis's acceleration, and a \
+             quarter of its speed jump between sectors: raise the acceleration and the speed jump, or layer.period_s",
+            ),
         )
     };
     let acceleration = CheckedField("head.acceleration_turns_per_s2", robot.head.acceleration_turns_per_s2);
