@@ -84,7 +84,7 @@ mod tests {
         let stalls = DriverSettings { mode: ChopperMode::SpreadCycle, stall_threshold: Some(80), ..driver };
         for (kind, driver, why) in [
             (BoardKind::Pico, Some(driver), "only skr-pico"),
-            (BoardKind::SkrPico, None, "head.driver is missing"),
+            (BoardKind::SkrPico, None, "[head.driver] is missing"),
             (BoardKind::SkrPico, Some(DriverSettings::with_current(2.5)), "head.driver.current_a is 2.5, above 1.7"),
             (BoardKind::SkrPico, Some(DriverSettings::with_current(f64::NAN)), "finite"),
             (BoardKind::SkrPico, Some(DriverSettings { microsteps: 12, ..driver }), "12"),
