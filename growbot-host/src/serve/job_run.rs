@@ -1,7 +1,6 @@
 //! Runs a job on its robot's board: a new job, or the rest of an unfinished job.
 
 use std::sync::Arc;
-use std::sync::mpsc::Sender;
 
 use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::ClientError;
@@ -28,9 +27,8 @@ use super::job_history::end_reason;
 use super::job_store::{Job, JobState};
 use super::notification::NotificationEvent;
 use super::robot_worker::{LinkState, NewJob, RobotWorker};
+use super::stopper::Reply;
 use crate::watch::LiveGrowth;
-
-type Reply = Sender<Result<(), String>>;
 
 /// Message for a job that was not started because a later stop has voided its request.
 const VOIDED: &str = "the job was not started, because the robot was stopped, had a fault or discarded its body before \

@@ -22,7 +22,7 @@ const RESPONSE_MARGIN: Duration = Duration::from_secs(1);
 type Line = Box<dyn Port + Send>;
 
 /// Channel of the result of an emergency stop.
-type Reply = Sender<Result<(), String>>;
+pub(super) type Reply = Sender<Result<(), String>>;
 
 /// Handle of the thread that sends a robot's emergency stops.
 pub struct Stopper {
