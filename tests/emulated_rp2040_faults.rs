@@ -43,7 +43,8 @@ const FEW: [Case; 8] = [
 /// Max delay of the Pico's detection of a fault after that of the simulated board, s. The delay may be longer by the
 /// fraction [`LATER`], because readings of 0.1 s begin at other times, and the heater starts from other readings.
 const LATER_S: f64 = 0.3;
-/// Additional delay of the Pico's detection, as a fraction of the time that the simulated board takes.
+/// Delay of the Pico's detection that is allowed in addition to [`LATER_S`], as a fraction of the time that the
+/// simulated board takes to detect the fault.
 const LATER: f64 = 0.02;
 /// Time limit for a board to reach a state, ms of its own clock.
 const PATIENCE_MS: u64 = 900_000;

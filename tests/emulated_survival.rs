@@ -163,7 +163,7 @@ struct Point {
     /// Number of events that the host receives before the interruption: first three changes of the state, then the
     /// laid layers.
     events_seen: u64,
-    /// Delay from the last of these events to the interruption.
+    /// Delay from the last of the [`Self::events_seen`] events to the interruption.
     later: Duration,
 }
 

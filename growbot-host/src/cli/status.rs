@@ -241,7 +241,7 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         _ => format!(", layer {} interrupted", record.laid),
     };
     let mut text = format!(
-        "last fault   {}, while {}, {:.1} s after its start{since}\n",
+        "last fault   {}, while {}, {:.1} s after the start of the board{since}\n",
         fault_code(record),
         record.state.name(),
         record.uptime_ms as f64 / 1000.0

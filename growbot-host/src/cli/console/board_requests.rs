@@ -104,7 +104,7 @@ fn start_stored(client: &mut Client, permit: &Permit) -> Result<String, Failure>
     let start = Start { plan_id, on_host_silence: HostSilencePolicy::Pause, is_continuation: false };
     match client.energize(what, &EnergizingRequest::Start(start), permit)? {
         Message::Accepted(Accepted { next, .. }) => {
-            Ok(text + &format!("the growth has started with {next} stored layers\n"))
+            Ok(text + &format!("the growth has started; {next} layers are laid or stored\n"))
         }
         other => Err(unexpected(what, &other)),
     }

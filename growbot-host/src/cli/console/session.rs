@@ -194,7 +194,10 @@ impl ConsoleSession {
             (false, _) => format!("{left_out}; {state}"),
             (true, 0) => format!("standard output was closed by the program that reads it: {left_out}; {state}"),
             (true, line) => {
-                format!("standard output was closed by the program that reads it at line {line}: {left_out}; {state}")
+                format!(
+                    "standard output was closed by the program that reads it, during the command in line {line}: \
+                     {left_out}; {state}"
+                )
             }
         };
         // No command was run if not even the first line could be read.
@@ -315,7 +318,11 @@ impl ConsoleSession {
                 Some(Message::LayerLaid(laid)) => {
                     print(&match &laid.as_built {
                         Some(bytes) => format!("layer {}: {:.4} mm\n", laid.index, decode(bytes).height),
-                        None => format!("layer {}: interrupted and kept as it is\n", laid.index),
+                        None => format!(
+                            "layer {}: height unknown, because the layer was interrupted and skipped, or the journal \
+                             could not be written\n",
+                            laid.index
+                        ),
                     })?;
                 }
                 _ => {}

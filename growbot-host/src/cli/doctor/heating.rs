@@ -112,7 +112,10 @@ fn light(session: &mut DoctorSession) -> Result<Finding, Failure> {
     })?;
     if let Some(fault) = seen.and_then(|seen| seen.status.fault) {
         return Ok(Finding::failed(
-            format!("the board switched off before the lamp could light, because of {}", describe(fault)),
+            format!(
+                "the board switched the heater's output off before the lamp could light, because of {}",
+                describe(fault)
+            ),
             "remove the cause of this fault, such as a thermistor that is disconnected or warm, and repeat this step",
         ));
     }
@@ -132,7 +135,7 @@ pub fn check_lamp(session: &mut DoctorSession) -> Result<Finding, Failure> {
     // The answer about the lamp counts only if the board was driving the lamp.
     if let Some(by) = switched_off_by(&status?) {
         return Ok(Finding::failed(
-            format!("the board switched off before you answered, because of {by}"),
+            format!("the board switched the heater's output off before you answered, because of {by}"),
             "repeat this step, and answer sooner",
         ));
     }

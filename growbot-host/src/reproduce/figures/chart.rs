@@ -67,7 +67,7 @@ pub enum Mark {
     Disc,
     /// Line: a curve in a picture of paths.
     Line,
-    /// Empty ring: one of our means over `k`.
+    /// Empty ring: one of our means in the plot of the position error against `k`, the bend of one step (radians).
     Ring,
 }
 
