@@ -109,7 +109,8 @@ pub enum NoPathError {
     /// Every passage between start and goal is too narrow for the tube and the margin.
     #[error(
         "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
-         centreline needs on each side; make a passage of the scene wider, or lower the margin (--margin)", CompactNumber(.need)
+         centreline needs on each side; make a passage of the scene wider, or lower the margin (--margin)",
+        CompactNumber(.need)
     )]
     Separated {
         /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
