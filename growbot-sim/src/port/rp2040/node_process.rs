@@ -131,7 +131,7 @@ pub enum CrashMode {
     Hangs,
     /// The processor faults.
     Faults,
-    /// The crystal stops, and with it the timer and the watchdog. The processor's clock runs until the next reset.
+    /// The crystal stops until the next reset, and with it the timer and the watchdog. The processor's clock continues.
     CrystalStops,
 }
 
