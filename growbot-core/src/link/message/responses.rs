@@ -320,7 +320,7 @@ pub struct StoredLayers {
     /// Index in the job of the first layer in this message.
     pub first: u32,
     /// The stored layers from this index on. There are fewer than
-    /// [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) only at the end of the stored layers, and none if the
+    /// [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) only at the end of the stored layers. It is empty if the
     /// layer with this index is not stored, for example because it has been laid.
     pub layers: LayerBatch,
 }
