@@ -316,7 +316,10 @@ fn failed_drawings_are_reported_and_leave_no_file() {
     let file = directory.path().join("out.svg");
     let view =
         |args: &[&str], parts: &[&str]| assert_refused(&[&["view", "-o", text(&file)], args].concat(), parts, &file);
-    view(&[text(&plan), "--plot", "temperature"], &["plan.json is not the log of a growth", "no temperature", "run log"]);
+    view(
+        &[text(&plan), "--plot", "temperature"],
+        &["plan.json is not the log of a growth", "no temperature", "run log"],
+    );
     view(&[text(&plan), "--plot", "heights,error"], &["plan.json is not the log of a growth", "error", "run log"]);
     let lines = fs::read_to_string(&run).unwrap();
     let cold: String =

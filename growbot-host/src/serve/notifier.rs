@@ -336,7 +336,7 @@ mod tests {
             fs::write(&path, wrong).unwrap();
             let message = secret_of(&path).unwrap_err().to_string();
             assert!(
-                message.contains("the service generates another secret")
+                message.contains("the secret that the service then generates")
                     && (wrong.is_empty() || !message.contains(wrong)),
                 "{message}"
             );
