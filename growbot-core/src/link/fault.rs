@@ -258,7 +258,7 @@ impl Fault {
             Self::DebugProbe => {
                 "a debug probe is or was attached: in debug mode the processor may halt with the heater on. Detach the \
                  probe and disconnect the board's power for a moment; for a test bench set test_bench = true in the \
-                 robot file and send it to the board"
+                 robot file"
             }
         }
     }
