@@ -71,7 +71,8 @@ def missing(entry, repository):
     function = re.search(r" in (.*)$", entry["mutation"])
     names = re.sub(r"<.*?>", "", function[1]).split("::") if function else []
     # A type that only a comment or a `use` names may have another name by now.
-    absent = [name for name in names[:-1] if not re.search(rf"^ *(?:pub )?(?:impl|trait|mod)\b.*\b{name}\b", text, re.M)]
+    owners = " ".join(re.findall(r"^ *(?:pub )?(?:impl|trait|mod)\b.*", text, re.M))
+    absent = [name for name in names[:-1] if not re.search(rf"\b{name}\b", owners)]
     if absent or (names and not re.search(rf"\bfn {names[-1]}\b", text)):
         return f"no {'::'.join(names)}"
     return None
