@@ -3,7 +3,7 @@
 //!
 //! The paths are drawn in regimes in which searches fail: tiny arcs, half turns, short lines, folds (where the path has
 //! a singular Jacobian, so that two paths meet), and far goals. `GROWBOT_LAID` is the number of paths constructed in
-//! each regime, 20,000 by default.
+//! each regime, 10,000 by default.
 //!
 //! ```sh
 //! GROWBOT_LAID=1000000 cargo test --release -p growbot-core --test it constructed_csc_paths:: -- --nocapture
@@ -300,7 +300,7 @@ fn try_regime(regime: &Regime, number: u64, count: u32) -> Tally {
 
 #[test]
 fn constructed_paths_are_found() {
-    let count = std::env::var("GROWBOT_LAID").map_or(20_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
+    let count = std::env::var("GROWBOT_LAID").map_or(10_000, |count| count.parse().expect("GROWBOT_LAID is a number"));
     let tallies: Vec<Tally> = std::thread::scope(|scope| {
         let running: Vec<_> = REGIMES
             .iter()

@@ -38,7 +38,7 @@ fn number(name: &str, default: u64) -> u64 {
 
 #[test]
 fn no_closed_loop_growth_touches_an_obstacle() {
-    let (scenes, growths) = (number("GROWBOT_SCENES", 4), number("GROWBOT_GROWTHS", 5));
+    let (scenes, growths) = (number("GROWBOT_SCENES", 4), number("GROWBOT_GROWTHS", 3));
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     println!("simulated growths of robot A: how many touch, pause, take a detour; min clearance in mm");
     let noise = table(&robot, scenes, growths, false);
