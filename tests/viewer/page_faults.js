@@ -279,7 +279,7 @@ async function aServiceWithNewTokensIsShown() {
   await waitForText(banners, /Emergency stop of lab: .*This page keeps sending the stop/);
   await lab.start({ newSocket: true });
   const stopBanner = banners.filter({ hasText: "Emergency stop of lab" });
-  await waitForText(stopBanner, /: this request has no token.*Cut the robot's power now, or run `growbot estop`/);
+  await waitForText(stopBanner, /: this request has no access token.*Cut the robot's power now, or run `growbot estop`/);
   await waitForText(page.locator("#connection"), /^No access$/);
   const expired = banners.filter({ hasText: "The service refuses this page" });
   await waitForText(expired, /open the address that `growbot serve` prints.*`growbot estop`.*or cut their power/);
