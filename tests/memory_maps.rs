@@ -31,8 +31,8 @@ const STM32F405: Map = Map {
 #[expect(clippy::single_range_in_vec_init, reason = "a board with one piece of RAM")]
 const RAM_OF_PICO: [Range<u64>; 1] = [0x2000_0000..0x2004_0000];
 
-/// Memory of the Pico. The image lies in the first 512 KiB of the 2 MiB of flash, after the 256 bytes of the second-stage
-/// loader. The last 512 KiB hold the description and the journal.
+/// Memory of the Pico. The image lies in the first 512 KiB of the 2 MiB of flash, after the 256 bytes of the
+/// second-stage loader. The last 512 KiB hold the description and the journal.
 const PICO: Map = Map { flash: 0x1000_0100..0x1008_0000, ram: &RAM_OF_PICO, stack_top: 0x2001_0000 };
 /// Section of the loader, which lies before the image.
 const LOADER: &str = ".boot2";

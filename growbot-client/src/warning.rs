@@ -35,9 +35,9 @@ pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning for a body that needs more filament than the spool holds. Value and limit are
 /// lengths, mm.
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning for layers that the robot cannot lay. The units of value and limit depend on the reason: too high
-/// (mm), too tilted (degrees), without material at a point (mm, the limit is 0), or too much acceleration of a motor
-/// (turns/s^2 for the head, mm/s^2 for the feed). Both are 0 if the layer needs too many steps per second.
+/// Code of the warning for layers that the robot cannot lay. The units of value and limit depend on the reason: too
+/// high (mm), too tilted (degrees), without material at a point (mm, the limit is 0), or too much acceleration of a
+/// motor (turns/s^2 for the head, mm/s^2 for the feed). Both are 0 if the layer needs too many steps per second.
 pub const LAYER_LIMIT: &str = "layer-limit";
 
 /// Code of the warning for a plan whose clearance from obstacles is smaller than the expected deviation of the robot.

@@ -37,8 +37,8 @@ fn stl() -> Vec<u8> {
     bytes
 }
 
-/// Applies one to four random changes: truncates the bytes, removes, repeats or overwrites a part, inserts a huge number
-/// or a terminal escape sequence, or flips a bit.
+/// Applies one to four random changes: truncates the bytes, removes, repeats or overwrites a part, inserts a huge
+/// number or a terminal escape sequence, or flips a bit.
 fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     for _ in 0..=random.below(4) {
         let at = random.below(bytes.len() as u64 + 1) as usize;

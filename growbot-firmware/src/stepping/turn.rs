@@ -46,8 +46,8 @@ pub struct Turn {
     pub pace: RampLimits,
 }
 
-/// Error: the motors cannot lay a layer. It needs more than one step in two ticks, feed in reverse, or more acceleration
-/// than the motors have, or it has no height.
+/// Error: the motors cannot lay a layer. It needs more than one step in two ticks, feed in reverse, or more
+/// acceleration than the motors have, or it has no height.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StepRateError;
 

@@ -102,8 +102,8 @@ pub async fn maintain(
             }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
             (Some(Ok(_)), Some(_)) => Err(format!(
-                "robot {name} has an active job: to preheat, load, unload or purge, pause the job and use its page; for other \
-                 maintenance, stop the job first"
+                "robot {name} has an active job: to preheat, load, unload or purge, pause the job and use its page; for \
+                 other maintenance, stop the job first"
             )),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };

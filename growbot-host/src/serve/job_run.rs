@@ -186,9 +186,9 @@ impl RobotWorker {
         self.leave_job(job, status, &format!("{stop}, as requested while the board was disconnected"))
     }
 
-    /// Marks a job as interrupted for the reason `why`: the board does not continue it, or the service cannot follow it,
-    /// for example because its run log cannot be read. `status` is that of the board. The states of the robot's other
-    /// jobs are corrected by it.
+    /// Marks a job as interrupted for the reason `why`: the board does not continue it, or the service cannot follow
+    /// it, for example because its run log cannot be read. `status` is that of the board. The states of the robot's
+    /// other jobs are corrected by it.
     fn leave_job(&self, job: &Job, status: &Status, why: &str) -> LinkState {
         self.forget_growth();
         self.notify_job(job, NotificationEvent::Interrupted, Some(why));

@@ -94,7 +94,8 @@ pub struct Start {
     /// Action of the board when the host stops sending.
     pub on_host_silence: HostSilencePolicy,
     /// True if no person has ordered this start. The board then refuses it where only a person may continue
-    /// ([`PauseCause::allows_continuation`](super::PauseCause::allows_continuation)), so a start that arrives late does not heat a parked board.
+    /// ([`PauseCause::allows_continuation`](super::PauseCause::allows_continuation)), so a start that arrives late does
+    /// not heat a parked board.
     pub is_continuation: bool,
 }
 

@@ -320,8 +320,8 @@ pub struct StoredLayers {
     /// Index in the job of the first layer in this message.
     pub first: u32,
     /// The stored layers from this index on. There are fewer than
-    /// [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) only at the end of the stored layers. It is empty if the
-    /// layer with this index is not stored, for example because it has been laid.
+    /// [`MAX_LAYERS_PER_MESSAGE`](super::MAX_LAYERS_PER_MESSAGE) only at the end of the stored layers. It is empty if
+    /// the layer with this index is not stored, for example because it has been laid.
     pub layers: LayerBatch,
 }
 
