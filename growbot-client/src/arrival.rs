@@ -25,7 +25,6 @@ pub struct Arrival {
 
 impl Arrival {
     /// Computes the errors of a tip at its goal. `path_length` is the length of the planned path, mm.
-    #[must_use]
     pub fn of(base_from_tip: &Frame, goal: &Pose, path_length: f64) -> Self {
         let final_pose = Pose::from_frame(base_from_tip);
         let missed = goal_error(base_from_tip, goal);
@@ -42,7 +41,6 @@ impl Arrival {
     }
 
     /// Returns the difference between the final poses of two arrivals, for example an estimate and the true pose.
-    #[must_use]
     pub fn difference_from(&self, other: &Self) -> PoseDifference {
         let (this, other) = (&self.final_pose, &other.final_pose);
         PoseDifference {

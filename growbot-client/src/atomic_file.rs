@@ -243,7 +243,6 @@ impl AtomicFile {
     }
 
     /// Converts an error of the operating system to [`FileError::File`] with the name of this file.
-    #[must_use]
     pub fn failed(&self, error: io::Error) -> FileError {
         FileError::File { file: self.name.clone(), error }
     }
@@ -295,7 +294,6 @@ impl DisplacedFile {
     }
 
     /// Returns the original path of the old file, with symbolic links resolved.
-    #[must_use]
     pub fn place(&self) -> &Path {
         &self.place
     }

@@ -121,7 +121,6 @@ struct DetourPlan {
 
 impl<'a> SceneContext<'a> {
     /// Creates the context of one growth. `radius` is the radius of the arcs of detours, mm.
-    #[must_use]
     pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
         Self { robot, loaded, radius, detours: Default::default() }
     }
@@ -148,7 +147,6 @@ pub struct ClearanceGuard<'a> {
 impl<'a> ClearanceGuard<'a> {
     /// Creates the guard before the first layer. `seen` are the quantities that the robot's sensors measure after each
     /// layer.
-    #[must_use]
     pub fn new(around: &'a SceneContext<'a>, seen: MeasuredQuantities) -> Self {
         Self {
             scene: around,
@@ -168,13 +166,11 @@ impl<'a> ClearanceGuard<'a> {
     }
 
     /// Returns the number of laid layers that were recorded.
-    #[must_use]
     pub fn layers(&self) -> usize {
         self.body.len()
     }
 
     /// Returns the length of the laid body, mm.
-    #[must_use]
     pub fn length(&self) -> f64 {
         path::length(&self.body)
     }

@@ -92,7 +92,6 @@ impl From<&CrashRecord> for CrashJson {
 }
 
 /// Formats a 32-bit word of the processor as 8 hexadecimal digits.
-#[must_use]
 pub fn hex(word: u32) -> String {
     format!("{word:08x}")
 }

@@ -15,14 +15,12 @@ use growbot_core::angle::{degrees, radians, wrap_signed};
 /// assert_eq!(degrees(radians(30.0)), 29.999999999999996);
 /// assert_eq!(shortest_degrees(radians(30.0)), 30.0);
 /// ```
-#[must_use]
 pub fn shortest_degrees(angle: f64) -> f64 {
     shortest(angle, radians)
 }
 
 /// Like [`shortest_degrees`], but for headings: the result converts to exactly this heading after the wrapping that
 /// [`growbot_core::pose::Pose`] applies. Wrapping changes the last digits of a negative heading.
-#[must_use]
 pub fn shortest_heading(heading: f64) -> f64 {
     shortest(heading, |degrees| wrap_signed(radians(degrees)))
 }
@@ -40,7 +38,6 @@ fn shortest(angle: f64, read: impl Fn(f64) -> f64) -> f64 {
 }
 
 /// Converts an angle in `[0, 2 pi)` to degrees in `[0, 360)`. Returns 0 if the conversion rounds up to 360.
-#[must_use]
 pub fn degrees_below_turn(angle: f64) -> f64 {
     let written = degrees(angle);
     if written >= 360.0 { 0.0 } else { written }

@@ -40,7 +40,6 @@ use crate::clearance_guard::{ClearanceGuard, ClearanceViolation, Detour, SceneCo
 use crate::plan::Plan;
 
 /// Reports whether a robot has a sensor for feedback: an encoder of the filament, or an orientation sensor.
-#[must_use]
 pub fn can_measure(robot: &Robot) -> bool {
     let sensors = &robot.description().sensors;
     sensors.filament_motion.is_some() || sensors.orientation
@@ -120,7 +119,6 @@ pub struct FeedbackReport {
 
 impl FeedbackReport {
     /// Returns the estimated pose of the tip and its errors from the goal of a plan.
-    #[must_use]
     pub fn arrival(&self, plan: &Plan) -> Arrival {
         Arrival::of(&self.estimate.base_from_tip, &plan.goal, length(&plan.path))
     }
@@ -129,7 +127,6 @@ impl FeedbackReport {
 impl<'a> Feedback<'a> {
     /// Creates the feedback before the first layer of a path. `noise` is the noise of the sensors without rounding. The
     /// rounding to the units in which the board reports is added.
-    #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let description = robot.description();
         let filament_per_length = robot.feed_steps_per_length() / description.feed.steps_per_mm;
@@ -179,7 +176,6 @@ impl<'a> Feedback<'a> {
     }
 
     /// Reports whether the latest [`EncoderReference`] was read since the board's start with this boot number.
-    #[must_use]
     pub fn counts_since_boot(&self, boot_id: u32) -> bool {
         self.boot_id == Some(boot_id)
     }
@@ -247,7 +243,6 @@ impl<'a> Feedback<'a> {
 
     /// Returns the plan id of a job that consists of these layers. Laid layers must be given as commanded, not as
     /// built.
-    #[must_use]
     pub fn plan_id(&self, layers: &[LayerBytes]) -> u64 {
         plan_id(self.robot, layers)
     }
@@ -258,13 +253,11 @@ impl<'a> Feedback<'a> {
     }
 
     /// Returns the number of amendments of the job.
-    #[must_use]
     pub fn amendments(&self) -> u32 {
         self.amendments
     }
 
     /// Returns the number of amendments so far and the current estimate of the tip.
-    #[must_use]
     pub fn result(&self) -> FeedbackReport {
         FeedbackReport { amendments: self.amendments, estimate: self.tracker.estimate(), path: self.path.clone() }
     }

@@ -15,7 +15,6 @@ pub struct Forecast {
 impl Forecast {
     /// Returns the date and time at which the remaining layers will be laid. `now` is the current date and time. `None`
     /// if the result is beyond the range of the calendar.
-    #[must_use]
     pub fn finish(&self, now: OffsetDateTime, layers_left: u64) -> Option<OffsetDateTime> {
         let seconds = layers_left as f64 * self.period_s / self.pace;
         now.checked_add(Duration::checked_seconds_f64(seconds)?)
@@ -23,7 +22,6 @@ impl Forecast {
 
     /// Returns the date and time at which a board with this status will finish its job. `None` if the board is not
     /// growing, because the length of a pause is unknown.
-    #[must_use]
     pub fn finish_of(&self, now: OffsetDateTime, status: &Status) -> Option<OffsetDateTime> {
         let left = status.layer_count.saturating_sub(status.layers_laid);
         (status.state == State::Growing).then(|| self.finish(now, left.into())).flatten()

@@ -68,13 +68,11 @@ fn kind(max: &u64) -> &'static str {
 }
 
 /// Returns the name of an input for messages: its path, or "standard input" for `-`.
-#[must_use]
 pub fn display_name(path: &Path) -> String {
     if is_standard_input(path) { "standard input".to_owned() } else { path.display().to_string() }
 }
 
 /// Reports whether the path is `-`, which stands for standard input.
-#[must_use]
 pub fn is_standard_input(path: &Path) -> bool {
     path.as_os_str() == "-"
 }

@@ -98,7 +98,6 @@ impl MaterialPresets {
 }
 
 /// Returns the name of the request for a maintenance task, for error messages.
-#[must_use]
 pub fn request_name(task: MaintenanceTask) -> &'static str {
     match task {
         MaintenanceTask::Preheat { .. } => "the request to preheat",
@@ -110,7 +109,6 @@ pub fn request_name(task: MaintenanceTask) -> &'static str {
 }
 
 /// Returns the message for a user whose maintenance task the board has accepted.
-#[must_use]
 pub fn task_message(task: MaintenanceTask) -> String {
     match task {
         MaintenanceTask::Preheat { target_centi_c } => format!(

@@ -32,7 +32,6 @@ const MAX_LAYERS: usize = 100_000;
 ///
 /// Layers of height `h` with independent noise, uniform within a fraction `a` of `h`, add up to a standard deviation of
 /// `a / sqrt(3) * sqrt(h * length)`. The result is 4.8 mm for growbot-a, whose layers are 0.774 mm high.
-#[must_use]
 pub fn expected_deviation_mm(robot: &Robot) -> f64 {
     let height = robot.description().layer.height_mm;
     let deviation = CLEARANCE_SIGMAS * EXPECTED_NOISE / 3.0_f64.sqrt() * (height * EXPECTED_LENGTH_MM).sqrt();
@@ -40,14 +39,12 @@ pub fn expected_deviation_mm(robot: &Robot) -> f64 {
 }
 
 /// Returns the margin of plans through a scene, mm: the scene's margin, or else the expected deviation of the robot.
-#[must_use]
 pub fn planning_margin_mm(robot: &Robot, loaded: &LoadedScene) -> f64 {
     loaded.margin.unwrap_or_else(|| expected_deviation_mm(robot))
 }
 
 /// Returns the warning for a plan with this clearance from a scene (mm). `None` if the clearance is at least the
 /// expected deviation of the robot.
-#[must_use]
 pub fn near_obstacle(plan: &Plan, robot: &Robot, loaded: &LoadedScene, clearance: f64) -> Option<Warning> {
     let limit = expected_deviation_mm(robot);
     if clearance >= limit {

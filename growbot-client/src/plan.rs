@@ -73,7 +73,6 @@ pub struct SearchSummary {
 
 impl SearchSummary {
     /// Returns by how many percent the two-plane path is longer than `length` (mm). 0 if `length` is 0.
-    #[must_use]
     pub fn two_plane_longer_percent(&self, length: f64) -> f64 {
         if length > 0.0 { 100.0 * (self.two_plane_length / length - 1.0) } else { 0.0 }
     }
@@ -104,7 +103,6 @@ impl From<Pose> for Goal {
 
 impl Goal {
     /// Returns the position of the goal, mm.
-    #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         match self {
             Self::Pose(pose) => pose.position(),
@@ -113,7 +111,6 @@ impl Goal {
     }
 
     /// Reports whether the goal is only a position, so that any direction is accepted.
-    #[must_use]
     pub fn is_free(&self) -> bool {
         matches!(self, Self::Position(_))
     }
@@ -222,7 +219,6 @@ impl Plan {
 
     /// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
     /// Empty for a path without segments.
-    #[must_use]
     pub fn path_type(&self) -> String {
         path_type(&self.path)
     }
@@ -238,27 +234,23 @@ impl Plan {
     }
 
     /// Returns the waypoints: the goals of all legs but the last.
-    #[must_use]
     pub fn via(&self) -> Vec<Pose> {
         let on_the_way = self.legs.len().saturating_sub(1);
         self.legs.iter().take(on_the_way).map(|leg| leg.goal).collect()
     }
 
     /// Reports whether only the position of the plan's goal was given, so that the planner chose its direction.
-    #[must_use]
     pub fn has_free_direction(&self) -> bool {
         self.free_directions.last().is_some_and(|free| *free)
     }
 
     /// Returns the search statistics of the whole path: the sum over its legs. `None` if they are unknown for a leg.
-    #[must_use]
     pub fn search_summary(&self) -> Option<SearchSummary> {
         self.choices.iter().try_fold(SearchSummary::default(), |sum, choice| Some(sum.and((*choice)?)))
     }
 }
 
 /// Returns the name of the planner in `--planner` and in files.
-#[must_use]
 pub const fn planner_name(planner: Planner) -> &'static str {
     match planner {
         Planner::TwoPlane => "two-plane",
@@ -267,7 +259,6 @@ pub const fn planner_name(planner: Planner) -> &'static str {
 }
 
 /// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
-#[must_use]
 pub fn path_type(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {
         Segment::Arc { .. } => 'C',

@@ -48,7 +48,6 @@ pub struct BodyClearance {
 }
 
 /// Returns the points of the centreline of a body, mm: the start, and the tip after each layer.
-#[must_use]
 pub fn centreline(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Vec<Vector3<f64>> {
     let mut tip = *base_from_start;
     let mut points = vec![tip.translation.vector];
@@ -66,7 +65,6 @@ impl PlanDeviation {
     /// The limit is 0.5 % of the planned length, and at least the width of the wall. Noise of 10 % moves the end of a
     /// body of 600 mm in open loop by 0.2 % (one standard deviation), so a larger distance has another cause, such as a
     /// systematic error, a detour, or a wrong correction.
-    #[must_use]
     pub fn of(plan: &Plan, robot: &Robot, body: &[Vector3<f64>]) -> Self {
         let sliced = layers(&plan.path, robot, Slicing::Exact).map(|sliced| sliced.layer);
         let planned = centreline(&plan.start.frame(), sliced);
@@ -86,7 +84,6 @@ impl PlanDeviation {
     }
 
     /// Returns the warning for a body that is farther from its plan than the limit. `None` within the limit.
-    #[must_use]
     pub fn warning(&self) -> Option<Warning> {
         let Self { max_mm, at_mm, limit_mm } = *self;
         (max_mm > limit_mm).then(|| Warning {
@@ -123,7 +120,6 @@ fn nearest_from(planned: &[Vector3<f64>], from: usize, point: &Vector3<f64>) -> 
 impl BodyClearance {
     /// Computes the smallest clearance over the points of a body's centreline and the middles between them. `body` are
     /// these points, mm. `None` without points or obstacles.
-    #[must_use]
     pub fn of(scene: &Scene, robot: &Robot, body: &[Vector3<f64>]) -> Option<Self> {
         let half_tube = 0.5 * robot.outer_diameter();
         let middles = body.windows(2).map(|pair| 0.5 * (pair[0] + pair[1]));
@@ -155,7 +151,6 @@ impl BodyClearance {
     }
 
     /// Returns the warning for a body that touches an obstacle. `None` without contact.
-    #[must_use]
     pub fn warning(&self) -> Option<Warning> {
         let Self { clearance_mm, at_mm, point_mm: [x, y, z], obstacle, contact } = self;
         contact.then(|| Warning {

@@ -231,7 +231,6 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
 
 /// Parses a number with optional spaces around it. `None` if the text is not a number. `nan` and `inf` are accepted, so
 /// that later checks of the range can report them.
-#[must_use]
 pub fn parse_number(text: &str) -> Option<f64> {
     // Adding zero turns -0 into 0, so that it is printed as users expect.
     text.trim().parse::<f64>().ok().map(|number| number + 0.0)

@@ -113,7 +113,6 @@ pub fn names() -> impl Iterator<Item = &'static str> {
 }
 
 /// Reports whether this is the name of a built-in robot.
-#[must_use]
 pub fn is_built_in(name: &str) -> bool {
     names().any(|built_in| built_in == name)
 }

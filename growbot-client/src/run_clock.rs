@@ -23,7 +23,6 @@ pub struct RunClock {
 
 impl RunClock {
     /// Returns the time since the first status, ms.
-    #[must_use]
     pub fn now(&self) -> u64 {
         self.now
     }
@@ -54,7 +53,6 @@ impl RunClock {
 
 /// Returns the time that the robot needs for a layer, ms: the fraction of the plan's duration that corresponds to the
 /// layer's height.
-#[must_use]
 pub fn time_for(layer: &Layer, plan: &Plan) -> u64 {
     let share = if plan.requirements.length > 0.0 { layer.height / plan.requirements.length } else { 0.0 };
     (1000.0 * share * plan.requirements.duration).round() as u64

@@ -7,27 +7,23 @@ use serde::Serialize;
 
 /// Reports whether this is a control character for a terminal: C0, DEL, C1, or a character that separates lines or
 /// changes the direction of writing.
-#[must_use]
 pub fn is_control(letter: char) -> bool {
     letter.is_control()
         || matches!(letter, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 /// Returns the text with a space in place of each control character ([`is_control`]) except newlines.
-#[must_use]
 pub fn lines(text: &str) -> Cow<'_, str> {
     without(text, |letter| letter != '\n' && is_control(letter))
 }
 
 /// Returns the text in one line, with a space in place of each control character ([`is_control`]).
-#[must_use]
 pub fn one_line(text: &str) -> Cow<'_, str> {
     without(text, is_control)
 }
 
 /// Returns a value as one line of JSON that ends with a newline. Control characters ([`is_control`]) are escaped as
 /// `\uXXXX`, so that a reader gets the exact text.
-#[must_use]
 pub fn json_line(value: &impl Serialize) -> String {
     // Serialization fails only for maps whose keys are not strings, which do not occur. Control characters occur only
     // in strings.

@@ -150,7 +150,6 @@ fn place(distance: &f64) -> String {
 
 impl NoPathError {
     /// Returns the code of the error in the output of `--json`.
-    #[must_use]
     pub fn code(&self) -> &'static str {
         if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
     }
@@ -282,7 +281,6 @@ pub fn plan_while<E: From<ScenePlanError>>(
 /// Returns the centreline of the body that is laid for a path, as segments. Layers of arcs and lines lie exactly on the
 /// path. If the path contains a helicoidal arc, its layers are short arcs that deviate from it, so an arc for each
 /// layer is returned.
-#[must_use]
 pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
     if !path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })) {
         return path.to_vec();

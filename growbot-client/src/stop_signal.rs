@@ -77,14 +77,12 @@ impl StopSignal {
     }
 
     /// Returns the level and number of the stop that is not confirmed yet. `None` without such a stop.
-    #[must_use]
     pub fn pending(&self) -> Option<(StopLevel, Generation)> {
         let (generation, level) = decode(self.stops.load(Ordering::SeqCst));
         level.map(|level| (level, Generation(generation)))
     }
 
     /// Returns the level of the stop that is not confirmed yet. `None` without such a stop.
-    #[must_use]
     pub fn level(&self) -> Option<StopLevel> {
         self.pending().map(|(level, _)| level)
     }
@@ -134,20 +132,17 @@ pub struct Permit {
 impl Permit {
     /// Returns a permit with a new signal that nothing else uses, for a program whose only user sends the request. Only
     /// a stop that is raised through [`Permit::signal`] voids it.
-    #[must_use]
     pub fn standalone() -> Self {
         Arc::<StopSignal>::default().permit()
     }
 
     /// Returns a copy of this permit that is also voided by each pause commanded after the original permit was given.
-    #[must_use]
     pub fn until_pause(&self) -> Self {
         Self { ends_at_pause: true, ..self.clone() }
     }
 
     /// Reports whether the permit is not void: no stop was raised since it was given, and every earlier stop is
     /// confirmed. For a permit to continue a growth, also no pause was commanded since.
-    #[must_use]
     pub fn is_valid(&self) -> bool {
         let is_paused = self.ends_at_pause && self.signal.pauses.load(Ordering::SeqCst) != self.pauses;
         self.signal.stops.load(Ordering::SeqCst) == encode(self.generation, None) && !is_paused
@@ -156,19 +151,16 @@ impl Permit {
     /// Reports whether the permit allows the start of a job on a board with this status. A permit without a command of
     /// a person does not start a board that waits for a person, after a requested pause, a filament runout or a long
     /// pause with the heater off.
-    #[must_use]
     pub fn allows_start(&self, status: &Status) -> bool {
         self.authority == Authority::Person || status.pause_cause.allows_continuation(status.state)
     }
 
     /// Reports whether the permit was given without a command of a person, to resume a growth.
-    #[must_use]
     pub fn is_continuation(&self) -> bool {
         self.authority == Authority::Continuation
     }
 
     /// Returns the signal of the robot, whose stops and pauses void the permit.
-    #[must_use]
     pub fn signal(&self) -> &Arc<StopSignal> {
         &self.signal
     }

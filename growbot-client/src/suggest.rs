@@ -11,7 +11,6 @@
 /// assert_eq!(suggest("a8", ["growbot-a", "growbot-a8"]), Some("growbot-a8"));
 /// assert_eq!(suggest("elephant", ["growbot-a"]), None);
 /// ```
-#[must_use]
 pub fn suggest<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     let letters = text.chars().count();
     let slip = (letters / 3).max(2).min(letters.saturating_sub(1));
@@ -28,7 +27,6 @@ pub fn suggest<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> Opti
 }
 
 /// Returns the best known name as the end of an error message, ` (did you mean growbot-a?)`. Empty if no name fits.
-#[must_use]
 pub fn did_you_mean<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) -> String {
     suggest(text, known).map(|name| format!(" (did you mean {name}?)")).unwrap_or_default()
 }

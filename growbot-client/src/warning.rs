@@ -59,7 +59,6 @@ const MAX_LAYERS: usize = 100_000;
 
 /// Returns all warnings for growing a path on a robot. `needs` are the requirements of the path: its length, layers,
 /// time and filament.
-#[must_use]
 pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Warning> {
     let mut left = MAX_LAYERS;
     let mut found: Vec<Warning> = self_collision(path, robot).into_iter().collect();

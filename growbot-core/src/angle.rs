@@ -8,14 +8,12 @@ use core::f64::consts::{PI, TAU};
 ///
 /// An angle that is below zero by a rounding error becomes exactly 0, never `2 pi`. An angle that is too large for
 /// `f64` to resolve a turn also becomes 0.
-#[must_use]
 pub fn wrap_positive(angle: f64) -> f64 {
     let wrapped = angle - TAU * libm::floor(angle / TAU);
     if wrapped.is_nan() || (0.0..TAU).contains(&wrapped) { wrapped } else { 0.0 }
 }
 
 /// Wraps an angle to `(-pi, pi]`. An angle in that range is returned unchanged, to the last bit.
-#[must_use]
 pub fn wrap_signed(angle: f64) -> f64 {
     if angle > -PI && angle <= PI {
         return angle;
@@ -25,13 +23,11 @@ pub fn wrap_signed(angle: f64) -> f64 {
 }
 
 /// Converts degrees to radians.
-#[must_use]
 pub fn radians(degrees: f64) -> f64 {
     degrees * (PI / 180.0)
 }
 
 /// Converts radians to degrees.
-#[must_use]
 pub fn degrees(radians: f64) -> f64 {
     radians * (180.0 / PI)
 }

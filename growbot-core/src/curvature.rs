@@ -13,7 +13,6 @@
 /// let r_min = growbot_core::curvature::min_radius_by_packaging(22.0, 12.0, 48.0);
 /// assert!((r_min - 98.2).abs() < 1e-12);
 /// ```
-#[must_use]
 pub fn min_radius_by_packaging(tip_radius: f64, inner_radius: f64, inner_length: f64) -> f64 {
     let (t, r, l) = (tip_radius, inner_radius, inner_length);
     (l * l - t * t + r * r) / (2.0 * (t - r))
@@ -24,7 +23,6 @@ pub fn min_radius_by_packaging(tip_radius: f64, inner_radius: f64, inner_length:
 /// radians.
 ///
 /// Each of the three bounds in [`max_mean_height`] gives a radius. The largest of these radii is the limit.
-#[must_use]
 pub fn min_radius_by_layers(tip_radius: f64, height: f64, height_min: f64, height_max: f64, tilt_max: f64) -> f64 {
     let by_mean_height = tip_radius / (1.0 - height_min / height);
     let by_tilt = tip_radius + height_min / tilt_max;
@@ -34,7 +32,6 @@ pub fn min_radius_by_layers(tip_radius: f64, height: f64, height_min: f64, heigh
 
 /// Returns the max mean height of a layer on a bend of `curvature = 1 / R` (1/mm, 0 for a straight line), mm:
 /// `min(height, R tilt_max, height_max / (1 + r_t / R))`. Lengths are in mm, `tilt_max` in radians.
-#[must_use]
 pub fn max_mean_height(tip_radius: f64, height: f64, height_max: f64, tilt_max: f64, curvature: f64) -> f64 {
     let by_outer_height = height_max / (1.0 + tip_radius * curvature);
     let by_mean_height = height.min(by_outer_height);

@@ -24,7 +24,6 @@ impl Default for Hasher {
 
 impl Hasher {
     /// Returns the hash of these bytes.
-    #[must_use]
     pub fn hash(bytes: &[u8]) -> u64 {
         CRC.checksum(bytes)
     }
@@ -40,7 +39,6 @@ impl Hasher {
     }
 
     /// Returns the hash of all bytes added.
-    #[must_use]
     pub fn finish(self) -> u64 {
         self.0.finalize()
     }

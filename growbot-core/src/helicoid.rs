@@ -56,14 +56,12 @@ type HelicoidState = Matrix3<f64>;
 
 impl Helicoid {
     /// Returns the vector `m` at a position on the curve, radii.
-    #[must_use]
     pub fn m(&self, position: &Vector3<f64>) -> Vector3<f64> {
         self.m0 + self.p.cross(position)
     }
 
     /// Returns the representation of this curve in the frame of a tip that is turned by `roll` about its direction of
     /// growth (radians, counter-clockwise). The curve in space is the same.
-    #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         let (sin, cos) = sin_cos(roll);
         let back = |v: &Vector3<f64>| Vector3::new(cos * v.x + sin * v.y, cos * v.y - sin * v.x, v.z);
@@ -71,7 +69,6 @@ impl Helicoid {
     }
 
     /// Returns `start_from_tip`, the frame of the tip after this length of the curve. All lengths are in radii.
-    #[must_use]
     #[inline(never)] // Keeps its stack frame out of the caller's.
     pub fn frame_after(&self, length: f64) -> Frame {
         let mut walk = HelicoidIntegrator::new(self);
@@ -141,7 +138,6 @@ pub struct HelicoidIntegrator {
 
 impl HelicoidIntegrator {
     /// Creates an integrator whose tip is at the start of the curve.
-    #[must_use]
     pub fn new(curve: &Helicoid) -> Self {
         Self { curve: *curve, state: HelicoidState::from_columns(&[Vector3::zeros(), Vector3::z(), Vector3::x()]) }
     }
@@ -179,7 +175,6 @@ impl HelicoidIntegrator {
     }
 
     /// Returns `start_from_tip`, the present frame of the tip, lengths in radii.
-    #[must_use]
     pub fn frame(&self) -> Frame {
         let z = column::<1>(&self.state).normalize();
         let x = column::<2>(&self.state);

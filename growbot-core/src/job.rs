@@ -18,14 +18,12 @@ pub struct JobLayers<'a> {
 pub const MAX_JOB_LAYERS: u32 = 6143;
 
 /// Returns an iterator over the layers of a path as bytes, sliced with [`Slicing::Exact`].
-#[must_use]
 pub fn job_layers<'a>(path: &'a [Segment], robot: &'a Robot) -> JobLayers<'a> {
     job_layers_with_keep_alive(path, robot, &mut || ())
 }
 
 /// Like [`job_layers`], but calls `keep_alive` as [`layers_with_keep_alive`] does, so that a board can feed its
 /// watchdog.
-#[must_use]
 pub fn job_layers_with_keep_alive<'a>(
     path: &'a [Segment],
     robot: &'a Robot,
@@ -65,13 +63,11 @@ pub struct JobSummary {
 
 impl JobLayers<'_> {
     /// Returns the hashes and the number of these layers.
-    #[must_use]
     pub fn summary(&self) -> JobSummary {
         self.summary_with_keep_alive(&mut || ())
     }
 
     /// Like [`JobLayers::summary`], but calls `keep_alive` for each layer so that a board can feed its watchdog.
-    #[must_use]
     pub fn summary_with_keep_alive(&self, keep_alive: &mut dyn FnMut()) -> JobSummary {
         let (mut name, mut exact) = (PlanIdHasher::new(self.robot), Hasher::default());
         let mut encoder = self.encoder.clone();
@@ -109,7 +105,6 @@ impl PlanIdHasher {
 }
 
 /// Returns the identifier of the job that consists of these layers ([`JobSummary::plan_id`]).
-#[must_use]
 pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
     let mut name = PlanIdHasher::new(robot);
     layers.iter().for_each(|layer| name.layer(layer));
@@ -117,7 +112,6 @@ pub fn plan_id(robot: &Robot, layers: &[LayerBytes]) -> u64 {
 }
 
 /// Returns the hashes and the number of a path's layers.
-#[must_use]
 pub fn summarize(path: &[Segment], robot: &Robot) -> JobSummary {
     job_layers(path, robot).summary()
 }

@@ -26,7 +26,6 @@ use crate::trigonometry;
 /// let end = tip_from_end.translation.vector;
 /// assert!((end - nalgebra::Vector3::new(-100.0, 0.0, 100.0)).norm() < 1e-12);
 /// ```
-#[must_use]
 pub fn step(alpha: f64, bend: f64, length: f64) -> Frame {
     let (sin_alpha, cos_alpha) = trigonometry::sin_cos(alpha);
     // The bend direction is alpha + pi.
@@ -73,7 +72,6 @@ fn versine_ratio(x: f64) -> f64 {
 /// Returns `base_from_tip * tip_from_next_tip`, with the rotation matrix made orthogonal again, so that it stays a
 /// rotation over any number of steps. Without this correction, the rounding errors of 100,000 equal steps add up to
 /// 1e-11. The correction is a Newton-Schulz step towards the nearest rotation (Higham 2008, chapter 8).
-#[must_use]
 pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
     let next = base_from_tip * tip_from_next_tip;
     let rotation = next.rotation.matrix();
@@ -84,7 +82,6 @@ pub fn advance(base_from_tip: &Frame, tip_from_next_tip: &Frame) -> Frame {
 /// Returns `base_from_tip` at the end of a chain of steps of growth (Eq 5) that begins at `base_from_start`.
 ///
 /// Each step is a tuple `(alpha, bend, length)` of the arguments of [`step`].
-#[must_use]
 pub fn chain(base_from_start: &Frame, steps: impl IntoIterator<Item = (f64, f64, f64)>) -> Frame {
     steps.into_iter().fold(*base_from_start, |base_from_tip, (alpha, bend, length)| {
         advance(&base_from_tip, &step(alpha, bend, length))
@@ -115,13 +112,11 @@ pub struct Inputs {
 
 impl Inputs {
     /// Returns the rates of change of a pose under these inputs (Eq 6).
-    #[must_use]
     pub fn rates(&self, pose: &Pose) -> Rates {
         Rates { velocity: pose.direction() * self.growth, heading: self.heading_rate, pitch: self.pitch_rate }
     }
 
     /// Returns the angular speed of the tip at a given pitch (radians), rad/s: `sqrt(u1^2 cos^2 gamma + u2^2)`.
-    #[must_use]
     pub fn turning_rate(&self, pitch: f64) -> f64 {
         trigonometry::hypot(self.heading_rate * trigonometry::cos(pitch), self.pitch_rate)
     }
@@ -131,7 +126,6 @@ impl Inputs {
     ///
     /// The printed bound `|u_i| <= g / R_min` lets the curvature reach `sqrt(2) / R_min`. The correct bound couples the
     /// inputs: `u1^2 cos^2 gamma + u2^2 <= (g / R_min)^2`.
-    #[must_use]
     pub fn within_curvature(&self, pitch: f64, min_radius: f64) -> bool {
         self.turning_rate(pitch) * min_radius <= self.growth.abs()
     }

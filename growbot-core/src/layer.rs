@@ -85,26 +85,22 @@ pub enum LayerError {
 
 impl Layer {
     /// Returns the height (mm) at angle `psi` (radians) from the tip's x axis, on a ring of radius `tip_radius` (mm).
-    #[must_use]
     pub fn height_at(&self, psi: f64, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt * trigonometry::cos(psi - self.alpha)
     }
 
     /// Returns the height of the layer on the outer side of the bend, on a ring of radius `tip_radius` (mm), mm.
-    #[must_use]
     pub fn max_height(&self, tip_radius: f64) -> f64 {
         self.height + tip_radius * self.tilt
     }
 
     /// Returns the height of the layer on the inner side of the bend, on a ring of radius `tip_radius` (mm), mm.
-    #[must_use]
     pub fn min_height(&self, tip_radius: f64) -> f64 {
         self.height - tip_radius * self.tilt
     }
 
     /// Returns the fraction (0 to 1) of the layer's material that lies between angle 0 and angle `psi` (radians, 0 to
     /// `2 pi`). With `lean = r_t phi (sin(psi - alpha) + sin alpha)`, it is `(h psi + lean) / (2 pi h)`.
-    #[must_use]
     pub fn material_fraction(&self, psi: f64, tip_radius: f64) -> f64 {
         let lean = tip_radius * self.tilt * (trigonometry::sin(psi - self.alpha) + trigonometry::sin(self.alpha));
         (psi + lean / self.height) / core::f64::consts::TAU
@@ -112,7 +108,6 @@ impl Layer {
 
     /// Returns `tip_from_next_tip`, the motion of the tip while this layer is laid (Eq 4).
     #[cfg(feature = "planning")]
-    #[must_use]
     pub fn step(&self) -> Frame {
         kinematics::step(self.alpha, self.tilt, self.height)
     }
@@ -120,7 +115,6 @@ impl Layer {
 
 /// Returns the frame of the tip, `base_from_tip`, after these layers have been laid (Eq 5).
 #[cfg(feature = "planning")]
-#[must_use]
 pub fn grow(base_from_start: &Frame, layers: impl IntoIterator<Item = Layer>) -> Frame {
     layers.into_iter().fold(*base_from_start, |base_from_tip, layer| kinematics::advance(&base_from_tip, &layer.step()))
 }

@@ -76,7 +76,6 @@ pub struct RawLayer {
 
 impl RawLayer {
     /// Decodes the three integers from the 12 bytes of a layer.
-    #[must_use]
     pub fn from_bytes(bytes: &LayerBytes) -> Self {
         let [a0, a1, a2, a3, h0, h1, h2, h3, t0, t1, t2, t3] = *bytes;
         Self {
@@ -87,7 +86,6 @@ impl RawLayer {
     }
 
     /// Encodes the three integers as the 12 bytes of a layer.
-    #[must_use]
     pub fn to_bytes(self) -> LayerBytes {
         let ([a0, a1, a2, a3], [h0, h1, h2, h3], [t0, t1, t2, t3]) =
             (self.alpha.to_le_bytes(), self.height.to_le_bytes(), self.tilt.to_le_bytes());
@@ -95,7 +93,6 @@ impl RawLayer {
     }
 
     /// Returns the layer in mm and radians.
-    #[must_use]
     pub fn to_layer(&self) -> Layer {
         Layer {
             alpha: f64::from(self.alpha) / ALPHA_UNITS * core::f64::consts::TAU,
@@ -106,7 +103,6 @@ impl RawLayer {
 }
 
 /// Decodes a layer, in mm and radians, from its 12 bytes.
-#[must_use]
 pub fn decode(bytes: &LayerBytes) -> Layer {
     RawLayer::from_bytes(bytes).to_layer()
 }

@@ -45,7 +45,6 @@ pub enum Segment {
 
 impl Segment {
     /// Returns the length along the segment, mm.
-    #[must_use]
     pub fn length(&self) -> f64 {
         match *self {
             Self::Arc { length, .. } | Self::Straight { length } | Self::Helicoid { length, .. } => length,
@@ -54,7 +53,6 @@ impl Segment {
 
     /// Returns the rotation of the direction of growth along the segment, radians. It is the angle of an arc, and 0 for
     /// a straight line.
-    #[must_use]
     pub fn bend(&self) -> f64 {
         match *self {
             Self::Arc { bend, .. } => bend,
@@ -64,14 +62,12 @@ impl Segment {
     }
 
     /// Returns the curvature of the segment, 1/mm. It is 0 for a straight line.
-    #[must_use]
     pub fn curvature(&self) -> f64 {
         self.bend() / self.length()
     }
 
     /// Returns the frame of the segment's end in the frame of its start, `start_from_end` (Eq 4). For a helicoidal arc
     /// it is integrated.
-    #[must_use]
     pub fn step(&self) -> Frame {
         match *self {
             Self::Arc { alpha, bend, length } => step(alpha, bend, length),
@@ -85,7 +81,6 @@ impl Segment {
     }
 
     /// Returns the first part of this segment, up to length `to` (mm).
-    #[must_use]
     pub fn shortened(&self, to: f64) -> Self {
         match *self {
             Self::Arc { alpha, bend, length } => Self::Arc { alpha, bend: bend * (to / length), length: to },
@@ -96,7 +91,6 @@ impl Segment {
 
     /// Returns the representation of this segment for a tip that is turned by `roll` about its direction of growth
     /// (radians, counter-clockwise). The curve in space is the same.
-    #[must_use]
     pub fn rolled(&self, roll: f64) -> Self {
         match *self {
             Self::Arc { alpha, bend, length } => Self::Arc { alpha: wrap_positive(alpha - roll), bend, length },
@@ -116,13 +110,11 @@ pub struct Leg {
 }
 
 /// Returns the length of a path, mm. (The fold begins with 0, because `sum` gives -0 for a path without segments.)
-#[must_use]
 pub fn length(path: &[Segment]) -> f64 {
     path.iter().fold(0.0, |length, segment| length + segment.length())
 }
 
 /// Returns the frame of the tip, `base_from_tip`, at the end of a path that begins at `base_from_start` (Eq 5).
-#[must_use]
 pub fn end(path: &[Segment], base_from_start: &Frame) -> Frame {
     path.iter().fold(*base_from_start, |base_from_tip, segment| base_from_tip * segment.step())
 }
@@ -141,7 +133,6 @@ pub struct PathFull;
 
 impl Path {
     /// Creates a path without segments.
-    #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
@@ -155,7 +146,6 @@ impl Path {
     }
 
     /// Returns a path of those segments for which `keep` returns true.
-    #[must_use]
     pub fn filtered(&self, keep: impl Fn(&Segment) -> bool) -> Self {
         let mut path = Self::new();
         for segment in self.0.iter().filter(|segment| keep(segment)) {

@@ -96,13 +96,11 @@ pub struct GoalError {
 /// Reports whether a goal is so close (for arcs of this radius, mm) that a helicoidal arc may be the shortest path. The
 /// search for helicoidal arcs is not complete, so for such a goal a path may exist that is shorter than the planned
 /// path. The search for all other paths is complete.
-#[must_use]
 pub fn is_within_helicoid_range(start: &Pose, goal: &Pose, radius: f64) -> bool {
     (goal.position() - start.position()).norm() < shortest::HELICOIDS_WITHIN * radius
 }
 
 /// Returns the difference between the pose of a tip and a goal.
-#[must_use]
 pub fn goal_error(base_from_tip: &Frame, goal: &Pose) -> GoalError {
     GoalError {
         distance: (base_from_tip.translation.vector - goal.position()).norm(),
@@ -280,7 +278,6 @@ pub struct Requirements {
 }
 
 /// Returns the length, layers, time and filament that a path needs on this robot.
-#[must_use]
 pub fn requirements(path: &[Segment], robot: &Robot) -> Requirements {
     let layers = crate::slicing::layers(path, robot, crate::slicing::Slicing::Exact).size_hint().0;
     let length = path::length(path);

@@ -39,7 +39,6 @@ impl Position {
     }
 
     /// Returns the coordinates of the position, mm.
-    #[must_use]
     pub fn vector(&self) -> Vector3<f64> {
         self.0
     }
@@ -127,14 +126,12 @@ impl Pose {
     }
 
     /// Returns x, y and z in mm, and heading and pitch in degrees.
-    #[must_use]
     pub fn to_degrees(&self) -> [f64; 5] {
         [self.position.x, self.position.y, self.position.z, degrees(self.heading), degrees(self.pitch)]
     }
 
     /// Returns the pose of a tip with this frame. The heading is 0 if the tip points exactly straight up or down,
     /// because such a direction has no heading.
-    #[must_use]
     pub fn from_frame(base_from_tip: &Frame) -> Self {
         let direction = tip_direction(base_from_tip);
         Self {
@@ -145,44 +142,37 @@ impl Pose {
     }
 
     /// Returns a pose at the given position with the direction of this pose.
-    #[must_use]
     pub fn at(&self, position: &Position) -> Self {
         Self { position: position.0, ..*self }
     }
 
     /// Returns the position of the tip, mm.
-    #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         self.position
     }
 
     /// Returns the heading in `(-pi, pi]`, radians: the direction's angle in the x-y plane.
-    #[must_use]
     pub fn heading(&self) -> f64 {
         self.heading
     }
 
     /// Returns the pitch in `[-pi/2, pi/2]`, radians: the direction's angle above the x-y plane.
-    #[must_use]
     pub fn pitch(&self) -> f64 {
         self.pitch
     }
 
     /// Reports whether the direction of the pose is straight up or down within [`Self::VERTICAL_TOLERANCE_RAD`]. If so,
     /// the direction does not depend on the heading.
-    #[must_use]
     pub fn is_vertical(&self) -> bool {
         core::f64::consts::FRAC_PI_2 - self.pitch.abs() <= Self::VERTICAL_TOLERANCE_RAD
     }
 
     /// Returns the direction of growth, a unit vector.
-    #[must_use]
     pub fn direction(&self) -> Vector3<f64> {
         tip_direction(&self.frame())
     }
 
     /// Returns the frame of a tip at this pose, `base_from_tip`, without roll: `Rz(heading) * Ry(90 deg - pitch)`.
-    #[must_use]
     pub fn frame(&self) -> Frame {
         let (sin_heading, cos_heading) = trigonometry::sin_cos(self.heading);
         let (sin_pitch, cos_pitch) = trigonometry::sin_cos(self.pitch);
@@ -197,7 +187,6 @@ impl Pose {
 }
 
 /// Returns the direction of growth of a tip, which is the z axis of its frame.
-#[must_use]
 pub fn tip_direction(base_from_tip: &Frame) -> Vector3<f64> {
     column::<2>(base_from_tip.rotation.matrix())
 }
@@ -209,7 +198,6 @@ pub(crate) fn column<const INDEX: usize>(matrix: &Matrix3<f64>) -> Vector3<f64> 
 }
 
 /// Returns the angle between two unit vectors, radians, exact near 0 and near pi.
-#[must_use]
 pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     libm::atan2(a.cross(b).norm(), a.dot(b))
 }

@@ -12,7 +12,6 @@ use nalgebra::Vector3;
 const INCREMENT: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Returns the 64 random bits that a stream in this state gives.
-#[must_use]
 pub const fn splitmix64(state: u64) -> u64 {
     let mut z = state.wrapping_add(INCREMENT);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -26,7 +25,6 @@ pub struct Rng(u64);
 
 impl Rng {
     /// Creates the stream that a list of numbers identifies. Streams of different lists are unrelated.
-    #[must_use]
     pub fn new(names: &[u64]) -> Self {
         names.iter().fold(Self(0), |mut stream, name| {
             stream.0 ^= name.wrapping_mul(0xd1b5_4a32_d192_ed03);

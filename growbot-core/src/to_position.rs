@@ -44,7 +44,6 @@ const MAX_POSITION_ERROR: f64 = 1e-12;
 /// let [near, ..] = &planar(0.0, 0.5)[..] else { panic!() };
 /// assert!(near.pieces().count() == 2 && near.length() > 5.0);
 /// ```
-#[must_use]
 pub fn planar(x: f64, y: f64) -> Vec<PlanarPath, MAX_PATHS> {
     let mut found = Vec::new();
     if x == 0.0 && y == 0.0 {

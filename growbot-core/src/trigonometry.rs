@@ -96,19 +96,16 @@ fn series(coefficients: &[f64; 6], x: f64) -> f64 {
 }
 
 /// Returns the sine of an angle in radians.
-#[must_use]
 pub fn sin(angle: f64) -> f64 {
     ReducedAngle::new(angle).sine(0)
 }
 
 /// Returns the cosine of an angle in radians.
-#[must_use]
 pub fn cos(angle: f64) -> f64 {
     ReducedAngle::new(angle).sine(1)
 }
 
 /// Returns the sine and the cosine of an angle in radians.
-#[must_use]
 pub fn sin_cos(angle: f64) -> (f64, f64) {
     let reduced = ReducedAngle::new(angle);
     (reduced.sine(0), reduced.sine(1))
@@ -117,7 +114,6 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
 /// Returns the sine and the cosine of an angle of at most an eighth of a turn, in radians. Such an angle needs no
 /// reduction.
 #[cfg(feature = "planning")]
-#[must_use]
 pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
     let reduced = ReducedAngle { quarters: 0, left: angle, rest: 0.0 };
     (reduced.sine(0), reduced.sine(1))
@@ -126,7 +122,6 @@ pub(crate) fn sin_cos_of_eighth(angle: f64) -> (f64, f64) {
 /// Returns the angle, radians, with this tangent. The tangent must be within 0.4375, as it is for every angle within a
 /// sixteenth of a turn.
 #[cfg(feature = "planning")]
-#[must_use]
 pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
     let square = tangent * tangent;
     let fourth = square * square;
@@ -135,21 +130,18 @@ pub(crate) fn atan_of_sixteenth(tangent: f64) -> f64 {
 }
 
 /// Returns the tangent of an angle in radians.
-#[must_use]
 pub fn tan(angle: f64) -> f64 {
     let (sin, cos) = sin_cos(angle);
     sin / cos
 }
 
 /// Returns the angle from 0 to `pi`, radians, with this cosine. NaN if the cosine is beyond -1 or 1.
-#[must_use]
 pub fn acos(cosine: f64) -> f64 {
     libm::atan2(libm::sqrt((1.0 - cosine) * (1.0 + cosine)), cosine)
 }
 
 /// Returns the length of the vector `(x, y)`. The square of the length must be neither too large nor too small for an
 /// `f64`.
-#[must_use]
 pub fn hypot(x: f64, y: f64) -> f64 {
     libm::sqrt(x * x + y * y)
 }

@@ -34,7 +34,6 @@ impl BoardRobot {
     /// Returns the robot of the stored description. If no description is stored, returns the robot that the firmware
     /// was built for. A board with a description that it cannot decode is not configured, because the built-in robot
     /// may be wired differently.
-    #[must_use]
     pub fn from_stored(stored: StoredDescription) -> Self {
         match stored {
             StoredDescription::Robot(robot) => Self { robot, configured: true },
@@ -45,7 +44,6 @@ impl BoardRobot {
 }
 
 /// Returns the robot that the firmware was built for.
-#[must_use]
 pub fn built_in_robot() -> Robot {
     built_in().robot
 }

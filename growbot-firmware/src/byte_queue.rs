@@ -18,7 +18,6 @@ pub struct ByteQueue<const N: usize> {
 
 impl<const N: usize> ByteQueue<N> {
     /// Creates an empty queue.
-    #[must_use]
     pub const fn new() -> Self {
         // With any other capacity, bytes would be lost when the counts wrap.
         const { assert!(N.is_power_of_two()) };

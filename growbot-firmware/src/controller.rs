@@ -175,25 +175,21 @@ impl<B: Board> Controller<B> {
     }
 
     /// Returns the state of the robot.
-    #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
     /// Returns the latched fault. `None` if no fault is latched.
-    #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.fault
     }
 
     /// Returns the number of layers of the job that are laid.
-    #[must_use]
     pub fn layers_laid(&self) -> u32 {
         self.job.layers_laid
     }
 
     /// Returns the target of the nozzle's temperature, degrees Celsius. `None` if the heater is off.
-    #[must_use]
     pub fn target_c(&self) -> Option<f64> {
         self.heater.target()
     }

@@ -16,7 +16,6 @@ pub struct LayerStore {
 
 impl LayerStore {
     /// Creates an empty store.
-    #[must_use]
     pub const fn new() -> Self {
         Self { layers: Deque::new(), first: 0 }
     }
@@ -36,13 +35,11 @@ impl LayerStore {
     }
 
     /// Returns the index, in the job, of the next layer to be pushed.
-    #[must_use]
     pub fn next_index(&self) -> u32 {
         self.first + self.layers.len() as u32
     }
 
     /// Returns the number of further layers for which the store has room.
-    #[must_use]
     pub fn room(&self) -> u32 {
         (CAPACITY - self.layers.len()) as u32
     }
@@ -57,7 +54,6 @@ impl LayerStore {
     }
 
     /// Returns the layer with this index in the job. `None` if it is not stored.
-    #[must_use]
     pub fn get(&self, index: u32) -> Option<LayerBytes> {
         let offset = usize::try_from(index.checked_sub(self.first)?).ok()?;
         self.layers.get(offset).copied()

@@ -148,20 +148,17 @@ impl Link {
     }
 
     /// Returns whether the session with this identifier was closed, so that it must not be opened again.
-    #[must_use]
     pub fn is_closed(&self, session: u32) -> bool {
         self.closed.iter().any(|closed| *closed == session)
     }
 
     /// Returns whether the session with this identifier is open.
-    #[must_use]
     pub fn is_open(&self, session: u32) -> bool {
         self.session.as_ref().is_some_and(|open| open.id == session)
     }
 
     /// Returns the host that owns the board, and the time since its last frame was received, us. `None` if no session
     /// is open, or once the host has been silent for [`HOST_TIMEOUT_US`].
-    #[must_use]
     pub fn owner(&self, now: u64) -> Option<(&HostName, u64)> {
         let session = self.session.as_ref()?;
         let silent = now.saturating_sub(session.received);
@@ -215,7 +212,6 @@ impl Link {
 
     /// Returns whether a session is open and the queue of unacknowledged events can take another report of a laid
     /// layer.
-    #[must_use]
     pub fn has_room_for_layer(&self) -> bool {
         let waiting = self.events.iter().filter(|event| matches!(event, HostEvent::Laid(_))).count();
         self.session.is_some() && waiting < MAX_LAID && !self.events.is_full()

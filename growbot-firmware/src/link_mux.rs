@@ -22,13 +22,11 @@ const DELIMITER: u8 = 0;
 
 impl<'a, const N: usize> LinkMux<'a, N> {
     /// Creates the stream from the queues of two ports. The first port is in use.
-    #[must_use]
     pub const fn new(first: &'a ByteQueue<N>, second: &'a ByteQueue<N>) -> Self {
         Self { first, second, on_second: false, within_frame: false }
     }
 
     /// Returns whether the second port is in use.
-    #[must_use]
     pub const fn is_second_active(&self) -> bool {
         self.on_second
     }

@@ -40,7 +40,6 @@ fn coefficients(thermistor: &Thermistor) -> [f64; 3] {
 }
 
 /// Returns whether a conversion is at either end of the scale, which only a broken sensor reaches.
-#[must_use]
 pub fn is_out_of_range(raw: u16) -> bool {
     f64::from(raw) >= OPEN_MIN_RAW || f64::from(raw) <= SHORT_MAX_RAW
 }
@@ -86,7 +85,6 @@ fn log_resistance(inverse: f64, [a, b, c]: [f64; 3]) -> f64 {
 
 /// Converts degrees Celsius to the reading of the ADC with this thermistor, 0 to 4095, not rounded. The simulated tip
 /// uses it.
-#[must_use]
 pub fn raw_from_celsius(temperature_c: f64, thermistor: &Thermistor) -> f64 {
     let inverse = 1.0 / (temperature_c + ZERO_C).max(1.0);
     // No thermistor has less than 1e-9 ohm or more than 1e17.

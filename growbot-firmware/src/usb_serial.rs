@@ -118,7 +118,6 @@ pub struct Setup {
 
 impl Setup {
     /// Decodes the eight bytes of a setup packet, which are passed as two little-endian words.
-    #[must_use]
     pub const fn new(low: u32, high: u32) -> Self {
         Self {
             kind: low as u8,
@@ -184,7 +183,6 @@ pub struct UsbSerial {
 
 impl UsbSerial {
     /// Creates a port that is not configured.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             device: DEVICE,
@@ -203,13 +201,11 @@ impl UsbSerial {
     }
 
     /// Returns whether the host has configured the port.
-    #[must_use]
     pub const fn is_configured(&self) -> bool {
         self.configured[0] != 0
     }
 
     /// Returns the bytes of a content that the device sends.
-    #[must_use]
     pub fn content(&self, content: Content) -> &[u8] {
         match content {
             Content::Device => &self.device,

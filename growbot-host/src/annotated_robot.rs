@@ -51,14 +51,12 @@ pub struct AnnotatedField {
 
 impl AnnotatedField {
     /// Returns true if the field's comment begins with "assumed", which marks a value that has not been measured.
-    #[must_use]
     pub fn is_assumed(&self) -> bool {
         is_assumed(&self.comment)
     }
 }
 
 /// Returns true if a field's comment begins with "assumed", which marks a value that has not been measured.
-#[must_use]
 pub fn is_assumed(remark: &str) -> bool {
     remark.starts_with("assumed")
 }
@@ -97,7 +95,6 @@ impl AnnotatedRobot {
 
     /// Returns the first sentence of the comment at the start of the file, which describes the robot, and the next
     /// sentence that cites a publication ("et al."). If the first sentence already cites one, it is returned alone.
-    #[must_use]
     pub fn what_and_source(&self) -> String {
         let sentences = sentences(&self.about);
         let source = sentences.iter().skip(1).find(|sentence| sentence.contains(" et al. "));
@@ -147,7 +144,6 @@ fn trailing_comment(file: &DocumentMut, path: &str) -> (bool, String) {
 }
 
 /// Returns the comment at the start of a file, as one line.
-#[must_use]
 pub fn opening_comment(text: &str) -> String {
     let lines = text.lines().map_while(|line| line.strip_prefix('#')).filter(|line| !line.starts_with(":schema"));
     lines.map(str::trim).collect::<Vec<_>>().join(" ")

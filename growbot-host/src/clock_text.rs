@@ -4,7 +4,6 @@
 use time::{Duration, OffsetDateTime, UtcOffset};
 
 /// Returns the present time in the local time zone, or in UTC if the system does not provide the offset of the zone.
-#[must_use]
 pub fn now_here() -> OffsetDateTime {
     here(OffsetDateTime::now_utc())
 }
@@ -15,14 +14,12 @@ fn here(time: OffsetDateTime) -> OffsetDateTime {
 }
 
 /// Returns the text of a finish time in local time, see [`clock_text`].
-#[must_use]
 pub fn local_clock_text(finish: OffsetDateTime) -> String {
     clock_text(now_here(), here(finish))
 }
 
 /// Formats a finish time, for example `14:05`. The day is added if the finish is not today: `tomorrow 02:10`,
 /// `2026-11-26 02:10`.
-#[must_use]
 pub fn clock_text(now: OffsetDateTime, finish: OffsetDateTime) -> String {
     // The time is rounded to the nearest minute, as durations are.
     let finish = finish.checked_add(Duration::seconds(30)).unwrap_or(finish);

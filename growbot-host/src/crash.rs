@@ -54,14 +54,12 @@ impl FirmwareImage {
 
     /// Returns the CRC-32C of the image with its seal, the checksum that `growbot flash` adds. `None` if the image
     /// has no place for a seal.
-    #[must_use]
     pub fn crc(&self) -> Option<u32> {
         self.crc
     }
 
     /// Returns the function at an address and the functions into which it is inlined, the innermost first. Empty if
     /// the address is not in the image's code.
-    #[must_use]
     pub fn frames_at(&self, address: u32) -> Vec<CodeLocation> {
         let address = u64::from(address & !1);
         if !self.code.iter().any(|code| code.contains(&address)) {
@@ -81,7 +79,6 @@ impl FirmwareImage {
 
     /// Returns the function that contains the call with this return address, and the functions into which it is
     /// inlined, the innermost first. Empty if the value is not a return address in the image's code.
-    #[must_use]
     pub fn callers(&self, return_address: u32) -> Vec<CodeLocation> {
         // Return addresses of Thumb code are odd, so an even value is not a return address.
         if return_address & 1 == 0 { Vec::new() } else { self.frames_at((return_address & !1).wrapping_sub(2)) }
@@ -108,7 +105,6 @@ pub struct CrashReport<'a> {
 impl<'a> CrashReport<'a> {
     /// Creates the report of a crash from the data that a board sends. `image` is ignored if its CRC shows that
     /// another image crashed.
-    #[must_use]
     pub fn new(words: &CrashWords, image: Option<&'a FirmwareImage>) -> Self {
         let record = CrashRecord::from(words);
         let is_that = |image: &&FirmwareImage| record.image.is_none() || image.crc() == record.image;
@@ -138,7 +134,6 @@ impl<'a> CrashReport<'a> {
     }
 
     /// Returns the crash as text with several lines.
-    #[must_use]
     pub fn text(&self) -> String {
         let CrashRecord { cause, boot_id, exception, frame, cfsr, hfsr, address, sp, .. } = self.record;
         let mut text = format!("last crash   {}, in boot {boot_id:08x}, exception {exception}", cause.name());
@@ -174,7 +169,6 @@ impl<'a> CrashReport<'a> {
     }
 
     /// Returns the crash for JSON.
-    #[must_use]
     pub fn to_json(&self) -> CrashJson {
         let caller = |(address, at): (u32, Vec<CodeLocation>)| Caller { address: hex(address), at };
         let called_from = self.calls().into_iter().map(caller).collect();

@@ -60,7 +60,6 @@ pub fn set(level: Verbosity, colour: ColorChoice) {
 }
 
 /// Returns true if notes and progress are suppressed.
-#[must_use]
 pub fn is_quiet() -> bool {
     LEVEL.load(Ordering::Relaxed) == Verbosity::Quiet as u8
 }

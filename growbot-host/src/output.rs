@@ -56,7 +56,6 @@ pub fn write_to(path: &Path, contents: &[u8]) -> Result<bool, OutputError> {
 }
 
 /// Returns true if the path is `-`, which stands for standard output.
-#[must_use]
 pub fn is_standard_output(path: &Path) -> bool {
     path.as_os_str() == "-"
 }

@@ -128,7 +128,6 @@ fn is_trusted_user(user: u32, other: u32) -> bool {
 }
 
 /// Returns true if this process trusts processes of the user `other`, which must be its own user or root.
-#[must_use]
 pub fn trusts_user(other: u32) -> bool {
     is_trusted_user(geteuid().as_raw(), other)
 }

@@ -29,7 +29,6 @@ pub struct Progress {
 
 impl Progress {
     /// Starts the display. `total` is the final position of [`Progress::update`]. `None` if it is not known.
-    #[must_use]
     pub fn start(total: Option<u64>, results: ResultTiming) -> Self {
         let torn = results == ResultTiming::Streamed && io::stdout().is_terminal();
         let bar = (io::stderr().is_terminal() && !torn && !is_quiet()).then(|| {

@@ -158,7 +158,6 @@ impl Key {
     pub const ALL: [Self; 2] = [Self::Robot, Self::Port];
 
     /// Returns the name of the setting in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Robot => "robot",
@@ -167,7 +166,6 @@ impl Key {
     }
 
     /// Returns the environment variable that sets this setting.
-    #[must_use]
     pub fn variable(self) -> &'static str {
         match self {
             Self::Robot => "GROWBOT_ROBOT",
@@ -176,7 +174,6 @@ impl Key {
     }
 
     /// Returns the built-in default.
-    #[must_use]
     pub fn built_in(self) -> &'static str {
         match self {
             Self::Robot => robot_file::DEFAULT,
@@ -209,13 +206,11 @@ pub fn check_environment() -> Result<(), SettingsError> {
 
 /// Returns the robot that a settings file names: a built-in name, or a path, which is resolved from the file's
 /// directory.
-#[must_use]
 pub fn robot_from(robot: &str, directory: &Path) -> String {
     if robot_file::is_built_in(robot) { robot.to_owned() } else { resolve_path(directory, robot) }
 }
 
 /// Returns the port that a settings file names. A path in it is resolved from the file's directory.
-#[must_use]
 pub fn port_from(port: &str, directory: &Path) -> String {
     match port.split_once(':') {
         Some((board @ ("emulator" | "rp2040"), image)) => format!("{board}:{}", resolve_path(directory, image)),
@@ -388,7 +383,6 @@ fn value_in(file: &Path, key: Key) -> Result<Option<String>, SettingsError> {
 }
 
 /// Returns the path of the nearest `growbot.toml`, from the working directory upwards.
-#[must_use]
 pub fn nearest() -> Option<PathBuf> {
     let here = env::current_dir().ok()?;
     here.ancestors().map(|directory| directory.join(FILE_NAME)).find(|file| file.is_file())
@@ -396,7 +390,6 @@ pub fn nearest() -> Option<PathBuf> {
 
 /// Returns the path of the file in the user's configuration, even if it does not exist: `growbot/growbot.toml` in
 /// `$XDG_CONFIG_HOME`, or in `~/.config`.
-#[must_use]
 pub fn user_file() -> Option<PathBuf> {
     user_file_in(env::var_os("XDG_CONFIG_HOME"), env::var_os("HOME"))
 }

@@ -2,7 +2,6 @@
 
 /// Formats a duration in its two largest relevant units. `durationText` in growbot-pictures/viewer/src/text.js gives
 /// the same texts.
-#[must_use]
 pub fn duration_text(seconds: f64) -> String {
     if seconds < 0.995 {
         return format!("{seconds:.2} s");

@@ -9,7 +9,6 @@ use growbot_core::pose::Pose;
 /// assert_eq!(fixed(-12.3456, 2), "-12.35");
 /// assert_eq!(fixed(-6e-14, 3), "0.000");
 /// ```
-#[must_use]
 pub fn fixed(number: f64, decimals: usize) -> String {
     let text = format!("{number:.decimals$}");
     match text.strip_prefix('-') {
@@ -26,7 +25,6 @@ pub fn fixed(number: f64, decimals: usize) -> String {
 /// assert_eq!(shortest(0.1 + 0.2), "0.30000000000000004");
 /// assert_eq!(shortest(6e-14), "6e-14");
 /// ```
-#[must_use]
 pub fn shortest(number: f64) -> String {
     let number = number + 0.0;
     let (plain, exponent) = (number.to_string(), format!("{number:e}"));
@@ -35,7 +33,6 @@ pub fn shortest(number: f64) -> String {
 
 /// Describes a direction by heading and pitch with `decimals` decimals. A vertical direction has no heading, so the
 /// text is "straight up" or "straight down".
-#[must_use]
 pub fn direction_text(pose: &Pose, decimals: usize) -> String {
     let [_, _, _, heading, pitch] = pose.to_degrees();
     match (pose.is_vertical(), pitch > 0.0) {

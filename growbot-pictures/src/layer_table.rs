@@ -16,7 +16,6 @@ pub const LAYER_COLUMNS: &str = "alpha_deg,height_mm,tilt_deg";
 
 /// Formats the values of a layer as CSV, in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is
 /// straight.
-#[must_use]
 pub fn fields(layer: &Layer) -> String {
     let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
     [alpha, layer.height, degrees(layer.tilt)].map(shortest).join(",")

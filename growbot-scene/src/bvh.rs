@@ -24,26 +24,22 @@ impl Bounds {
     };
 
     /// Returns the smallest box that contains these points.
-    #[must_use]
     pub fn of(points: &[Vector3<f64>]) -> Self {
         points.iter().fold(Self::EMPTY, |bounds, point| bounds.with(&Self { min: *point, max: *point }))
     }
 
     /// Returns the smallest box that contains this box and `other`.
-    #[must_use]
     pub fn with(&self, other: &Self) -> Self {
         Self { min: self.min.inf(&other.min), max: self.max.sup(&other.max) }
     }
 
     /// Returns the box enlarged by `by` on every side.
-    #[must_use]
     pub fn inflated(&self, by: f64) -> Self {
         let by = Vector3::repeat(by);
         Self { min: self.min - by, max: self.max + by }
     }
 
     /// Reports whether the box is empty.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.min.x > self.max.x
     }
@@ -60,13 +56,11 @@ pub trait BvhItem: Copy {
 }
 
 /// Returns the square of a distance, with the sign of the distance.
-#[must_use]
 pub fn signed_square(distance: f64) -> f64 {
     distance * distance.abs()
 }
 
 /// Returns the signed distance that has this [`signed_square`].
-#[must_use]
 pub fn signed_root(square: f64) -> f64 {
     if square < 0.0 { -(-square).sqrt() } else { square.sqrt() }
 }
@@ -119,7 +113,6 @@ impl Node {
 
 impl<T: BvhItem> Bvh<T> {
     /// Builds the tree over these items, whose number must be below 2^31.
-    #[must_use]
     pub fn new(mut items: Vec<T>) -> Self {
         let mut nodes = Vec::with_capacity(items.len() / 2 + 1);
         if !items.is_empty() {
@@ -131,13 +124,11 @@ impl<T: BvhItem> Bvh<T> {
     }
 
     /// Returns the items, in the order of the tree.
-    #[must_use]
     pub fn items(&self) -> &[T] {
         &self.items
     }
 
     /// Returns the minimum of `best` and the signed squares of the distances from a point to all items.
-    #[must_use]
     #[inline]
     pub fn min_signed_square(&self, point: &Vector3<f64>, mut best: f64) -> f64 {
         let Some(root) = self.nodes.first() else { return best };

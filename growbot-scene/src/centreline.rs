@@ -67,7 +67,6 @@ impl Curve for ArcSegment {
 
 impl ArcSegment {
     /// Creates a straight line of this length (mm) from a tip.
-    #[must_use]
     pub fn line(from: TipPose, length: f64) -> Self {
         Self { from, towards: Vector3::zeros(), curvature: 0.0, length }
     }
@@ -83,7 +82,6 @@ impl ArcSegment {
     }
 
     /// Returns the tip at the length `along` (mm) from the start of the segment.
-    #[must_use]
     pub fn tip(&self, along: f64) -> TipPose {
         let (sin, cos) = sin_cos(along * self.curvature);
         let direction = self.from.direction * cos + self.towards * sin;
@@ -91,20 +89,17 @@ impl ArcSegment {
     }
 
     /// Returns the tip at the end of the segment.
-    #[must_use]
     pub fn end(&self) -> TipPose {
         self.tip(self.length)
     }
 }
 
 /// Returns the total length of some segments, mm.
-#[must_use]
 pub fn length(stretches: &[ArcSegment]) -> f64 {
     stretches.iter().fold(0.0, |length, stretch| length + stretch.length)
 }
 
 /// Returns any unit vector perpendicular to this unit vector.
-#[must_use]
 pub fn any_perpendicular(direction: &Vector3<f64>) -> Vector3<f64> {
     let mut axis = Vector3::zeros();
     axis[direction.iamin()] = 1.0;
@@ -117,7 +112,6 @@ const ON_CIRCLE: f64 = 1e-12;
 
 /// Returns the arc of this radius and the line that lead from a tip to a position. `None` for a position inside a
 /// turning circle.
-#[must_use]
 pub fn arc_and_line_to(from: &TipPose, position: &Vector3<f64>, radius: f64) -> Option<[ArcSegment; 2]> {
     let offset = position - from.position;
     let ahead = offset.dot(&from.direction);
@@ -142,7 +136,6 @@ pub fn arc_and_line_to(from: &TipPose, position: &Vector3<f64>, radius: f64) -> 
 ///
 /// Each segment is computed in the frame in which the previous segment ended, so that small errors do not add up to a
 /// roll.
-#[must_use]
 pub fn to_path_segments(stretches: &[ArcSegment], base_from_start: &Frame) -> Vec<Segment> {
     let mut base_from_tip = *base_from_start;
     let mut segments = Vec::new();
@@ -169,7 +162,6 @@ pub fn to_path_segments(stretches: &[ArcSegment], base_from_start: &Frame) -> Ve
 
 /// Returns the arcs and lines of a path that grows from the frame `base_from_start`. Returns `None` if the path has
 /// helicoidal arcs.
-#[must_use]
 pub fn arc_segments(path: &[Segment], base_from_start: &Frame) -> Option<Vec<ArcSegment>> {
     let mut base_from_tip = *base_from_start;
     let mut stretches = Vec::with_capacity(path.len());
@@ -191,7 +183,6 @@ pub fn arc_segments(path: &[Segment], base_from_start: &Frame) -> Option<Vec<Arc
 }
 
 /// Returns the angle between two unit vectors, radians.
-#[must_use]
 pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
     2.0 * libm::atan2((a - b).norm(), (a + b).norm())
 }

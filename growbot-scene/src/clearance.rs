@@ -25,13 +25,11 @@ pub struct RequiredClearance {
 
 /// Returns true if a curve is proven to keep the required clearance from the obstacles. Adds the number of distance
 /// queries to `work`.
-#[must_use]
 pub fn is_clear(scene: &Scene, stretch: &impl Curve, required: &RequiredClearance, work: &mut DistanceQueries) -> bool {
     is_clear_between(scene, stretch, [0.0, stretch.length()], required, work)
 }
 
 /// Like [`is_clear`], but for the part between two lengths along the curve, mm.
-#[must_use]
 pub fn is_clear_between(
     scene: &Scene,
     stretch: &impl Curve,
@@ -80,7 +78,6 @@ pub struct Clearance {
 
 /// Returns the minimum distance of the centreline from the obstacles. The result is never above the true distance, and
 /// at most `tolerance` (mm) below it.
-#[must_use]
 pub fn min_clearance(scene: &Scene, stretches: &[impl Curve], tolerance: f64) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
     let unproven = Clearance { distance: f64::NEG_INFINITY, arc_length: 0.0 };
@@ -92,7 +89,6 @@ const QUERIES_PER_CLOCK_CHECK: u32 = 512;
 
 /// Like [`min_clearance`], but returns `None` if the result is not found before `deadline`. For a long body beside a
 /// wall, a distance query is needed for each two tolerances of its length.
-#[must_use]
 pub fn min_clearance_until(
     scene: &Scene,
     stretches: &[impl Curve],

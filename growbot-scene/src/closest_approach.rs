@@ -26,7 +26,6 @@ pub struct ClosestApproach {
 
 /// Returns the closest approach of a body on this path, which grows from the frame `base_from_start`. Returns `None`
 /// without obstacles.
-#[must_use]
 pub fn closest_approach(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Option<ClosestApproach> {
     let found = clearance(scene, path, base_from_start);
     let on_body = point_along(path, base_from_start, found.arc_length);
@@ -37,7 +36,6 @@ pub fn closest_approach(scene: &Scene, path: &[Segment], base_from_start: &Frame
 impl Scene {
     /// Returns the point on the surface of an obstacle that is nearest to `point`, and this obstacle. Returns `None`
     /// without obstacles.
-    #[must_use]
     pub fn nearest_point(&self, point: &Vector3<f64>) -> Option<(Vector3<f64>, Obstacle)> {
         let obstacle = self.nearest(point)?;
         let nearest = match obstacle {

@@ -30,7 +30,6 @@ pub enum DemoScene {
 
 impl DemoScene {
     /// Returns the ends of the free way as arguments of the command line: the start as a pose, the goal as a position.
-    #[must_use]
     pub fn endpoints(self) -> (&'static str, &'static str) {
         match self {
             Self::PipeRack => ("0,0,0,0,90", "0,0,960"),
@@ -62,7 +61,6 @@ impl DemoScene {
     }
 
     /// Returns the scene of a seed, which is the same on every machine.
-    #[must_use]
     pub fn scene(self, seed: u64) -> SceneFile {
         let mut random = Rng::new(&[self as u64, seed, 47]);
         let free = self.free();
@@ -139,7 +137,6 @@ fn rubble_heap(random: &mut Rng, scene: &mut SceneFile, is_free: impl Fn(&Shape)
 
 /// Returns the text of a scene file that begins with these comments. It contains only the half spaces, boxes and
 /// capsules of `scene`.
-#[must_use]
 pub fn to_toml(scene: &SceneFile, comments: &[String]) -> String {
     let mut text: String = comments.iter().map(|comment| format!("# {comment}\n")).collect();
     text += &format!("format = {:?}\n", scene.format);

@@ -40,7 +40,6 @@ pub struct ObstacleSelection {
 
 impl ObstacleSelection {
     /// Selects the obstacles of a scene near a body. `places` are points of the body's centreline.
-    #[must_use]
     pub fn near(scene: &Scene, places: &[Vector3<f64>], limits: &SelectionLimits) -> Self {
         let around = Neighbourhood::new(places);
         let points = scene.clouds().iter().flat_map(|cloud| cloud.points().iter().map(|at| (*at, cloud.radius())));
@@ -59,19 +58,16 @@ impl ObstacleSelection {
     }
 
     /// Returns the number of shown obstacles.
-    #[must_use]
     pub fn len(&self) -> usize {
         self.shapes.len() + self.squares.len() + self.triangles.len() + self.points.len()
     }
 
     /// Reports whether no obstacles are shown.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
     /// Returns a message with the number of shown obstacles.
-    #[must_use]
     pub fn summary(&self) -> String {
         if self.len() == self.total {
             format!("{}, all shown", self.total)

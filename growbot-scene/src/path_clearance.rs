@@ -52,7 +52,6 @@ impl Curve for PathPiece {
 
 /// Returns the point at the length `along` (mm) of a path that grows from the frame `base_from_start`. For a length
 /// before the start or beyond the end of the path, returns the start or the end.
-#[must_use]
 pub fn point_along(path: &[Segment], base_from_start: &Frame, along: f64) -> Vector3<f64> {
     let (mut base_from_tip, mut left) = (*base_from_start, along.max(0.0));
     for segment in path {
@@ -107,7 +106,6 @@ fn divide(base_from_tip: &Frame, curve: &Helicoid, radius: f64, length: f64, pie
 
 /// Returns true if a body on this path, which grows from the frame `base_from_start`, is proven to keep the required
 /// clearance from all obstacles.
-#[must_use]
 pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, need: &RequiredClearance) -> bool {
     let mut work = DistanceQueries::default();
     // A body that begins outside a solid and stays clear of its surface stays outside. A body that begins inside is not
@@ -121,7 +119,6 @@ pub fn is_path_clear(scene: &Scene, path: &[Segment], base_from_start: &Frame, n
 /// Returns the minimum distance of the centreline from the obstacles. The result is never above the true distance, and
 /// at most [`CLEARANCE_TOLERANCE_MM`] below it. For a body that begins inside a solid mesh, the result is the negative
 /// distance of the start from the mesh's surface.
-#[must_use]
 pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Clearance {
     // Without a deadline it is always found. The fallback proves nothing.
     let unproven = Clearance { distance: f64::NEG_INFINITY, arc_length: 0.0 };
@@ -129,7 +126,6 @@ pub fn clearance(scene: &Scene, path: &[Segment], base_from_start: &Frame) -> Cl
 }
 
 /// Like [`clearance`], but returns `None` if the result is not found before the deadline.
-#[must_use]
 pub fn clearance_until(
     scene: &Scene,
     path: &[Segment],

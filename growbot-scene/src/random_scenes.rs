@@ -76,7 +76,6 @@ pub const POINT_RADIUS: f64 = 4.0;
 
 impl RandomScene {
     /// Builds the scene with its obstacles.
-    #[must_use]
     pub fn scene(&self) -> Scene {
         let clouds = if self.points.is_empty() { vec![] } else { vec![Cloud::new(self.points.clone(), POINT_RADIUS)] };
         let meshes = if self.triangles.is_empty() { vec![] } else { vec![Mesh::new(self.triangles.clone(), true)] };
@@ -86,7 +85,6 @@ impl RandomScene {
 
 /// Draws the scene of this number, which is the same on every machine. Of ten scenes, five have a known path, which is
 /// kept free of obstacles, one provably has no path, and for the rest it is unknown whether a path exists.
-#[must_use]
 pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> RandomScene {
     let mut random = Rng::new(&[family as u64, number, 17]);
     let start = TipPose { position: Vector3::zeros(), direction: Vector3::z() };
@@ -329,7 +327,6 @@ fn seal(drawn: &mut RandomScene, body: &TubeLimits) {
 /// Returns the minimum distance of these segments from the obstacles, mm, at points that are at most `apart` (mm)
 /// apart. The distance from every obstacle is computed separately with independent formulas, to check the results of
 /// the search trees.
-#[must_use]
 pub fn brute_force_clearance(drawn: &RandomScene, stretches: &[ArcSegment], apart: f64) -> f64 {
     let points: Vec<Vector3<f64>> = stretches.iter().flat_map(|stretch| sampled(stretch, apart)).collect();
     min_distance(&points, |point| {
@@ -361,7 +358,6 @@ fn brute_force_shape(shape: &Shape, point: &Vector3<f64>) -> f64 {
 
 /// Returns the distance from a point to a triangle, mm. Finds the closest point by regions (Ericson 2005, "Real-Time
 /// Collision Detection", 5.1.5).
-#[must_use]
 pub fn brute_force_triangle(Triangle([a, b, c]): &Triangle, point: &Vector3<f64>) -> f64 {
     let (ab, ac, ap) = (b - a, c - a, point - a);
     let (d1, d2) = (ab.dot(&ap), ac.dot(&ap));

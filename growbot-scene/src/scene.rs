@@ -46,19 +46,16 @@ pub struct Cloud {
 
 impl Cloud {
     /// Returns the centres of the balls.
-    #[must_use]
     pub fn points(&self) -> &[Vector3<f64>] {
         self.points.items()
     }
 
     /// Returns the radius of the balls, mm.
-    #[must_use]
     pub fn radius(&self) -> f64 {
         self.radius
     }
 
     /// Creates a cloud of balls of this radius (mm) at these points.
-    #[must_use]
     pub fn new(points: Vec<Vector3<f64>>, radius: f64) -> Self {
         Self { points: Bvh::new(points), radius }
     }
@@ -74,13 +71,11 @@ pub struct Mesh {
 
 impl Mesh {
     /// Returns the triangles.
-    #[must_use]
     pub fn triangles(&self) -> &[Triangle] {
         self.triangles.items()
     }
 
     /// Creates a mesh of these triangles. If it is `solid`, it must be closed.
-    #[must_use]
     pub fn new(triangles: Vec<Triangle>, solid: bool) -> Self {
         Self { triangles: Bvh::new(triangles), solid }
     }
@@ -106,7 +101,6 @@ pub struct Scene {
 
 impl Scene {
     /// Creates a scene of these obstacles.
-    #[must_use]
     pub fn new(shapes: Vec<Shape>, half_spaces: Vec<HalfSpace>, clouds: Vec<Cloud>, meshes: Vec<Mesh>) -> Self {
         let shapes = (!shapes.is_empty()).then(|| Bvh::new(shapes));
         Self { shapes, half_spaces, clouds, meshes }
@@ -114,14 +108,12 @@ impl Scene {
 
     /// Returns the distance from a point to the nearest obstacle, mm, negative inside. The result is never more than
     /// 1e-9 mm above the true distance. It is infinite without obstacles.
-    #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         let distance = self.distance_within(point, f64::INFINITY);
         if self.contains(point) { -distance.abs() } else { distance }
     }
 
     /// Reports whether a point is inside a solid mesh.
-    #[must_use]
     pub fn contains(&self, point: &Vector3<f64>) -> bool {
         self.meshes.iter().any(|mesh| mesh.solid && mesh.encloses(point))
     }
@@ -129,7 +121,6 @@ impl Scene {
     /// Returns the distance from a point to the nearest obstacle surface, at most `within`, mm. The result is not
     /// negative inside a mesh; use [`Scene::contains`] for that. A path that begins outside a mesh and stays clear of
     /// its surface stays outside.
-    #[must_use]
     #[inline]
     pub fn distance_within(&self, point: &Vector3<f64>, within: f64) -> f64 {
         let mut best = within;
@@ -156,7 +147,6 @@ impl Scene {
     }
 
     /// Returns the obstacle whose surface is nearest to a point. `None` without obstacles.
-    #[must_use]
     pub fn nearest(&self, point: &Vector3<f64>) -> Option<Obstacle> {
         let shapes = self.shapes.iter().flat_map(Bvh::items);
         let shapes = shapes.map(|shape| (shape.distance(point), Obstacle::Shape(*shape)));
@@ -173,31 +163,26 @@ impl Scene {
     }
 
     /// Returns the boxes, balls and capsules.
-    #[must_use]
     pub fn shapes(&self) -> &[Shape] {
         self.shapes.as_ref().map_or(&[], Bvh::items)
     }
 
     /// Returns the half spaces.
-    #[must_use]
     pub fn half_spaces(&self) -> &[HalfSpace] {
         &self.half_spaces
     }
 
     /// Returns the clouds of points.
-    #[must_use]
     pub fn clouds(&self) -> &[Cloud] {
         &self.clouds
     }
 
     /// Returns the meshes.
-    #[must_use]
     pub fn meshes(&self) -> &[Mesh] {
         &self.meshes
     }
 
     /// Returns the bounding box of all obstacles except half spaces.
-    #[must_use]
     pub fn bounds(&self) -> Bounds {
         let mut bounds = self.shapes.as_ref().map_or(Bounds::EMPTY, |shapes| bounds_of(shapes.items()));
         for cloud in &self.clouds {
@@ -207,7 +192,6 @@ impl Scene {
     }
 
     /// Returns the number of shapes, half spaces, triangles and points.
-    #[must_use]
     pub fn len(&self) -> usize {
         let shapes = self.shapes.as_ref().map_or(0, |shapes| shapes.items().len());
         let clouds: usize = self.clouds.iter().map(|cloud| cloud.points.items().len()).sum();
@@ -216,7 +200,6 @@ impl Scene {
     }
 
     /// Reports whether there are no obstacles.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

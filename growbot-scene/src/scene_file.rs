@@ -252,7 +252,6 @@ pub struct LoadedScene {
 impl LoadedScene {
     /// Returns the bounding box of all obstacles except half spaces, from which a user can recognize wrong axes or
     /// units. Returns `None` if there are only half spaces, or no obstacles.
-    #[must_use]
     pub fn bounding_box(&self) -> Option<SceneBox> {
         let bounds = self.scene.bounds();
         (!bounds.is_empty()).then(|| SceneBox { min_mm: bounds.min.into(), max_mm: bounds.max.into() })

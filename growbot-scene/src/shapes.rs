@@ -39,7 +39,6 @@ pub enum Shape {
 
 impl Shape {
     /// Returns the distance from a point to the surface of the shape, mm, negative inside.
-    #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         match self {
             Self::Box { centre, half_extents: half, rotation } => {
@@ -96,7 +95,6 @@ pub struct HalfSpace {
 
 impl HalfSpace {
     /// Returns the distance from a point to the plane, mm, negative inside the half space.
-    #[must_use]
     pub fn distance(&self, point: &Vector3<f64>) -> f64 {
         self.normal.dot(&(point - self.point))
     }
@@ -149,7 +147,6 @@ impl Triangle {
     ///
     /// A ray passes through only one of several triangles with a common edge, because the arithmetic of the edge is the
     /// same for all of them.
-    #[must_use]
     pub fn ray_crossing(&self, point: &Vector3<f64>) -> i32 {
         let [a, b, c] = &self.0;
         let winding = turned(a, b, point) + turned(b, c, point) + turned(c, a, point);

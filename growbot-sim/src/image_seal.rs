@@ -133,7 +133,6 @@ pub fn seal(image: &[u8]) -> Result<SealedImage, String> {
 }
 
 /// Reports whether an image has a seal, valid or not.
-#[must_use]
 pub fn is_sealed(image: &[u8]) -> bool {
     let seal_of = || {
         let file: ElfFile32 = ElfFile32::parse(image).ok()?;

@@ -41,7 +41,6 @@ pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
 }
 
 /// Returns true if a file begins like a UF2 file.
-#[must_use]
 pub fn is_uf2(file: &[u8]) -> bool {
     file.starts_with(&MAGIC[0].to_le_bytes())
 }

@@ -30,7 +30,6 @@ pub fn build_image(alias: &str) {
 ///
 /// # Panics
 /// Panics if the image has not been built, because a test without its image proves nothing.
-#[must_use]
 pub fn firmware(board: &str) -> PathBuf {
     let image = target().join("thumbv7em-none-eabihf/firmware").join(board);
     assert!(
@@ -45,7 +44,6 @@ pub fn firmware(board: &str) -> PathBuf {
 ///
 /// # Panics
 /// Panics if the image has not been built.
-#[must_use]
 pub fn pico_firmware(robot: &str) -> PathBuf {
     let image = target().join("thumbv6m-none-eabi/firmware").join(format!("pico-{robot}"));
     assert!(

@@ -90,7 +90,6 @@ pub struct RegisterWrite {
 }
 
 /// Returns the writes to registers in a trace, in order. An incomplete line is left out.
-#[must_use]
 pub fn writes(trace: &str) -> Vec<RegisterWrite> {
     let whole = trace.rsplit_once('\n').map_or("", |(whole, _)| whole);
     let lines = whole.lines().filter(|line| line.contains("memory_region_ops_write"));

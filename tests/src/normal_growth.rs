@@ -65,7 +65,6 @@ impl GrowthStats {
 ///
 /// # Panics
 /// Panics if a growth cannot be run.
-#[must_use]
 pub fn run(plant: Plant, hours: f64) -> GrowthStats {
     let (next, sum) = (AtomicU64::new(0), Mutex::new(GrowthStats::default()));
     thread::scope(|scope| {

@@ -206,7 +206,6 @@ impl Image {
     ///
     /// # Panics
     /// Panics if the image is invalid, or changes its stack pointer in a way that the decoder does not know.
-    #[must_use]
     pub fn parse(image: &[u8]) -> Self {
         let file = object::File::parse(image).unwrap();
         let Symbols { mut functions, named, kinds } = Symbols::of(&file);
@@ -232,7 +231,6 @@ impl Image {
     ///
     /// # Panics
     /// Panics if the symbol does not exist.
-    #[must_use]
     pub fn symbol(&self, name: &str) -> u64 {
         *self.symbols.get(name).unwrap_or_else(|| panic!("the image has no symbol {name}"))
     }
@@ -254,7 +252,6 @@ impl Image {
     ///
     /// # Panics
     /// Panics on recursion.
-    #[must_use]
     pub fn deepest(&self, entry: u64) -> Vec<Step> {
         self.deepest_of(entry, &mut BTreeMap::new(), &mut Vec::new()).1
     }

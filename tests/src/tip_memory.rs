@@ -28,7 +28,6 @@ impl TipMemoryView {
     ///
     /// # Panics
     /// Panics if the system does not duplicate the handle of the memory.
-    #[must_use]
     pub fn of(emulator: &mut Emulator) -> Self {
         Self { memory: another(emulator.board().tip().file()), clock: emulator.clock() }
     }
@@ -37,7 +36,6 @@ impl TipMemoryView {
     ///
     /// # Panics
     /// Panics if the offset is outside of the memory.
-    #[must_use]
     pub fn read(&self, offset: usize) -> u32 {
         let mut bytes = [0; 4];
         self.memory.read_exact_at(&mut bytes, offset as u64).expect("the word is in the tip's memory");
@@ -90,7 +88,6 @@ pub struct BoardLimit {
 
 impl BoardLimit {
     /// Returns a limit of `limit_s` seconds that starts now.
-    #[must_use]
     pub fn new(words: &TipMemoryView, limit_s: u32) -> Self {
         let clock = words.read(table::TICKS_LO);
         let words = TipMemoryView { memory: another(&words.memory), clock: words.clock.clone() };

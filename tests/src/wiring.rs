@@ -20,7 +20,6 @@ pub struct Row {
 ///
 /// # Panics
 /// Panics if the table does not exist.
-#[must_use]
 pub fn rows() -> Vec<Row> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- pins")).skip(3);
     let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {
@@ -44,7 +43,6 @@ pub fn rows() -> Vec<Row> {
 ///
 /// # Panics
 /// Panics if the signal does not exist.
-#[must_use]
 pub fn pin_of(signal: &str) -> String {
     let row = rows().into_iter().find(|row| row.signal == signal);
     row.and_then(|row| row.pins.into_iter().next()).unwrap_or_else(|| panic!("WIRING.md has no signal {signal:?}"))
@@ -55,7 +53,6 @@ pub fn pin_of(signal: &str) -> String {
 ///
 /// # Panics
 /// Panics if a row has another number of cells.
-#[must_use]
 pub fn rp2040_rows() -> Vec<[String; 4]> {
     let lines = WIRING.lines().skip_while(|line| !line.starts_with("<!-- rp2040")).skip(3);
     let rows = lines.take_while(|line| line.starts_with('|')).map(|line| {

@@ -48,7 +48,6 @@ impl ClockDrift {
 
     /// Returns by how many percent the board's clock runs faster than the host's clock, negative if slower: the bound
     /// nearer to 0.
-    #[must_use]
     pub fn percent(&self) -> f64 {
         let [shortest, longest] = self.host_ms;
         let host = if self.board_ms < shortest { shortest } else { longest };

@@ -15,7 +15,6 @@ static COMMANDED: AtomicBool = AtomicBool::new(false);
 
 /// Reports whether this process has sent a request that changes the state of a board, even if no response arrived.
 /// Requests for information do not count.
-#[must_use]
 pub fn has_commanded_board() -> bool {
     COMMANDED.load(Ordering::Relaxed)
 }

@@ -54,7 +54,6 @@ pub struct Client {
 
 impl Client {
     /// Creates a client on an open port. `name` is its name in error messages.
-    #[must_use]
     pub fn new(port: Box<dyn Port>, name: &str) -> Self {
         Self {
             port,
@@ -86,7 +85,6 @@ impl Client {
     }
 
     /// Returns the number of requests that were sent again because they or their responses were lost.
-    #[must_use]
     pub fn repeated(&self) -> u64 {
         self.repeated
     }

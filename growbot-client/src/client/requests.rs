@@ -29,7 +29,6 @@ pub enum StopOutcome {
 
 impl StopOutcome {
     /// Returns a message for the user.
-    #[must_use]
     pub fn message(self, is_simulated: bool) -> String {
         let kind = if is_simulated { "simulated " } else { "" };
         match self {
@@ -73,7 +72,6 @@ impl Client {
     }
 
     /// Reports whether events have arrived that [`Client::event`] has not returned yet.
-    #[must_use]
     pub fn has_events(&self) -> bool {
         !self.events.is_empty()
     }
@@ -127,7 +125,6 @@ impl Client {
     }
 
     /// Reports whether the status should be requested now for the comparison of the clocks.
-    #[must_use]
     pub fn clock_sample_due(&self) -> bool {
         self.port.has_comparable_clock() && self.clocks.wants(self.port.now())
     }

@@ -48,7 +48,6 @@ impl Command {
     ];
 
     /// Returns the name of the command in URLs and run logs.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Continue => "continue",
@@ -147,7 +146,6 @@ impl Default for CommandQueue {
 
 impl CommandQueue {
     /// Returns an empty command queue for a growth with this permit.
-    #[must_use]
     pub fn new(permit: Permit) -> Self {
         Self { permit: Mutex::new(permit), waiting: Mutex::default(), interrupted: AtomicBool::default() }
     }
@@ -203,13 +201,11 @@ impl CommandQueue {
     }
 
     /// Reports whether a command to pause is in the queue.
-    #[must_use]
     pub fn pause_waits(&self) -> bool {
         self.waiting().iter().any(|order| order.command == Command::Pause)
     }
 
     /// Reports whether a stop or an emergency stop was commanded that the board has not confirmed.
-    #[must_use]
     pub fn stop_requested(&self) -> bool {
         self.requested_stop().is_some()
     }

@@ -47,13 +47,11 @@ pub struct Job<'a> {
 
 impl<'a> Job<'a> {
     /// Creates the job of a plan. `robot` must be the robot for which the plan was made.
-    #[must_use]
     pub fn of_plan(robot: &'a Robot, plan: &'a Plan) -> Self {
         Self::new(robot, &plan.start, &plan.goal, &plan.path)
     }
 
     /// Creates the job of a path from `start` to `goal`, whose layers are computed for this robot.
-    #[must_use]
     pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
         let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
         Self { robot, start, goal, length: length(path), plan_id: plan_id(robot, &layers), layers }
@@ -171,7 +169,6 @@ pub enum GrowthError {
 impl GrowthError {
     /// Returns [`GrowthError::NothingToResume`] for a board with this status. `plan_id` is the job that was to be
     /// resumed.
-    #[must_use]
     pub fn nothing_to_resume(plan_id: u64, status: &Status) -> Self {
         let stored = match status.plan_id {
             0 => "it stores none, so start a new growth".to_string(),
@@ -186,7 +183,6 @@ impl GrowthError {
 
     /// Reports whether the growth did not start because the board refused the job or a stop voided the start, and not
     /// because the connection failed.
-    #[must_use]
     pub fn is_refusal(&self) -> bool {
         match self {
             Self::NotStarted(ClientError::Refused { .. } | ClientError::Voided { .. })

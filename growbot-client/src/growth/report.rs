@@ -34,7 +34,6 @@ pub enum Outcome {
 
 impl Outcome {
     /// Returns the name of the outcome in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Done => "done",
@@ -93,7 +92,6 @@ pub enum MeasuredBy {
 
 impl MeasuredBy {
     /// Returns the name of the source in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Tip => "tip",
@@ -105,14 +103,12 @@ impl MeasuredBy {
 
 impl GrowthReport {
     /// Returns the length of the body, mm.
-    #[must_use]
     pub fn length_mm(&self) -> f64 {
         self.body.iter().fold(0.0, |length, layer| length + layer.height)
     }
 
     /// Returns the position of the start and the positions of the tip after each layer, mm: as the feedback estimated
     /// them if `measured_by` is the estimate, and otherwise from the layers in `body`.
-    #[must_use]
     pub fn centreline(&self, start: &Pose) -> Vec<Vector3<f64>> {
         match (&self.feedback, self.measured_by) {
             (Some(feedback), MeasuredBy::Estimate) => feedback.path.clone(),
@@ -121,7 +117,6 @@ impl GrowthReport {
     }
 
     /// Returns the number of layers of which nothing is known.
-    #[must_use]
     pub fn unknown_layers(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
@@ -137,7 +132,6 @@ pub fn as_built_or_commanded(
 
 /// Returns the CRC-64/XZ of the layers as built, in order, each in its 12 bytes. A layer that is `None` counts as 12
 /// zeros.
-#[must_use]
 pub fn as_built_hash(layers: &[Option<LayerBytes>]) -> u64 {
     let mut hasher = Hasher::default();
     for layer in layers {

@@ -185,7 +185,6 @@ impl From<&Pose> for TipPoseJson {
 
 impl TipPoseJson {
     /// Converts to a pose in JSON form, with heading 0 if the tip is vertical.
-    #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
         PoseJson { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg }
@@ -220,7 +219,6 @@ impl GoalJson {
     }
 
     /// Returns the pose of the goal.
-    #[must_use]
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
         PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
@@ -334,7 +332,6 @@ impl SegmentJson {
 }
 
 /// Formats a hash as 16 hexadecimal digits.
-#[must_use]
 pub fn format_hash(hash: u64) -> String {
     format!("{hash:016x}")
 }
@@ -384,19 +381,16 @@ impl From<&Plan> for PlanFile {
 
 impl PlanFile {
     /// Converts a plan to JSON form and adds the description of its robot, so that a reader needs no other file.
-    #[must_use]
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
     }
 
     /// Returns the JSON of the plan in one line that ends with a newline, for pipes.
-    #[must_use]
     pub fn to_line(&self) -> String {
         sanitize::json_line(self)
     }
 
     /// Returns the JSON of the plan in indented lines, for files.
-    #[must_use]
     pub fn to_text(&self) -> String {
         // Serialization fails only for maps whose keys are not strings, which a plan does not contain.
         serde_json::to_string_pretty(self).unwrap_or_default() + "\n"

@@ -113,7 +113,6 @@ impl Port for Box<dyn Port> {
 }
 
 /// Returns the real time since the host was started, including the time in which it slept.
-#[must_use]
 pub fn time_since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
     Duration::new(time.tv_sec.unsigned_abs(), time.tv_nsec.unsigned_abs() as u32)

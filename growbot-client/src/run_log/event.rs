@@ -266,7 +266,6 @@ pub struct SimulatedLayer {
 
 /// Converts an event of a job to events of a run log. `laid_tip` is the frame of the simulated tip after the layers
 /// that were converted so far, and is updated here.
-#[must_use]
 pub fn to_run_events(event: &JobEvent, laid_tip: &mut Frame) -> Vec<RunEvent> {
     let written = match event {
         JobEvent::Board(hello) => RunEvent::Board(hello.into()),

@@ -11,7 +11,6 @@ pub(super) fn hex(bytes: &LayerBytes) -> String {
 }
 
 /// Formats layers one after the other, 24 hexadecimal digits each.
-#[must_use]
 pub fn hex_of(layers: &[LayerBytes]) -> String {
     layers.iter().map(hex).collect()
 }

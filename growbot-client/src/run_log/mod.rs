@@ -97,7 +97,6 @@ pub enum RunLogError {
 
 impl RunLogError {
     /// Returns the reason without the name of the file.
-    #[must_use]
     pub fn reason(&self) -> String {
         match self {
             Self::Begin { error, .. } | Self::Write { error, .. } => error.to_string(),
@@ -146,7 +145,6 @@ struct OpenLog {
 
 impl RunLog {
     /// Returns a disabled log, which writes nothing.
-    #[must_use]
     pub fn disabled() -> Self {
         Self::default()
     }
@@ -225,7 +223,6 @@ impl RunLog {
 
     /// Returns a name for a log file that does not exist yet in the current directory: `growth-2026-11-23T014500.jsonl`
     /// with the current time, UTC.
-    #[must_use]
     pub fn free_name() -> PathBuf {
         let now: String = utc_now().chars().filter(|letter| *letter != ':').take("2026-11-23T014500".len()).collect();
         let names = (1_u32..).map(|number| match number {
@@ -383,7 +380,6 @@ impl RunLog {
     }
 
     /// Returns the number of lines that are not in the file: those that wait and those that were dropped.
-    #[must_use]
     pub fn missing_lines(&self) -> usize {
         self.0.as_ref().map_or(0, |open| open.lines.missing())
     }
@@ -405,13 +401,11 @@ const MILLISECONDS: EncodedConfig =
     Config::DEFAULT.set_time_precision(TimePrecision::Second { decimal_digits: NonZero::new(3) }).encode();
 
 /// Returns the current time (UTC) in RFC 3339 format with milliseconds. The text always has the same length.
-#[must_use]
 pub fn utc_now() -> String {
     utc_text(OffsetDateTime::now_utc())
 }
 
 /// Formats a date and time in RFC 3339 format with milliseconds.
-#[must_use]
 pub fn utc_text(time: OffsetDateTime) -> String {
     time.format(&Iso8601::<MILLISECONDS>).unwrap_or_default()
 }

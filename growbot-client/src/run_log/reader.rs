@@ -21,7 +21,6 @@ pub struct Damage {
 
 impl Damage {
     /// Returns a message for users. `None` if all lines could be read. `file` is the name of the log.
-    #[must_use]
     pub fn message(&self, file: &str) -> Option<String> {
         let Self { lines, first, cut_off } = self;
         let skipped = match lines {
@@ -52,14 +51,12 @@ pub struct Events<'a> {
 
 impl<'a> Events<'a> {
     /// Creates an iterator over all events in the bytes of a log.
-    #[must_use]
     pub fn of(log: &'a [u8]) -> Self {
         Self { rest: log, number: 0, damage: Damage::default() }
     }
 
     /// Creates an iterator over the events in the bytes of a log after the header, which is the first line that is a
     /// JSON object.
-    #[must_use]
     pub fn after_header(log: &'a [u8]) -> Self {
         let mut events = Self::of(log);
         events.next_line();

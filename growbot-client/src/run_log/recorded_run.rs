@@ -65,7 +65,6 @@ pub enum BodyKind {
 
 impl BodyKind {
     /// Returns the name of the source for users.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Laid => "laid (simulated)",
@@ -75,7 +74,6 @@ impl BodyKind {
     }
 
     /// Returns the name of the source with a capital letter, for the heading of a table or a picture.
-    #[must_use]
     pub fn title(self) -> &'static str {
         match self {
             Self::Laid => "Laid (simulated)",
@@ -204,25 +202,21 @@ impl RecordedRun {
     }
 
     /// Returns the number of laid layers of which nothing is known.
-    #[must_use]
     pub fn unknown_layers(&self) -> usize {
         self.as_built.iter().filter(|layer| layer.is_none()).count()
     }
 
     /// Returns the outcome of the growth. [`OutcomeKind::Unfinished`] if the log does not contain it.
-    #[must_use]
     pub fn outcome(&self) -> OutcomeKind {
         self.result.as_ref().map_or(OutcomeKind::Unfinished, |result| result.outcome)
     }
 
     /// Returns the measured error of the board's clock. `None` unless the growth was stopped because of this error.
-    #[must_use]
     pub fn clock_drift(&self) -> Option<ClockDrift> {
         self.result.as_ref()?.clock_drift
     }
 
     /// Reports whether the body was grown by a simulated robot.
-    #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.tip == TipKind::Simulated
     }
@@ -230,7 +224,6 @@ impl RecordedRun {
     /// Returns the layers of a simulated tip with their errors, as the plastic lies, including a layer in progress. A
     /// layer whose position is not in the log is returned as the board's steps have built it. `None` for a real robot,
     /// or if the log has laid layers but no position of any of them.
-    #[must_use]
     pub fn simulated(&self) -> Option<Vec<Layer>> {
         let says = self.as_built.is_empty() || self.simulated.iter().any(Option::is_some);
         (self.is_simulated() && says).then(|| {
@@ -246,7 +239,6 @@ impl RecordedRun {
     }
 
     /// Returns the source from which the body is known: the position of its plastic, or the steps of the board.
-    #[must_use]
     pub fn body_kind(&self) -> BodyKind {
         match (self.tip, self.simulated()) {
             (TipKind::Robot, _) => BodyKind::AsBuilt,
@@ -256,13 +248,11 @@ impl RecordedRun {
     }
 
     /// Reports whether the log contains the position of the plastic of the layer of this index.
-    #[must_use]
     pub fn has_simulated_layer(&self, index: usize) -> bool {
         self.is_simulated() && self.simulated.get(index).is_some_and(Option::is_some)
     }
 
     /// Returns the number of laid layers of a simulated tip whose position is not in the log. 0 for a real robot.
-    #[must_use]
     pub fn missing_simulated_layers(&self) -> usize {
         if self.is_simulated() {
             (0..self.as_built.len()).filter(|index| !self.has_simulated_layer(*index)).count()
@@ -273,14 +263,12 @@ impl RecordedRun {
 
     /// Returns the layers as built before the first layer whose line is lost. The board need not report these layers
     /// again when the growth is resumed.
-    #[must_use]
     pub fn known_layers(&self) -> Vec<Option<LayerBytes>> {
         let end = self.lost.first().copied().unwrap_or(self.as_built.len());
         self.as_built.get(..end).unwrap_or(&self.as_built).to_vec()
     }
 
     /// Returns the frame at which the body begins. If the plan has no valid start, returns the identity.
-    #[must_use]
     pub(super) fn start_frame(&self) -> Frame {
         pose_from_json("start", &self.plan.start).map_or_else(|_| Frame::identity(), |start| start.frame())
     }
@@ -349,7 +337,6 @@ impl RecordedRun {
 
     /// Returns the feedback in its state at the end of the log, to resume the growth. With `scene`, its corrections are
     /// then checked to stay clear of the scene. `None` for a growth without feedback.
-    #[must_use]
     pub fn feedback<'a>(
         &self,
         job: &Job<'a>,
@@ -361,7 +348,6 @@ impl RecordedRun {
 
     /// Returns the frame of the tip after each layer as the feedback estimated it. `None` for a growth without
     /// feedback.
-    #[must_use]
     pub fn estimated(&self, job: &Job, plan: &Plan) -> Option<Vec<Frame>> {
         let mut path = Vec::with_capacity(self.as_built.len());
         self.replay_feedback(job, plan, None, |feedback| path.push(feedback.result().estimate.base_from_tip))?;

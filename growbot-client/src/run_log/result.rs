@@ -131,7 +131,6 @@ fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Outc
 
 impl OutcomeKind {
     /// Returns the name of the outcome in files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Done => "done",
@@ -227,7 +226,6 @@ pub struct FeedbackResult {
 impl FeedbackResult {
     /// Converts the result of the feedback of a growth. `truth` is the arrival of the true tip of a simulated robot,
     /// `None` for a real robot.
-    #[must_use]
     pub fn new(fed_back: &FeedbackReport, plan: &Plan, truth: Option<&Arrival>) -> Self {
         let FeedbackReport { amendments, estimate, .. } = fed_back;
         let estimated = fed_back.arrival(plan);
@@ -260,7 +258,6 @@ pub struct InterruptedLayerJson {
 
 impl InterruptedLayerJson {
     /// Converts an interrupted layer, whose index is `layer`.
-    #[must_use]
     pub fn new(layer: usize, interrupted: message::InterruptedLayer) -> Self {
         let share = |sectors: u8| f64::from(sectors) / SECTORS as f64;
         Self { layer, min: share(interrupted.min), max: share(interrupted.max) }
@@ -270,7 +267,6 @@ impl InterruptedLayerJson {
 impl GrowthResult {
     /// Creates the result of a growth in which nothing was grown, or of which nothing is known. The tip is at the
     /// start.
-    #[must_use]
     pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
         Self {
@@ -301,7 +297,6 @@ impl GrowthResult {
     }
 
     /// Creates the result of a growth that has ended. With a scene, the clearance of the body from it is computed.
-    #[must_use]
     pub fn new(
         grown: &GrowthReport,
         (robot, plan): (&Robot, &Plan),

@@ -39,7 +39,6 @@ const MAX_PAIRS: usize = 4_000_000;
 /// Returns the closest approach of a body on this path to itself. `None` if it is not nearer than `diameter` (mm,
 /// positive). Only the part beyond the length `since` (mm) is compared with all earlier parts; 0 compares the whole
 /// body.
-#[must_use]
 pub fn closest_self_approach(path: &[Segment], diameter: f64, since: f64) -> Option<Collision> {
     search(path, diameter, since).0
 }

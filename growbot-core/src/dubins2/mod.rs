@@ -42,7 +42,6 @@ const TIE: f64 = 1e-12;
 /// let behind = shortest(&PlanarPose { x: -1.0, y: 0.0, heading: 0.0 });
 /// assert!(matches!(behind.path_type, PathType::Lrl | PathType::Rlr | PathType::Lsl | PathType::Rsr));
 /// ```
-#[must_use]
 pub fn shortest(goal: &PlanarPose) -> PlanarPath {
     let goal = PlanarGoal::new(goal);
     match goal.by_short_arcs() {

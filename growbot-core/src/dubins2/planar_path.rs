@@ -51,7 +51,6 @@ impl PathType {
     pub const ALL: [Self; 6] = [Self::Lsl, Self::Rsr, Self::Lsr, Self::Rsl, Self::Lrl, Self::Rlr];
 
     /// Returns the directions of the three segments.
-    #[must_use]
     pub fn directions(self) -> [Direction; 3] {
         match self {
             Self::Lsl => [Left, Straight, Left],
@@ -75,7 +74,6 @@ pub struct PlanarPath {
 
 impl PlanarPath {
     /// Returns the length of the whole path, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         self.lengths.iter().sum()
     }
@@ -86,7 +84,6 @@ impl PlanarPath {
     }
 
     /// Returns the pose at the end of the path, by forward integration.
-    #[must_use]
     pub fn end(&self) -> PlanarPose {
         let mut at = PlanarPose { x: 0.0, y: 0.0, heading: 0.0 };
         let (mut sin, mut cos) = (0.0, 1.0);
@@ -111,7 +108,6 @@ impl PlanarPath {
 
     /// Returns the error of the path's end at the goal: the distance (radii) or the angle (radians), whichever is
     /// larger.
-    #[must_use]
     pub fn goal_error(&self, goal: &PlanarPose) -> f64 {
         let end = self.end();
         let turned = wrap_positive(end.heading - goal.heading);

@@ -66,14 +66,12 @@ const CFSR_BITS: [(u32, &str, &str); 17] = [
 ];
 
 /// Returns the number of bytes that the processor saved on the stack when it took an exception with this EXC_RETURN.
-#[must_use]
 pub const fn frame_bytes(exc_return: u32) -> u32 {
     let [basic, extended] = FRAME_BYTES;
     if exc_return & BASIC_FRAME != 0 { basic } else { extended }
 }
 
 /// Returns the number that stands for the cause of a crash in the first word of its record.
-#[must_use]
 pub const fn cause_code(cause: ResetCause) -> u32 {
     match cause {
         ResetCause::Watchdog => 1,

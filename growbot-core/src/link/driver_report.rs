@@ -17,7 +17,6 @@ impl Motor {
     pub const ALL: [Self; 2] = [Self::Head, Self::Feed];
 
     /// Returns the motor's name, as programs print it.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Head => "head",
@@ -70,7 +69,6 @@ impl DriverProblem {
     ];
 
     /// Returns the code of the problem, as programs print it.
-    #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
             Self::Silent => "silent",
@@ -88,7 +86,6 @@ impl DriverProblem {
     }
 
     /// Returns a description of the problem and its remedy.
-    #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
             Self::Silent => {

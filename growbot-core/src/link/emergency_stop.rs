@@ -16,7 +16,6 @@ pub struct EmergencyStopDetector {
 
 impl EmergencyStopDetector {
     /// Creates a detector at the beginning of a stream.
-    #[must_use]
     pub const fn new() -> Self {
         Self { latest: u64::MAX }
     }

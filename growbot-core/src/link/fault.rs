@@ -113,7 +113,6 @@ impl Fault {
     ];
 
     /// Returns the code of the fault, as programs print it.
-    #[must_use]
     pub const fn code(self) -> &'static str {
         match self {
             Self::ThermistorOpen => "thermistor-open",
@@ -153,7 +152,6 @@ impl Fault {
     }
 
     /// Returns a description of the fault and its remedy.
-    #[must_use]
     pub const fn explanation(self) -> &'static str {
         match self {
             Self::ThermistorOpen => {

@@ -16,7 +16,6 @@ use crate::hash::CrcTable;
 static CRC: Crc<u32, CrcTable> = Crc::<u32, CrcTable>::new(&CRC_32_ISCSI);
 
 /// Returns the CRC-32C of some bytes.
-#[must_use]
 pub fn crc32c(bytes: &[u8]) -> u32 {
     CRC.checksum(bytes)
 }
@@ -50,7 +49,6 @@ pub struct FrameHeader {
 }
 
 /// Returns the sequence number after `seq`. After 65,535 it continues with 1.
-#[must_use]
 pub const fn next_seq(seq: u16) -> u16 {
     match seq.wrapping_add(1) {
         0 => 1,
@@ -60,7 +58,6 @@ pub const fn next_seq(seq: u16) -> u16 {
 
 /// Reports whether `seq` comes after `other`. Because sequence numbers wrap, the shorter way round the range of `u16`
 /// decides.
-#[must_use]
 pub const fn is_seq_after(seq: u16, other: u16) -> bool {
     (seq.wrapping_sub(other) as i16) > 0
 }

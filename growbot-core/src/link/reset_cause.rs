@@ -24,7 +24,6 @@ pub enum ResetCause {
 
 impl ResetCause {
     /// Returns the name of the cause, as programs print it.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::PowerOn => "power on",

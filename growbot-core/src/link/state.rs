@@ -57,7 +57,6 @@ impl State {
     ];
 
     /// Returns the state's name, as programs print it.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Idle => "idle",

@@ -145,7 +145,6 @@ impl Signal {
     ];
 
     /// Returns the name of the signal in the table `[board.pins]` of a robot file.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::HeadStep => "head_step",
@@ -195,7 +194,6 @@ impl fmt::Display for Signal {
 
 impl PinOverrides {
     /// Returns the pin that is set for a signal. `None` if the signal has the default pin of the board.
-    #[must_use]
     pub fn get(&self, signal: Signal) -> Option<u8> {
         match signal {
             Signal::HeadStep => self.head_step,
@@ -222,7 +220,6 @@ impl PinOverrides {
 
 impl BoardKind {
     /// Returns the name of the kind in a robot file.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Stm32f405 => "stm32f405",
@@ -233,7 +230,6 @@ impl BoardKind {
 
     /// Returns the default GPIO pin of a signal. `None` if this kind has no pin for the signal, or if its pins are not
     /// those of an RP2040.
-    #[must_use]
     pub fn pin(self, signal: Signal) -> Option<u8> {
         match self {
             Self::Stm32f405 => None,
@@ -244,7 +240,6 @@ impl BoardKind {
 
     /// Returns the label of a signal's default terminal, as printed on the board. `None` if this kind has no terminal
     /// for the signal.
-    #[must_use]
     pub fn terminal(self, signal: Signal) -> Option<&'static str> {
         match self {
             Self::Stm32f405 => Some(stm32f405_pin(signal)),
@@ -279,7 +274,6 @@ impl BoardKind {
     }
 
     /// Reports whether the board has soldered TMC2209 stepper drivers that the firmware configures.
-    #[must_use]
     pub fn has_onboard_drivers(self) -> bool {
         matches!(self, Self::SkrPico)
     }

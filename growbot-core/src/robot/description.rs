@@ -251,7 +251,6 @@ pub struct DriverSettings {
 
 impl DriverSettings {
     /// Creates a configuration with a current, A rms, and the defaults of all other fields.
-    #[must_use]
     pub fn with_current(current_a: f64) -> Self {
         Self {
             current_a,
@@ -263,7 +262,6 @@ impl DriverSettings {
     }
 
     /// Returns the max current that the sense resistors allow, A rms (data sheet of the TMC2209, rev. 1.09, 9).
-    #[must_use]
     pub fn max_current_a(&self) -> f64 {
         0.325 / (self.sense_ohm + 0.02) * core::f64::consts::FRAC_1_SQRT_2
     }

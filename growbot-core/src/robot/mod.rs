@@ -64,7 +64,6 @@ impl Robot {
 
     /// Creates a robot, without checks, from a description that [`Robot::new`] has accepted before and the hash that it
     /// computed. The build of the firmware stores both in the image.
-    #[must_use]
     pub fn from_checked(description: RobotDescription, hash: u64) -> Self {
         Self { description, hash }
     }
@@ -90,51 +89,43 @@ impl Robot {
     }
 
     /// Returns the description that was checked.
-    #[must_use]
     pub fn description(&self) -> &RobotDescription {
         &self.description
     }
 
     /// Returns the robot's name.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.description.name
     }
 
     /// Returns the CRC-64 over the postcard form of the whole description. Robots with equal hashes have equal
     /// descriptions.
-    #[must_use]
     pub fn hash(&self) -> u64 {
         self.hash
     }
 
     /// Returns `r_t`, the distance from the centreline to where material is laid, mm.
-    #[must_use]
     pub fn tip_radius(&self) -> f64 {
         self.description.geometry.tip_radius_mm
     }
 
     /// Returns the outer diameter of the printed tube, mm. The wall is a ring of mean radius `r_t`.
-    #[must_use]
     pub fn outer_diameter(&self) -> f64 {
         2.0 * self.tip_radius() + self.description.wall.width_mm
     }
 
     /// Returns the max tilt of a layer, radians.
-    #[must_use]
     pub fn max_tilt(&self) -> f64 {
         radians(self.description.layer.tilt_max_deg)
     }
 
     /// Returns the min radius of curvature by the packaging limit (Eq 7), mm.
-    #[must_use]
     pub fn min_radius_by_packaging(&self) -> f64 {
         let geometry = &self.description.geometry;
         min_radius_by_packaging(geometry.tip_radius_mm, geometry.inner_radius_mm, geometry.inner_length_mm)
     }
 
     /// Returns the min radius of curvature by the limits of a layer's height and tilt, mm.
-    #[must_use]
     pub fn min_radius_by_layers(&self) -> f64 {
         let layer = &self.description.layer;
         let tilt_max = self.max_tilt();
@@ -143,13 +134,11 @@ impl Robot {
 
     /// Returns R_min, the min radius of curvature of the centreline, mm. It is the larger of the radius by the
     /// packaging limit and the radius by the limits of a layer.
-    #[must_use]
     pub fn min_radius(&self) -> f64 {
         self.min_radius_by_packaging().max(self.min_radius_by_layers())
     }
 
     /// Returns the max mean height of a layer on a bend of this curvature (1/mm), mm.
-    #[must_use]
     pub fn max_mean_height(&self, curvature: f64) -> f64 {
         let layer = &self.description.layer;
         let tilt_max = self.max_tilt();
@@ -157,7 +146,6 @@ impl Robot {
     }
 
     /// Returns the motion of head and feed while this layer is laid at full speed.
-    #[must_use]
     pub fn layer_motion(&self, layer: &Layer) -> LayerMotion {
         LayerMotion::of(&self.description, layer)
     }
@@ -206,34 +194,29 @@ impl Robot {
     }
 
     /// Returns the cross-section of the printed wall, mm^2. The wall is a ring of mean radius `r_t`.
-    #[must_use]
     pub fn wall_area(&self) -> f64 {
         core::f64::consts::TAU * self.tip_radius() * self.description.wall.width_mm
     }
 
     /// Returns the second moment of area of the printed wall about a diameter, mm^4. The second moment about the tube's
     /// axis is twice this value.
-    #[must_use]
     pub fn wall_second_moment(&self) -> f64 {
         let (radius, width) = (self.tip_radius(), self.description.wall.width_mm);
         core::f64::consts::PI * radius * width * (radius * radius + 0.25 * width * width)
     }
 
     /// Returns the cross-section of the filament, mm^2.
-    #[must_use]
     pub fn filament_area(&self) -> f64 {
         let diameter = self.description.feed.filament_diameter_mm;
         core::f64::consts::FRAC_PI_4 * diameter * diameter
     }
 
     /// Returns the length of filament for 1 mm of body, mm/mm.
-    #[must_use]
     pub fn filament_per_length(&self) -> f64 {
         self.wall_area() / self.filament_area()
     }
 
     /// Returns the number of motor steps of the feed for 1 mm of body, 1/mm.
-    #[must_use]
     pub fn feed_steps_per_length(&self) -> f64 {
         self.filament_per_length() * self.description.feed.steps_per_mm
     }

@@ -97,7 +97,6 @@ pub enum PinError {
 impl Signal {
     /// Reports whether the robot uses the signal. Every robot needs the signals that do not belong to an optional
     /// sensor.
-    #[must_use]
     pub fn is_used(self, robot: &RobotDescription) -> bool {
         let Sensors { filament_presence, filament_motion, driver_fault, emergency_stop, supply, orientation } =
             &robot.sensors;
@@ -116,7 +115,6 @@ impl Signal {
 impl BoardDescription {
     /// Returns the GPIO pin of a signal: the pin that the description gives, or else the default pin of the board's
     /// kind. `None` if there is neither.
-    #[must_use]
     pub fn pin(&self, signal: Signal) -> Option<u8> {
         self.pins.get(signal).or(self.kind.pin(signal))
     }
@@ -174,7 +172,6 @@ impl BoardDescription {
 }
 
 /// Returns the PWM slice of a pin (RP2040 data sheet, table 525).
-#[must_use]
 pub fn pwm_slice(pin: u8) -> u8 {
     pin / 2 % 8
 }

@@ -180,7 +180,6 @@ impl AxisMotion {
 
     /// Reports whether the axis is never faster than its jump (max instantaneous change of speed), so that it needs no
     /// ramps.
-    #[must_use]
     pub fn is_within_jump(&self) -> bool {
         self.speed <= self.jump
     }

@@ -65,7 +65,6 @@ pub enum PathCandidate {
 
 impl PathCandidate {
     /// Returns the length of the path, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         match self {
             Self::Csc(path) => path.length(),

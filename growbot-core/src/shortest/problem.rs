@@ -24,7 +24,6 @@ pub struct PathProblem {
 impl PathProblem {
     /// Creates the problem of a path from a tip at the origin that grows along z, to this goal (radii) with this
     /// direction (a unit vector).
-    #[must_use]
     pub fn new(goal: &Vector3<f64>, direction: &Vector3<f64>) -> Self {
         let e1 = any_perpendicular(direction);
         let e2 = direction.cross(&e1);
@@ -32,7 +31,6 @@ impl PathProblem {
     }
 
     /// Creates the problem of a path from a start pose to a goal pose, with arcs of this radius (mm).
-    #[must_use]
     pub fn from_poses(start: &Pose, goal: &Pose, radius: f64) -> Self {
         let tip_from_base = start.frame().rotation.inverse();
         let offset = (goal.position() - start.position()) / radius;

@@ -43,7 +43,6 @@ pub struct DisturbedLayer {
 
 impl DisturbedLayer {
     /// Returns `tip_from_next_tip`, the motion of the tip while this layer is laid: Eq 4, followed by the twist.
-    #[must_use]
     pub fn step(&self) -> Frame {
         let mut step = self.layer.step();
         if self.twist != 0.0 {
@@ -73,7 +72,6 @@ impl Disturbance {
     /// Returns a layer as laid, with the errors of this seed for the layer of this index. The index counts from 0 along
     /// the body. The same seed gives the same errors to the layer of the same index. Each source has its own random
     /// numbers, so noise of one kind does not change the noise of another kind.
-    #[must_use]
     pub fn lay(&self, seed: u64, index: u64, layer: &Layer) -> DisturbedLayer {
         let draw = |what: NoiseSource| Rng::new(&[seed, what as u64, index]);
         let noise = |what: NoiseSource, max: f64| if max == 0.0 { 0.0 } else { max * draw(what).uniform_symmetric() };

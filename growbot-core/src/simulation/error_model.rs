@@ -39,21 +39,18 @@ const UNIT: Layer = Layer { alpha: 0.0, height: 1.0, tilt: 0.0 };
 
 impl ErrorModel {
     /// Returns a layer as laid, with the errors for the layer of this index.
-    #[must_use]
     pub fn lay(&self, index: u64, layer: &Layer) -> DisturbedLayer {
         self.disturbance.lay(self.seed, index, layer)
     }
 
     /// Returns the length of filament that the encoder measures while the layer of this index is laid, as a fraction of
     /// the length fed.
-    #[must_use]
     pub fn encoder_ratio(&self, index: u64) -> f64 {
         let laid = self.lay(index, &UNIT);
         self.sensors().measure(self.seed, index, &UNIT, &laid, &Frame::identity()).growth.unwrap_or(1.0)
     }
 
     /// Returns the direction upwards in the tip's frame, as measured with noise after the layer of this index.
-    #[must_use]
     pub fn up(&self, index: u64, base_from_tip: &Frame) -> Vector3<f64> {
         let up = base_from_tip.rotation.inverse() * Vector3::z();
         if self.noise.direction == 0.0 {

@@ -25,7 +25,6 @@ pub struct GrowthTask<'a> {
 
 impl GrowthTask<'_> {
     /// Returns the goal of the last leg.
-    #[must_use]
     pub fn goal(&self) -> Pose {
         self.legs.last().map_or(self.start, |leg| leg.goal)
     }

@@ -122,7 +122,6 @@ impl Sag {
 
 impl SaggingBody {
     /// Creates a body of no length, whose tip is at this frame.
-    #[must_use]
     pub fn new(robot: &Robot, base_from_start: &Frame) -> Self {
         let description = robot.description();
         let mut hanging = Self {
@@ -159,7 +158,6 @@ impl SaggingBody {
     }
 
     /// Returns the frame of the tip of the sagging body.
-    #[must_use]
     pub fn base_from_tip(&self) -> Frame {
         let (at, sag) = (self.reach(), self.sag());
         let moved = self.base_from_unloaded_tip.translation.vector + sag.displacement(&at);
@@ -167,13 +165,11 @@ impl SaggingBody {
     }
 
     /// Returns the distance by which the weight displaces the tip, mm.
-    #[must_use]
     pub fn deflection(&self) -> f64 {
         self.sag().displacement(&self.reach()).norm()
     }
 
     /// Returns the max stress that the root has borne since growth began.
-    #[must_use]
     pub fn root_stress(&self) -> RootStress {
         self.max_stress
     }

@@ -37,7 +37,6 @@ const DIRECTION: u64 = 17;
 
 impl SimulatedSensors {
     /// Returns the kinds of measurement that these sensors make.
-    #[must_use]
     pub fn measured_quantities(&self) -> MeasuredQuantities {
         let direction = self.direction == DirectionSensor::Tip;
         MeasuredQuantities { growth: true, direction, up: !direction }
@@ -46,7 +45,6 @@ impl SimulatedSensors {
     /// Returns the measurements of the sensors after a layer. `commanded` and `laid` are this layer as commanded and as
     /// laid, and `base_from_tip` is the true frame of the tip after it. `seed` and the layer's `index` determine the
     /// noise.
-    #[must_use]
     pub fn measure(
         &self,
         seed: u64,

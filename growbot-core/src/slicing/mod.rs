@@ -121,14 +121,12 @@ impl Slices<'_> {
 /// let heights: f64 = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer.height).sum();
 /// assert!((heights - 50.0).abs() < 1e-12);
 /// ```
-#[must_use]
 pub fn layers<'a>(path: &'a [Segment], robot: &'a Robot, slicing: Slicing) -> SlicedLayers<'a> {
     layers_with_keep_alive(path, robot, slicing, &mut || ())
 }
 
 /// Like [`layers()`], but calls `keep_alive` for each layer so that a board can feed its watchdog. Fitting the layers
 /// of a helicoidal arc takes seconds on a microcontroller.
-#[must_use]
 pub fn layers_with_keep_alive<'a>(
     path: &'a [Segment],
     robot: &'a Robot,

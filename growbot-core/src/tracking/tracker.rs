@@ -49,7 +49,6 @@ pub struct Tracker<'a> {
 impl<'a> Tracker<'a> {
     /// Creates a tracker before the first layer. The path leads from the start through the goals of its legs. The
     /// tracker steers to one goal after the other.
-    #[must_use]
     pub fn new(robot: &'a Robot, start: &Pose, path: &'a [Segment], legs: &'a [Leg], noise: SensorNoise) -> Self {
         let mut stages = Stages::new(robot, start, path, legs);
         let reference =
@@ -108,7 +107,6 @@ impl<'a> Tracker<'a> {
 
     /// Returns the estimated frame of the tip at the beginning of the reference trajectory. It lies after the layers
     /// that can no longer be changed.
-    #[must_use]
     pub fn reference_start(&self) -> &Frame {
         &self.begins
     }
@@ -149,14 +147,12 @@ impl<'a> Tracker<'a> {
     }
 
     /// Returns the next layer to command. `None` at the end of the path.
-    #[must_use]
     pub fn next_layer(&self) -> Option<Layer> {
         let (layer, _) = first_layer(&self.reference, self.robot, self.estimator.systematic(), self.max_curvature())?;
         Some(layer)
     }
 
     /// Returns the estimate of the tip.
-    #[must_use]
     pub fn estimate(&self) -> Estimate {
         Estimate {
             base_from_tip: *self.estimator.base_from_tip(),
@@ -168,13 +164,11 @@ impl<'a> Tracker<'a> {
 
     /// Returns the factor by which the standard deviations of estimate and forecast must be multiplied, derived from
     /// the normalised innovations of the measured directions. It is 1 if layers and sensors behave as modelled.
-    #[must_use]
     pub fn sigma_scale(&self) -> f64 {
         self.estimator.sigma_scale()
     }
 
     /// Returns the difference between the end of the reference trajectory and the next goal.
-    #[must_use]
     pub fn goal_error(&self) -> GoalError {
         self.miss
     }

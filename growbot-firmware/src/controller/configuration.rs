@@ -30,7 +30,6 @@ pub(super) fn check_board_kind(kinds: &[BoardKind], robot: Robot) -> Result<Robo
 
 impl<B: Board> Controller<B> {
     /// Returns whether the board must be reset now to start with the new robot description. Everything is off then.
-    #[must_use]
     pub fn needs_reset(&self) -> bool {
         self.configuring.restart_at.is_some_and(|at| self.now_us >= at)
     }

@@ -53,7 +53,6 @@ pub enum StoredDescription {
 
 impl StoredDescription {
     /// Returns the robot. `None` if no valid description is stored.
-    #[must_use]
     pub fn robot(self) -> Option<Robot> {
         match self {
             Self::Robot(robot) => Some(robot),

@@ -279,7 +279,6 @@ pub const ENCODER_STUCK_LOW: u32 = 1;
 pub const ENCODER_STUCK_HIGH: u32 = 2;
 
 /// Returns the byte offset of the word of [`ALARMS`] that the board writes at a tick.
-#[must_use]
 pub const fn alarm_offset(tick: u32) -> usize {
     ALARMS + 4 * (tick % ALARM_WORDS) as usize
 }

@@ -137,20 +137,17 @@ impl HeaterController {
     }
 
     /// Returns the target of the nozzle's temperature, degrees Celsius. `None` while the heater is off.
-    #[must_use]
     pub fn target(&self) -> Option<f64> {
         self.target
     }
 
     /// Returns the nozzle's temperature, degrees Celsius. `None` without a recent reading.
-    #[must_use]
     pub fn temperature(&self, now: u64) -> Option<f64> {
         let Reading { celsius, taken } = self.reading?;
         (self.broken.is_none() && now.saturating_sub(taken) <= OLDEST_READING_US).then_some(celsius)
     }
 
     /// Returns the fault to report if the thermistor gives no temperature: open, shorted, or without readings.
-    #[must_use]
     pub fn sensor_fault(&self) -> Fault {
         match self.broken {
             Some(ThermistorError::Open) => Fault::ThermistorOpen,
@@ -161,19 +158,16 @@ impl HeaterController {
 
     /// Returns the duty of the power stage after the latest update, 0 to 1. In the proof test the power stage has full
     /// duty while the second switch is open.
-    #[must_use]
     pub fn duty(&self) -> f64 {
         self.duty
     }
 
     /// Returns whether the nozzle's temperature has been in its band around the target for long enough to count as hot.
-    #[must_use]
     pub fn is_hot(&self, now: u64) -> bool {
         self.in_band_since.is_some_and(|since| now.saturating_sub(since) >= SETTLING_US)
     }
 
     /// Returns whether the temperature has been near enough to the target for long enough to lay a layer.
-    #[must_use]
     pub fn is_steady(&self, now: u64) -> bool {
         let lasts = |since: Option<u64>, min| since.is_some_and(|since| now.saturating_sub(since) >= min);
         lasts(self.steady_since, STEADY_US) || lasts(self.in_band_since, STEADY_ENOUGH_US)
@@ -181,7 +175,6 @@ impl HeaterController {
 
     /// Returns whether the heater still gets power although the latest reading has become too old since the latest
     /// update.
-    #[must_use]
     pub fn is_powered_without_reading(&self, now: u64) -> bool {
         self.duty > 0.0 && self.temperature(now).is_none()
     }

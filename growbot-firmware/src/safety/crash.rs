@@ -68,7 +68,6 @@ pub fn encode(head: &[u32; HEAD_WORDS], places: &MemoryLayout, stack: impl Fn(u3
 }
 
 /// Returns the words of the crash from a crash record. `None` if `words` is not a valid record of [`encode`].
-#[must_use]
 pub fn decode(words: &[u32; RETAINED_WORDS]) -> Option<CrashWords> {
     let [mark, crash @ .., sum] = *words;
     (mark == MARK && crash.iter().fold(MARK, |sum, word| added(sum, *word)) == sum).then_some(crash)

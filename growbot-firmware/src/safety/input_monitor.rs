@@ -68,7 +68,6 @@ impl InputMonitor {
 }
 
 /// Returns the supply's voltage, V, from a mean of ADC readings (0 to 4095) of the supply's divider.
-#[must_use]
 pub fn volts(raw: f64, supply: &Supply) -> f64 {
     raw / f64::from(crate::thermistor::FULL_SCALE) * supply.full_scale_v
 }

@@ -48,7 +48,6 @@ pub struct RetainedState {
 
 impl RetainedState {
     /// Encodes the state as a copy for the memory, with a generation number and a checksum.
-    #[must_use]
     pub fn to_bytes(&self, generation: u32) -> [u8; COPY_BYTES] {
         let mut bytes = [0; COPY_BYTES];
         if let Some((covered, checksum)) = bytes.split_last_chunk_mut::<NUMBER_BYTES>() {
@@ -64,7 +63,6 @@ impl RetainedState {
     }
 
     /// Decodes a copy of the state. `None` if the bytes are not a valid result of [`RetainedState::to_bytes`].
-    #[must_use]
     pub fn from_bytes(bytes: &[u8; COPY_BYTES]) -> Option<Self> {
         generation_of(bytes)?;
         postcard::take_from_bytes(bytes).ok().map(|(retained, _)| retained)
@@ -99,7 +97,6 @@ pub enum RetainedError {
 impl RetainedError {
     /// Returns whether the lost state may have contained current work or a fault, so that a start after a reset of this
     /// cause is a fault.
-    #[must_use]
     pub const fn is_fault(self, cause: ResetCause) -> bool {
         match self {
             Self::NotWhole => keeps_ram(cause),
@@ -164,7 +161,6 @@ impl RetainedStore {
 }
 
 /// Returns the fault that is latched after a reset of this cause during work.
-#[must_use]
 pub const fn fault_for_reset(cause: ResetCause) -> Fault {
     match cause {
         ResetCause::BrownOut => Fault::BrownOut,
@@ -179,7 +175,6 @@ pub const fn fault_for_reset(cause: ResetCause) -> Fault {
 /// Returns whether the memory keeps its power through a reset of this cause, and only this firmware can have written to
 /// it. A copy with a wrong checksum after such a reset was destroyed. [`ResetCause::External`] is excluded, because a
 /// debug probe flashes a board by code in RAM.
-#[must_use]
 pub const fn keeps_ram(cause: ResetCause) -> bool {
     matches!(
         cause,

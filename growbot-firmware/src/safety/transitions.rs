@@ -91,7 +91,6 @@ impl Event {
     ];
 
     /// Returns the name of the event, in lower case.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Begin => "begin",
@@ -126,7 +125,6 @@ impl Event {
 
 /// Returns the state that an event leads to. The result is the unchanged state if the state accepts the event and the
 /// event changes nothing. `None` if the state refuses the request, or ignores an event that is not a request.
-#[must_use]
 pub const fn next_state(state: State, event: Event) -> Option<State> {
     use State as S;
     match (state, event) {
@@ -183,7 +181,6 @@ pub const fn next_state(state: State, event: Event) -> Option<State> {
 }
 
 /// Returns whether the heater may be on in this state.
-#[must_use]
 pub const fn may_heat(state: State) -> bool {
     matches!(
         state,
@@ -193,13 +190,11 @@ pub const fn may_heat(state: State) -> bool {
 
 /// Returns whether motors may be energised and turn in this state. In maintenance they do so only while the nozzle is
 /// hot, or in a dry run with the heater off.
-#[must_use]
 pub const fn may_move(state: State) -> bool {
     matches!(state, State::Homing | State::Growing | State::Paused | State::Maintenance)
 }
 
 /// Returns whether filament may be fed in this state, so that a nozzle below the min extrusion temperature is a fault.
-#[must_use]
 pub const fn may_feed(state: State) -> bool {
     matches!(state, State::Homing | State::Growing)
 }

@@ -46,7 +46,6 @@ pub struct EngineConfig {
 
 impl EngineConfig {
     /// Returns the configuration of the step engine for a robot.
-    #[must_use]
     pub fn for_robot(robot: &Robot) -> Self {
         let description = robot.description();
         let sensors = &description.sensors;

@@ -177,7 +177,6 @@ impl Default for Mailbox {
 
 impl Mailbox {
     /// Creates an empty mailbox.
-    #[must_use]
     pub const fn new() -> Self {
         Self {
             task: Mutex::new(Cell::new(None)),
@@ -206,7 +205,6 @@ impl Mailbox {
     }
 
     /// Returns whether a move can be submitted (controller side).
-    #[must_use]
     pub fn can_accept_move(&self) -> bool {
         !self.has_move() && !self.is_halt_requested() && !self.has_alarm() && !self.is_emergency_stopped()
     }
@@ -299,7 +297,6 @@ impl Mailbox {
 
     /// Returns whether the emergency stop is pressed, or was pressed since the last [`Mailbox::halt`]. The engine has
     /// then released the motors by itself and accepts no moves.
-    #[must_use]
     #[inline]
     pub fn is_emergency_stopped(&self) -> bool {
         self.emergency_stop.load(Ordering::Acquire)
@@ -315,20 +312,17 @@ impl Mailbox {
     }
 
     /// Returns the number of emergency stops received over the link, wrapping.
-    #[must_use]
     pub fn link_emergency_stops(&self) -> u32 {
         self.calls.load(Ordering::Acquire)
     }
 
     /// Returns the number of times that the emergency stop was pressed, wrapping. Even a very short press counts.
-    #[must_use]
     pub fn emergency_stop_presses(&self) -> u32 {
         self.presses.load(Ordering::Acquire)
     }
 
     /// Returns the number of finished sectors of the current turn. `None` if no turn has begun since the latest one
     /// ended.
-    #[must_use]
     pub fn sectors_done(&self) -> Option<u32> {
         self.progress.load(Ordering::Acquire).checked_sub(1)
     }
@@ -342,7 +336,6 @@ impl Mailbox {
     }
 
     /// Returns the present feed rate of the current layer, feed steps a tick; 0 if no layer is laid.
-    #[must_use]
     pub fn feed_steps_per_tick(&self) -> f64 {
         // Both values must belong to one sector, so the step interrupt must not run between the reads.
         let (steps, ticks) =
@@ -352,25 +345,21 @@ impl Mailbox {
 
     /// Returns whether the index sensor detects its mark. The engine reads the sensor in each step of the head, and in
     /// each tick without a move.
-    #[must_use]
     pub fn on_index(&self) -> bool {
         self.on_index.load(Ordering::Acquire)
     }
 
     /// Returns the number of pulses of the filament's encoder: forward pulses minus reverse pulses, wrapping.
-    #[must_use]
     pub fn filament_pulses(&self) -> u32 {
         self.filament_pulses.load(Ordering::Acquire)
     }
 
     /// Returns the number of ticks of the step interrupt, wrapping. A change proves that the interrupt runs.
-    #[must_use]
     pub fn ticks(&self) -> u32 {
         self.ticks.load(Ordering::Acquire)
     }
 
     /// Returns whether a report is pending for the controller.
-    #[must_use]
     #[inline]
     pub fn has_report(&self) -> bool {
         self.ended.load(Ordering::Acquire) > 0 || self.has_alarm()

@@ -120,20 +120,17 @@ impl Turn {
     }
 
     /// Returns whether the turn is laid at full speed from its first tick to its last, because it needs no ramps.
-    #[must_use]
     pub fn needs_no_ramp(&self) -> bool {
         self.pace.start_rate == FULL_RATE
     }
 
     /// Returns the max number of ticks that the turn can take if it starts and ends at rest and the next move arrives
     /// late. A turn that takes longer counts as stuck.
-    #[must_use]
     pub fn longest_ticks(&self) -> u32 {
         self.ticks.saturating_add(self.pace.ramps_ticks())
     }
 
     /// Returns the layer that this turn lays.
-    #[must_use]
     pub fn layer(&self, robot: &Robot) -> Layer {
         as_built(&self.sectors.map(|sector| sector.feed_steps), robot)
     }
@@ -143,7 +140,6 @@ impl Turn {
 ///
 /// The mean height follows from the sum of the steps, tilt and alpha from their first harmonic: `h(psi) = h + r_t phi
 /// cos(psi - alpha)`.
-#[must_use]
 pub fn as_built(feed: &[u32; SECTORS], robot: &Robot) -> Layer {
     let half_sector = PI / SECTORS as f64;
     let (mut sum, mut cosine, mut sine) = (0.0, 0.0, 0.0);

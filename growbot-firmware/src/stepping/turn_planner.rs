@@ -51,7 +51,6 @@ fn lean(layer: &Layer, robot: &Robot) -> Vector2<f64> {
 
 impl TurnPlanner {
     /// Returns the rounding errors that the layers planned so far carry over to the next layers.
-    #[must_use]
     pub fn carry(&self) -> RoundingCarry {
         self.carry
     }

@@ -45,7 +45,6 @@ pub struct DriverConfig {
 
 impl DriverConfig {
     /// Returns the settings of the drivers of head and feed. `None` if the robot's board does not configure drivers.
-    #[must_use]
     pub fn of(robot: &RobotDescription) -> Option<[Self; 2]> {
         let (head, feed) = (robot.head.driver?, robot.feed.driver?);
         Some([Self::of_driver(&head, HEAD_ADDRESS), Self::of_driver(&feed, FEED_ADDRESS)])

@@ -132,7 +132,6 @@ impl BatchResult {
     /// Returns the result as a row of CSV with the columns of [`ANSWERS`], with its newline. Numbers have full
     /// precision, and codes of warnings are separated by spaces. The row of a query that failed has only `id` and
     /// `error`.
-    #[must_use]
     pub fn to_row(&self) -> String {
         let mut fields = vec![self.id.clone()];
         match &self.outcome {
@@ -164,7 +163,6 @@ impl BatchResult {
     }
 
     /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`.
-    #[must_use]
     pub fn to_line(&self, robot: &Robot) -> String {
         #[derive(Serialize)]
         struct FailedQuery<'a> {

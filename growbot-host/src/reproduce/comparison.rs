@@ -76,7 +76,6 @@ fn values(
 
 impl Comparison {
     /// Compares the growths with the paper.
-    #[must_use]
     pub fn of(experiments: &Experiments) -> Self {
         let (table2, quoted) = (table2::cells(experiments), quoted(experiments));
         let questions = questions(experiments);

@@ -46,7 +46,6 @@ impl Condition {
     }
 
     /// Returns the name of the control loop in files and results: `open` or `closed`.
-    #[must_use]
     pub fn loop_name(&self) -> &'static str {
         if self.feedback { "closed" } else { "open" }
     }
@@ -95,7 +94,6 @@ impl ErrorQuantity {
     pub const ALL: [Self; 5] = [Self::Position, Self::Heading, Self::Pitch, Self::Direction, Self::Length];
 
     /// Returns the value of the quantity for a growth.
-    #[must_use]
     pub fn of(self, growth: &ExperimentGrowth) -> f64 {
         match self {
             Self::Position => growth.arrival.normalized_position_error,
@@ -108,7 +106,6 @@ impl ErrorQuantity {
     }
 
     /// Returns the name of the quantity in files and results.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Position => "position_error_over_length",
@@ -135,19 +132,16 @@ pub struct GrowthSet {
 
 impl GrowthSet {
     /// Returns the values of a quantity.
-    #[must_use]
     pub fn values(&self, quantity: ErrorQuantity) -> Vec<f64> {
         self.growths.iter().map(|growth| quantity.of(growth)).collect()
     }
 
     /// Returns summary statistics of a quantity.
-    #[must_use]
     pub fn summary(&self, quantity: ErrorQuantity) -> SampleSummary {
         SampleSummary::of(&self.values(quantity))
     }
 
     /// Returns the growth whose position error is nearest to the median. `None` without growths.
-    #[must_use]
     pub fn representative(&self) -> Option<&ExperimentGrowth> {
         let median = self.summary(ErrorQuantity::Position).median;
         let off = |growth: &&ExperimentGrowth| (growth.arrival.normalized_position_error - median).abs();

@@ -23,7 +23,6 @@ const STYLE: &str = include_str!("page.css");
 // Writing to a String cannot fail, so the results of `writeln!` are ignored.
 
 /// Returns the page as HTML.
-#[must_use]
 pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\

@@ -44,19 +44,16 @@ impl Default for ReproduceRequest {
 
 impl ReproduceRequest {
     /// Returns true if a table is requested.
-    #[must_use]
     pub fn has_table(&self, number: u8) -> bool {
         self.tables.contains(&number)
     }
 
     /// Returns true if a figure is requested.
-    #[must_use]
     pub fn has_figure(&self, number: u8) -> bool {
         self.figures.contains(&number)
     }
 
     /// Returns true if the request needs growths of this robot, an index into [`paper::ROBOTS`].
-    #[must_use]
     pub fn needs_robot(&self, robot: usize) -> bool {
         match robot {
             paper::ROBOT_A => self.has_table(2) || [4, 5, 6, 8].iter().any(|figure| self.has_figure(*figure)),
@@ -66,7 +63,6 @@ impl ReproduceRequest {
     }
 
     /// Returns true if the request needs growths with noise along representative paths.
-    #[must_use]
     pub fn needs_noise(&self) -> bool {
         self.has_figure(6)
     }

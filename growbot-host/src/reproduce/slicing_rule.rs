@@ -28,7 +28,6 @@ const TEXT_OVER_TABLE: f64 = 4.0;
 
 impl SlicingRule {
     /// Returns the rules by which the paths of the robot with this index are sliced in the experiments.
-    #[must_use]
     pub fn of_robot(robot: usize) -> &'static [Self] {
         match robot {
             paper::B => &[Self::Table, Self::Tenth, Self::Exact],
@@ -38,13 +37,11 @@ impl SlicingRule {
     }
 
     /// Returns the rule that the paper seems to have used for a robot with this index.
-    #[must_use]
     pub fn of_paper(robot: usize) -> Self {
         if matches!(robot, paper::B | paper::C) { Self::Table } else { Self::Text }
     }
 
     /// Returns the height of a whole step, mm. `None` if layers end with the segment.
-    #[must_use]
     pub fn step(self, robot: &Robot) -> Option<f64> {
         let table = robot.description().layer.height_mm;
         match self {
@@ -69,7 +66,6 @@ impl SlicingRule {
     }
 
     /// Returns the name of the rule in files and results.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Text => "whole-text",
@@ -81,7 +77,6 @@ impl SlicingRule {
     }
 
     /// Returns the label of the rule for users, with the step of this robot.
-    #[must_use]
     pub fn label(self, robot: &Robot) -> String {
         self.step(robot).map_or_else(
             || "exact slicing".to_owned(),

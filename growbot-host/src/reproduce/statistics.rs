@@ -21,7 +21,6 @@ pub struct SampleSummary {
 
 impl SampleSummary {
     /// Computes the statistics of these values, which can be in any order. All numbers are 0 without values.
-    #[must_use]
     pub fn of(values: &[f64]) -> Self {
         let n = values.len();
         if n == 0 {
@@ -75,7 +74,6 @@ pub struct MeanComparison {
 impl MeanComparison {
     /// Compares two samples, given as n, mean and standard deviation, with a margin of equivalence. The p-values are
     /// not yet corrected. `None` if a sample has fewer than two values or neither has any spread.
-    #[must_use]
     pub fn of(one: (usize, f64, f64), other: (usize, f64, f64), margin: f64) -> Option<Self> {
         let [a, b] = [one, other].map(|(n, _, sd)| sd * sd / n as f64);
         let error = libm::sqrt(a + b);
@@ -92,14 +90,12 @@ impl MeanComparison {
     }
 
     /// Returns true if the means differ at [`LEVEL`], after the correction.
-    #[must_use]
     pub fn differs(&self) -> bool {
         self.p_holm < LEVEL
     }
 
     /// Returns true if the means are equivalent at [`LEVEL`], after the correction: they are not further apart than
     /// the margin.
-    #[must_use]
     pub fn is_equivalent(&self) -> bool {
         self.tost_p_holm < LEVEL
     }
@@ -107,7 +103,6 @@ impl MeanComparison {
 
 /// Returns the p-values of one family, corrected by Holm 1979. The probability of any false finding then stays at the
 /// level.
-#[must_use]
 pub fn holm(p_values: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p_values.len()).collect();
     order.sort_by(|a, b| p_values[*a].total_cmp(&p_values[*b]));
@@ -122,7 +117,6 @@ pub fn holm(p_values: &[f64]) -> Vec<f64> {
 
 /// Tests by Kruskal and Wallis 1952 whether the mean ranks of groups differ. H is corrected for ties, and the p-value
 /// follows from the chi-squared distribution. `None` for fewer than two groups, an empty group, or only ties.
-#[must_use]
 pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<TestResult> {
     if groups.len() < 2 || groups.iter().any(|group| group.is_empty()) {
         return None;
@@ -152,7 +146,6 @@ pub fn kruskal_wallis(groups: &[&[f64]]) -> Option<TestResult> {
 
 /// Tests by one-way analysis of variance whether the means of groups differ. `None` if the groups have no variance to
 /// compare with.
-#[must_use]
 pub fn anova(groups: &[&[f64]]) -> Option<TestResult> {
     let samples = groups.iter().map(|group| group.to_vec()).collect();
     let (statistic, p) = f_oneway(samples, NaNPolicy::Error).ok()?;

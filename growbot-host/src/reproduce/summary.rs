@@ -15,7 +15,6 @@ use super::tables::parameters;
 use super::texts::{capital, p_text};
 
 /// Returns the summary, a short text that is 80 columns wide.
-#[must_use]
 pub fn summary(of: &Reproduction) -> String {
     let request = &of.request;
     let mut text = format!(
@@ -191,7 +190,6 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
 }
 
 /// Formats a position error over a length.
-#[must_use]
 pub fn error_text(error: f64) -> String {
     if error < 5e-6 { format!("{error:.0e}") } else { format!("{error:.5}") }
 }

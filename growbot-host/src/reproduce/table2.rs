@@ -38,13 +38,11 @@ pub struct Cell {
 
 impl Cell {
     /// Returns true if our mean is within one standard deviation of the paper's mean. This is not a test.
-    #[must_use]
     pub fn is_within(&self) -> bool {
         (self.ours.mean - self.paper.mean).abs() <= self.paper.sd
     }
 
     /// Returns the margin of equivalence, the largest difference of equivalent means.
-    #[must_use]
     pub fn margin(&self) -> f64 {
         MARGIN_SD * self.paper.sd
     }
@@ -71,7 +69,6 @@ pub struct Verdicts {
 
 impl Verdicts {
     /// Counts the results of the cells with this planner and slicing.
-    #[must_use]
     pub fn of(cells: &[Cell], planner: Planner, slicing: SlicingRule) -> Self {
         let cells: Vec<&Cell> = cells.iter().filter(|cell| cell.family() == (planner, slicing)).collect();
         let count = |holds: fn(&Cell) -> bool| cells.iter().filter(|cell| holds(cell)).count();

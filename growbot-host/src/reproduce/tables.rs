@@ -161,26 +161,22 @@ pub struct Parameters {
 
 impl Parameters {
     /// Returns the growth velocity, mm/s.
-    #[must_use]
     pub fn g_mm_per_s(&self) -> f64 {
         self.step_mm / self.dt_s
     }
 
     /// Returns the bending rate, rad/s.
-    #[must_use]
     pub fn phi_rad_per_s(&self) -> f64 {
         self.g_mm_per_s() / self.radius_mm
     }
 
     /// Returns the bend of one step, radians.
-    #[must_use]
     pub fn k(&self) -> f64 {
         self.step_mm / self.radius_mm
     }
 }
 
 /// Returns the parameters of the robots in Table 1 or Table 3.
-#[must_use]
 pub fn parameters(of: &Reproduction, table: u8) -> Vec<Parameters> {
     let shown = |robot: &usize| match table {
         1 => *robot < paper::B,
@@ -401,7 +397,6 @@ pub fn files(of: &Reproduction) -> Result<Vec<ResultFile>, csv::Error> {
 }
 
 /// Returns the results as JSON, without the single growths.
-#[must_use]
 pub fn json(of: &Reproduction) -> Value {
     let robots: Vec<RobotRow> = [1, 3]
         .into_iter()

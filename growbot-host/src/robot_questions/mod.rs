@@ -140,7 +140,6 @@ impl Draft {
     }
 
     /// Returns the present value of a field, as TOML. Empty if the draft does not set the field.
-    #[must_use]
     pub fn shown(&self, path: &str) -> String {
         self.value(path).map(shown).unwrap_or_default()
     }
@@ -176,7 +175,6 @@ impl Draft {
 
     /// Returns the default answer: the current value if it is valid, otherwise a valid value near it. `None` if no
     /// value is valid with the earlier answers.
-    #[must_use]
     pub fn suggested_value(&self, path: &'static str) -> Option<String> {
         self.nearest_valid(path, |draft| draft.clone().settle(path).is_ok()).map(|value| shown(&value))
     }

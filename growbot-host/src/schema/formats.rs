@@ -15,19 +15,16 @@ use crate::serve::notification::Notification;
 use crate::settings::SettingsToml;
 
 /// Returns the schema of plan files.
-#[must_use]
 pub fn plan_schema() -> Value {
     of::<PlanFile>("growbot plan", "A path and the data needed to grow it. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of scene files.
-#[must_use]
 pub fn scene_schema() -> Value {
     of_read::<SceneFile>("growbot scene", "Obstacles for a growing body. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of a line in a run log.
-#[must_use]
 pub fn run_event_schema() -> Value {
     of::<RunLine>(
         "growbot run log, a line",
@@ -36,13 +33,11 @@ pub fn run_event_schema() -> Value {
 }
 
 /// Returns the schema of results, as `grow`, `resume` and `replay` print them with `--json`.
-#[must_use]
 pub fn result_schema() -> Value {
     of::<GrowthResult>("growbot result", "Result of a growth. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of the notices that webhooks and commands of the service receive.
-#[must_use]
 pub fn notice_schema() -> Value {
     of::<Notification>(
         "growbot notice",
@@ -51,7 +46,6 @@ pub fn notice_schema() -> Value {
 }
 
 /// Returns the schema of `growbot.toml`.
-#[must_use]
 pub fn settings_schema() -> Value {
     of_read::<SettingsToml>("growbot.toml", "Settings for all commands of growbot.")
 }

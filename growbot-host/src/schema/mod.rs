@@ -14,7 +14,6 @@ use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 
 /// Returns the schema of robot files, with units and bounds. It uses draft 7, which TOML tools of editors support.
-#[must_use]
 pub fn robot_file_schema() -> Value {
     let mut schema = robot_file_schema_without_bounds();
     let descriptions: Vec<Value> = robot_file::names().filter_map(description).collect();
@@ -36,7 +35,6 @@ pub fn robot_file_schema() -> Value {
 }
 
 /// Returns the schema of robot files without bounds: types, defaults and descriptions of all fields.
-#[must_use]
 pub fn robot_file_schema_without_bounds() -> Value {
     let mut settings = SchemaSettings::draft07();
     settings.inline_subschemas = true;
@@ -70,13 +68,11 @@ fn without_head(mut schema: Value) -> Value {
 }
 
 /// Returns the meaning of the field with this path, for example `geometry.tip_radius_mm`. Empty if it does not exist.
-#[must_use]
 pub fn meaning<'a>(schema: &'a Value, path: &str) -> &'a str {
     field(schema, path).and_then(|field| field.get("description")?.as_str()).unwrap_or_default()
 }
 
 /// Returns the allowed values of a field with their meanings. Empty if the field is not a choice.
-#[must_use]
 pub fn choices<'a>(schema: &'a Value, path: &str) -> Vec<(&'a str, &'a str)> {
     let choices = field(schema, path).and_then(|field| field.get("oneOf")?.as_array());
     let choice = |choice: &'a Value| Some((choice.get("const")?.as_str()?, choice.get("description")?.as_str()?));

@@ -73,7 +73,6 @@ impl ServeEntry {
     }
 
     /// Returns the timeout of a request's body.
-    #[must_use]
     pub fn request(&self) -> Duration {
         Duration::from_secs(self.request_s.map_or(REQUEST_S, NonZeroU32::get).into())
     }
@@ -93,7 +92,6 @@ pub struct NotifyEntry {
 
 /// Returns the robots of a service without configured robots: one simulated robot to practise with, with this robot
 /// description.
-#[must_use]
 pub fn practice(robot: &str) -> BTreeMap<String, RobotEntry> {
     let entry =
         RobotEntry { port: format!("sim:{PRACTICE}"), robot: Some(robot.to_owned()), pace: Some(PRACTICE_PACE) };

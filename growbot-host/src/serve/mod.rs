@@ -224,13 +224,11 @@ impl Service {
     }
 
     /// Returns the paths of the service's files.
-    #[must_use]
     pub fn places(&self) -> &ServicePaths {
         &self.places
     }
 
     /// Returns the status of all robots, sorted by the names of the robots.
-    #[must_use]
     pub fn robots(&self) -> Vec<RobotStatus> {
         self.robots.values().map(|robot| robot.status()).collect()
     }

@@ -62,7 +62,6 @@ impl NotificationEvent {
     ];
 
     /// Returns the event's name in notices and settings.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Finish => "finish",

@@ -19,7 +19,6 @@ impl ServicePaths {
     /// Returns the default directories. The state is in `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`. The
     /// socket is in `growbot` in `$XDG_RUNTIME_DIR`, or with the state if that is not set. `None` if neither
     /// `$XDG_STATE_HOME` nor `$HOME` is set.
-    #[must_use]
     pub fn for_user() -> Option<Self> {
         let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
         let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")))?;
@@ -29,7 +28,6 @@ impl ServicePaths {
     }
 
     /// Returns paths that are all in this directory.
-    #[must_use]
     pub fn in_dir(directory: PathBuf) -> Self {
         Self { runtime: directory.clone(), state: directory }
     }
@@ -67,62 +65,52 @@ impl ServicePaths {
     }
 
     /// Returns the directory of the stored state.
-    #[must_use]
     pub fn state_dir(&self) -> &PathBuf {
         &self.state
     }
 
     /// Returns the directory of all jobs' run logs.
-    #[must_use]
     pub fn logs(&self) -> PathBuf {
         self.state.join("jobs")
     }
 
     /// Returns the directory of the stored scenes.
-    #[must_use]
     pub fn scenes(&self) -> PathBuf {
         self.state.join("scenes")
     }
 
     /// Returns the directory with the files of stops that no board has confirmed yet, and of pauses that a board may
     /// not have received.
-    #[must_use]
     pub fn stops(&self) -> PathBuf {
         self.state.join("stops")
     }
 
     /// Returns the path of the SQLite database with the list of jobs.
-    #[must_use]
     pub fn database(&self) -> PathBuf {
         self.state.join("jobs.sqlite")
     }
 
     /// Returns the path of the audit log, which records all commands.
-    #[must_use]
     pub fn audit(&self) -> PathBuf {
         self.state.join("audit.jsonl")
     }
 
     /// Returns the path of the file with the pages' access tokens.
-    #[must_use]
     pub fn tokens(&self) -> PathBuf {
         self.state.join("tokens")
     }
 
     /// Returns the path of the lock file that a running service holds.
-    #[must_use]
     pub fn lock(&self) -> PathBuf {
         self.state.join("lock")
     }
 
     /// Returns the path of the file with the webhook's secret, with which receivers check the sender of a notice.
-    #[must_use]
     pub fn webhook_secret(&self) -> PathBuf {
         self.state.join("webhook-secret")
     }
 
     /// Returns the path of the Unix socket on which growbot's commands reach the service.
-    #[must_use]
     pub fn socket(&self) -> PathBuf {
         self.runtime.join("serve.sock")
     }

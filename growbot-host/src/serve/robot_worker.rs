@@ -311,7 +311,6 @@ impl RobotWorker {
     }
 
     /// Returns true if the robot is simulated.
-    #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.port().is_ok_and(|port| port.is_simulated())
     }
@@ -326,7 +325,6 @@ impl RobotWorker {
     }
 
     /// Returns the latest known state of the robot.
-    #[must_use]
     pub fn status(&self) -> RobotStatus {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.lock_state();

@@ -46,25 +46,21 @@ pub struct AllowedOrigins(Arc<[Origin]>);
 
 impl AllowedOrigins {
     /// Creates the list of allowed origins.
-    #[must_use]
     pub fn new(origins: &[Origin]) -> Self {
         Self(origins.into())
     }
 
     /// Returns true if this `Host` header is the host of one of the proxies.
-    #[must_use]
     pub fn has_host(&self, host: &str) -> bool {
         self.0.iter().any(|origin| origin.has_host(host))
     }
 
     /// Returns true if this `Origin` header is in the list.
-    #[must_use]
     pub fn contains(&self, origin: &str) -> bool {
         self.0.iter().any(|own| own.0 == origin)
     }
 
     /// Returns true if this `Host` header is the host of a proxy that browsers reach over HTTPS.
-    #[must_use]
     pub fn is_https(&self, host: &str) -> bool {
         self.0.iter().any(|origin| origin.has_host(host) && origin.0.starts_with("https:"))
     }

@@ -28,7 +28,6 @@ pub struct LiveGrowth {
 impl LiveGrowth {
     /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers. Pages can send
     /// commands only if `orders`, the queue of commands, is given.
-    #[must_use]
     pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
         let watched = Mutex::new(GrowthTracker::new(job, known));
         let reported = Mutex::default();

@@ -108,7 +108,6 @@ impl WatchPage {
     }
 
     /// Returns the URL of the page.
-    #[must_use]
     pub fn address(&self) -> &str {
         &self.address
     }

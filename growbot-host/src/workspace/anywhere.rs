@@ -5,7 +5,6 @@ use growbot_core::to_position::planar;
 /// Returns the length of the shortest body with this bend radius to a position. `axial` is the position's distance
 /// from the start along the start's direction, and `lateral` is its distance from the line in that direction. All
 /// lengths have the same unit.
-#[must_use]
 pub fn shortest_to(axial: f64, lateral: f64, radius: f64) -> f64 {
     planar(axial / radius, lateral / radius).first().map_or(f64::INFINITY, |path| path.length() * radius)
 }

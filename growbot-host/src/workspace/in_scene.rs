@@ -83,20 +83,17 @@ pub struct SceneWorkspace {
 
 impl SceneWorkspace {
     /// Counts the goals with each kind of result.
-    #[must_use]
     pub fn counts(&self) -> GoalCounts {
         GoalCounts::of(&self.goals)
     }
 
     /// Counts the goals whose result satisfies `is_this`.
-    #[must_use]
     pub fn because(&self, is_this: impl Fn(&Reachability) -> bool) -> usize {
         self.goals.iter().filter(|goal| is_this(&goal.reachability)).count()
     }
 
     /// Returns the coarsest resolution at which some goal has no path: the length of arcs and lines, mm. `None` without
     /// such a goal.
-    #[must_use]
     pub fn resolution(&self) -> Option<f64> {
         let steps = self.goals.iter().filter_map(|goal| match goal.reachability {
             Reachability::NoPathAtResolution(step) => Some(step),
@@ -106,7 +103,6 @@ impl SceneWorkspace {
     }
 
     /// Returns the outer radius of each shell, mm, and the counts of the goals in the shell.
-    #[must_use]
     pub fn bands(&self) -> Vec<(f64, GoalCounts)> {
         let to = |band: usize| self.length * band as f64 / BANDS as f64;
         let in_band = |band| self.goals.iter().filter(move |goal| (to(band)..to(band + 1)).contains(&goal.distance));
@@ -115,7 +111,6 @@ impl SceneWorkspace {
 
     /// Returns the estimated volume of the positions with a result that `count` of all goals have, and its standard
     /// error, mm^3.
-    #[must_use]
     pub fn volume(&self, count: usize) -> (f64, f64) {
         let number = self.goals.len() as f64;
         let share = count as f64 / number;

@@ -126,7 +126,6 @@ pub fn workspace(question: &WorkspaceQuery, at: impl FnMut(u64, u64)) -> Result<
 }
 
 /// Returns the volume of a ball with this radius, mm^3.
-#[must_use]
 pub fn ball(radius: f64) -> f64 {
     4.0 / 3.0 * PI * radius * radius * radius
 }
@@ -323,7 +322,6 @@ impl WorkspaceSection {
     }
 
     /// Returns the value at a row and a column, with its lateral and axial position, mm.
-    #[must_use]
     pub fn at(&self, row: usize, column: usize) -> Option<(f64, f64, f64)> {
         let value = (column < self.columns).then(|| self.values.get(row * self.columns + column)).flatten()?;
         let lateral = self.lateral_from + column as f64 * self.spacing;
@@ -331,7 +329,6 @@ impl WorkspaceSection {
     }
 
     /// Returns the number of rows.
-    #[must_use]
     pub fn rows(&self) -> usize {
         self.values.len().checked_div(self.columns).unwrap_or(0)
     }

@@ -32,7 +32,6 @@ const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',s
 
 /// Returns the picture as SVG. The right half shows the length of the shortest body to each position, the left half
 /// the share of final directions. With a given final direction, both halves show lengths.
-#[must_use]
 pub fn svg(question: &WorkspaceQuery, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
     let mut svg = format!(

@@ -53,7 +53,6 @@ pub enum Palette {
 
 impl Palette {
     /// Returns the colours, from the smallest to the largest value.
-    #[must_use]
     pub fn colours(self) -> &'static [[u8; 3]] {
         match self {
             Self::BlueOrange => &HEIGHTS,

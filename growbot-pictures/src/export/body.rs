@@ -22,7 +22,6 @@ pub enum LayerSource {
 
 impl LayerSource {
     /// Returns the name of the source in exported files.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Planned => "planned",
@@ -62,7 +61,6 @@ pub struct ExportedBody {
 
 impl ExportedBody {
     /// Returns the body of a plan, by exact slicing.
-    #[must_use]
     pub fn planned(robot: &Robot, plan: &Plan) -> Self {
         let planned =
             layers(&plan.path, robot, Slicing::Exact).map(|SlicedLayer { layer, .. }| (layer, LayerSource::Planned));
@@ -71,7 +69,6 @@ impl ExportedBody {
 
     /// Returns the body that the board's steps have built, according to a run log, up to the last layer laid. A layer
     /// without a report is as it was sent to the board.
-    #[must_use]
     pub fn as_built(robot: &Robot, start: &Pose, record: &RecordedRun) -> Self {
         let laid = record.commanded().zip(&record.as_built).map(|(layer, as_built)| {
             (decode(&layer), if as_built.is_some() { LayerSource::AsBuilt } else { LayerSource::Planned })
@@ -81,7 +78,6 @@ impl ExportedBody {
 
     /// Returns the body as the plastic of a simulated tip lies, including the unfinished layer. `None` for a real
     /// robot.
-    #[must_use]
     pub fn simulated(robot: &Robot, start: &Pose, record: &RecordedRun) -> Option<Self> {
         let laid = record.simulated()?.into_iter().enumerate();
         let source =
@@ -90,7 +86,6 @@ impl ExportedBody {
     }
 
     /// Returns a body of these layers, laid in a simulation.
-    #[must_use]
     pub fn laid(robot: &Robot, start: &Pose, layers: &[Layer]) -> Self {
         Self::new(robot, start, layers.iter().map(|layer| (*layer, LayerSource::Simulated)))
     }
@@ -113,7 +108,6 @@ impl ExportedBody {
     }
 
     /// Returns true if the tips of both bodies were ever farther apart than `max` (mm) after the same number of layers.
-    #[must_use]
     pub fn parts_from(&self, other: &Self, max: f64) -> bool {
         let places =
             |body: &Self| body.layers.iter().map(|layer| layer.base_from_tip.translation.vector).collect::<Vec<_>>();
@@ -121,13 +115,11 @@ impl ExportedBody {
     }
 
     /// Returns the length of the centreline, mm.
-    #[must_use]
     pub fn length(&self) -> f64 {
         self.layers.iter().map(|layer| layer.layer.height).sum()
     }
 
     /// Returns the volume of the filament that the body took, mm^3.
-    #[must_use]
     pub fn filament_volume(&self) -> f64 {
         self.length() * self.filament_per_length
     }

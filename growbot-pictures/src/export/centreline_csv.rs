@@ -20,7 +20,6 @@ pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
 
 /// Returns the table with a row for the start, which has a layer of height 0, and a row for each layer. Row `n` is the
 /// tip after `n` layers, the last of which is layer `n - 1` of `growbot layers`.
-#[must_use]
 pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
     let mut text = format!("{TIP},{LAYER_COLUMNS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
     let beside = |laid: usize| {

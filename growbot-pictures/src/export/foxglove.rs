@@ -54,7 +54,6 @@ impl Topic {
     ];
 
     /// Returns the channel's name.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Start => "/start",
@@ -71,7 +70,6 @@ impl Topic {
     }
 
     /// Returns name and JSON Schema of the channel's messages.
-    #[must_use]
     pub fn schema(self) -> (&'static str, Value) {
         match self {
             Self::Start | Self::Goal | Self::Tip | Self::Commanded => ("foxglove.PoseInFrame", pose_in_frame_schema()),
@@ -102,19 +100,16 @@ pub enum LogLevel {
 }
 
 /// Returns the field of a message for a time, ms since the beginning of the recording.
-#[must_use]
 pub fn time(ms: u64) -> Value {
     json!({ "sec": ms / 1000, "nsec": ms % 1000 * 1_000_000 })
 }
 
 /// Returns a `foxglove.PoseInFrame` message with the pose of the tip at a time, ms.
-#[must_use]
 pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
     json!({ "timestamp": time(ms), "frame_id": FRAME, "pose": pose(base_from_tip) })
 }
 
 /// Returns a `growbot.Status` message with the known values of the board's status at a time, ms.
-#[must_use]
 pub fn status(ms: u64, status: &BoardStatus) -> Value {
     let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
     let mut message = json!({ "timestamp": time(ms) });
@@ -136,14 +131,12 @@ pub fn add_known(message: &mut Value, field: &str, value: Option<impl Serialize>
 }
 
 /// Returns a `foxglove.Log` message about an event at a time, ms.
-#[must_use]
 pub fn log(ms: u64, level: LogLevel, message: &str) -> Value {
     json!({ "timestamp": time(ms), "level": level as u8, "message": message, "name": "growbot", "file": "", "line": 0 })
 }
 
 /// Returns a `foxglove.SceneUpdate` message with a disc for a layer. `base_from_middle` is the frame of the disc's
 /// centre, `diameter` and `height` are in mm, and `color` is RGB from 0 to 1.
-#[must_use]
 pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: f64, color: [f64; 3]) -> Value {
     let size = json!({ "x": diameter / 1000.0, "y": diameter / 1000.0, "z": height / 1000.0 });
     let cylinder = json!({
@@ -153,7 +146,6 @@ pub fn disc(ms: u64, id: &str, base_from_middle: &Frame, diameter: f64, height: 
 }
 
 /// Returns a `foxglove.SceneUpdate` message with a line through points (mm). `color` is RGB from 0 to 1.
-#[must_use]
 pub fn line(ms: u64, id: &str, points: impl Iterator<Item = Point3<f64>>, color: [f64; 3]) -> Value {
     let points: Vec<Value> = points.map(|point| metres(&point)).collect();
     let line = json!({

@@ -115,7 +115,6 @@ impl BodyMesh {
     }
 
     /// Returns the enclosed volume, by the divergence theorem, mm^3.
-    #[must_use]
     pub fn volume(&self) -> f64 {
         self.corners().map(|[a, b, c]| a.coords.dot(&b.coords.cross(&c.coords)) / 6.0).sum()
     }

@@ -13,7 +13,6 @@ use crate::view::plot::series::Timeline;
 
 /// Returns the time (s) at which each layer of a body was laid, by the board's clock according to the run log `log`.
 /// Without a log, returns the planned times.
-#[must_use]
 pub fn times(body: &ExportedBody, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
     let layers: Vec<Layer> = body.layers.iter().map(|laid| laid.layer).collect();
     let timeline = log.map_or_else(|| Timeline::planned(&layers, plan), |log| Timeline::from_log(log, &layers, plan));
@@ -22,7 +21,6 @@ pub fn times(body: &ExportedBody, plan: &Plan, log: Option<&[u8]>) -> Vec<f64> {
 
 /// Returns the trajectory of a body as text. `name` is part of its header, and `laid` are the times (s) at which the
 /// layers were laid. The start comes first, unless the first layer was laid at time 0.
-#[must_use]
 pub fn write(name: &str, body: &ExportedBody, laid: &[f64]) -> String {
     let mut text = format!(
         "# growbot {}, {}, {name}: tip after each layer, s and m\n# timestamp tx ty tz qx qy qz qw\n",

@@ -64,14 +64,12 @@ impl SceneView {
     }
 
     /// Returns the clearance at the closest approach as text. Returns `None` without obstacles.
-    #[must_use]
     pub fn clearance_text(&self) -> Option<String> {
         let (_, clearance) = self.closest_approach.as_ref()?;
         Some(if *clearance < 0.0 { format!("{:.2} mm inside", -clearance) } else { format!("{clearance:.2} mm") })
     }
 
     /// Returns the position of the closest approach and the obstacle as text. Returns `None` without obstacles.
-    #[must_use]
     pub fn closest_approach_text(&self) -> Option<String> {
         let (found, _) = self.closest_approach.as_ref()?;
         Some(format!("{:.0} mm along, at {}", found.at, found.obstacle))

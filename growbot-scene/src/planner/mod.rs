@@ -101,7 +101,6 @@ pub fn search(problem: &PlanningProblem, budget: &SearchBudget, report: &mut dyn
 const SEED: u64 = 2026;
 
 /// Returns the reason why no path exists, if a quick check finds one.
-#[must_use]
 pub fn check_feasibility(problem: &PlanningProblem) -> Option<InfeasibleReason> {
     let (start, goal) = (problem.start.position, problem.goal.position());
     let near = problem.scene.distance(&start);

@@ -23,7 +23,6 @@ pub enum PlannerGoal {
 
 impl PlannerGoal {
     /// Returns the position, mm.
-    #[must_use]
     pub fn position(&self) -> Vector3<f64> {
         match self {
             Self::Position { at, .. } => *at,

@@ -89,7 +89,6 @@ fn extension(path: &Path) -> Option<String> {
 }
 
 /// Reports whether a path has the extension of a mesh or cloud.
-#[must_use]
 pub fn is_geometry(path: &Path) -> bool {
     extension(path).is_some_and(|ending| EXTENSIONS.contains(&ending.as_str()))
 }
@@ -152,7 +151,6 @@ pub struct MeshDefects {
 
 /// Counts the edges that do not lie between two faces, one on each side. Points with equal coordinates count as one
 /// corner.
-#[must_use]
 pub fn find_defects(points: &[Vector3<f64>], triangles: &[[u32; 3]]) -> MeshDefects {
     let bits = |index: u32| {
         let point = points.get(index as usize).copied().unwrap_or_default();

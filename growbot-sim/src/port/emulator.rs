@@ -132,7 +132,6 @@ impl Emulator {
 
     /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid, to compare
     /// them with the board's report.
-    #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(SharedFollowed(Arc::clone(&self.followed)))
     }
@@ -151,7 +150,6 @@ impl Emulator {
     }
 
     /// Returns the board's clock, with which a test lets time pass without using the connection.
-    #[must_use]
     pub fn clock(&self) -> EmulatedClock {
         EmulatedClock(match &self.line {
             BoardLine::Real { .. } => None,

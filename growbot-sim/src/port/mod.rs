@@ -58,7 +58,6 @@ pub enum PortName {
 
 impl PortName {
     /// Returns true if the port's time passes only while the host waits for the board.
-    #[must_use]
     pub fn is_virtual(&self) -> bool {
         match self {
             Self::Sim | Self::Rp2040(..) => true,
@@ -70,7 +69,6 @@ impl PortName {
 
     /// Returns the name of the simulated robot in a background process (`sim:NAME`) behind this port. Returns `None`
     /// for all other kinds of ports.
-    #[must_use]
     pub fn resident(&self) -> Option<&str> {
         match self {
             Self::SimDaemon(name) => Some(name),
@@ -80,7 +78,6 @@ impl PortName {
     }
 
     /// Returns true if the tip at the port is simulated.
-    #[must_use]
     pub fn is_simulated(&self) -> bool {
         match self {
             Self::Sim | Self::SimDaemon(_) | Self::Emulator(_) | Self::Rp2040(..) => true,

@@ -21,7 +21,6 @@ pub struct PacedSim {
 
 impl PacedSim {
     /// Creates a paced robot from `sim`. `times` is the speed of its time as a multiple of real time, above 0.
-    #[must_use]
     pub fn new(sim: Sim, times: f64) -> Self {
         Self { sim, times, began: Instant::now() }
     }

@@ -44,7 +44,6 @@ pub enum Time {
 
 impl Time {
     /// Returns `Real` if the environment has `GROWBOT_EMULATOR_TIME=real`.
-    #[must_use]
     pub fn of_environment() -> Self {
         if std::env::var_os("GROWBOT_EMULATOR_TIME").is_some_and(|time| time == "real") {
             Self::Real

@@ -190,7 +190,6 @@ impl Rp2040Emulator {
 
     /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid, to compare
     /// them with the board's report.
-    #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
     }
@@ -206,7 +205,6 @@ impl Rp2040Emulator {
     }
 
     /// Returns the number of instructions that the board has executed since power-on, including interrupts.
-    #[must_use]
     pub fn instructions(&self) -> u64 {
         self.instructions
     }
@@ -222,19 +220,16 @@ impl Rp2040Emulator {
     }
 
     /// Returns the number of resets by the watchdog.
-    #[must_use]
     pub fn resets(&self) -> u32 {
         self.resets
     }
 
     /// Returns the number of bytes of flash that were programmed or erased so far.
-    #[must_use]
     pub fn flash_changed(&self) -> u32 {
         self.flash_changed
     }
 
     /// Returns true if the board has lost its power.
-    #[must_use]
     pub fn has_lost_power(&self) -> bool {
         self.lost_power
     }

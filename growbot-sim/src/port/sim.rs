@@ -80,13 +80,11 @@ pub struct Sim {
 
 impl Sim {
     /// Returns a robot that was just switched on, with a cold nozzle and the head at an arbitrary position.
-    #[must_use]
     pub fn new(robot: Robot) -> Self {
         Self::with(robot, Variation::default())
     }
 
     /// Returns a robot that deviates from its description.
-    #[must_use]
     pub fn with(robot: Robot, variation: Variation) -> Self {
         let tip = Rc::new(RefCell::new(TipModel::new(robot.clone(), HEAD_AT_FIRST, variation)));
         let fed = Rc::new(WatchdogClock::default());
@@ -154,37 +152,31 @@ impl Sim {
     }
 
     /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid.
-    #[must_use]
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
         Box::new(Rc::clone(&self.tip))
     }
 
     /// Returns the virtual time since the simulation began, s. It continues through resets and losses of power.
-    #[must_use]
     pub fn now_s(&self) -> f64 {
         self.epoch_s + self.tick as f64 / self.tick_hz as f64
     }
 
     /// Returns the board's boot number, which increases by 1 at each start.
-    #[must_use]
     pub fn boots(&self) -> u32 {
         self.boots
     }
 
     /// Returns the board's controller.
-    #[must_use]
     pub fn controller(&self) -> &Controller<SimBoard> {
         &self.controller
     }
 
     /// Returns the state of the board.
-    #[must_use]
     pub fn state(&self) -> State {
         self.controller.state()
     }
 
     /// Returns the fault that the board has latched. Returns `None` without a fault.
-    #[must_use]
     pub fn fault(&self) -> Option<Fault> {
         self.controller.fault()
     }
@@ -198,7 +190,6 @@ impl Sim {
     }
 
     /// Returns the board's RAM that keeps its content during a reset, but not without power.
-    #[must_use]
     pub fn retained(&self) -> Retained {
         self.retained.clone()
     }
@@ -209,13 +200,11 @@ impl Sim {
     }
 
     /// Returns the robot. It changes if its board is configured for another robot.
-    #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
     /// Returns the flash that stores the robot's description.
-    #[must_use]
     pub fn descriptions(&self) -> Flash {
         self.descriptions.clone()
     }
@@ -227,7 +216,6 @@ impl Sim {
     }
 
     /// Returns the journal's flash. A loss of power during a write resets the board.
-    #[must_use]
     pub fn flash(&self) -> Flash {
         self.flash.clone()
     }

@@ -153,7 +153,6 @@ pub struct RemoteTip(Rc<RefCell<DaemonPort>>);
 
 impl RemoteTip {
     /// Creates the access to the simulated tip behind a port, which a client may use at the same time.
-    #[must_use]
     pub fn behind(line: &Rc<RefCell<DaemonPort>>) -> Self {
         Self(Rc::clone(line))
     }

@@ -39,13 +39,11 @@ impl StateDir {
     }
 
     /// Returns the name of the robot.
-    #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
     /// Returns the directory.
-    #[must_use]
     pub fn directory(&self) -> &Path {
         &self.directory
     }
@@ -84,7 +82,6 @@ impl StateDir {
     }
 
     /// Returns true if a process runs the robot.
-    #[must_use]
     pub fn is_on(&self) -> bool {
         self.directory.is_dir() && matches!(self.hold(), Ok(None))
     }
@@ -117,7 +114,6 @@ impl StateDir {
     }
 
     /// Returns the pace of the robot's time, as a multiple of real time. Returns `None` if the pace cannot be read.
-    #[must_use]
     pub fn pace(&self) -> Option<f64> {
         fs::read_to_string(self.file("pace")).ok()?.trim().parse().ok()
     }

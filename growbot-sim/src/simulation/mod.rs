@@ -82,7 +82,6 @@ pub struct SagResult {
 
 impl<'a> Simulation<'a> {
     /// Creates an undisturbed growth of this plan in open loop, with this slicing.
-    #[must_use]
     pub fn new(plan: &'a Plan, robot: &'a Robot, slicing: Slicing) -> Self {
         Self {
             task: GrowthTask { robot, start: plan.start, path: &plan.path, legs: &plan.legs },
@@ -112,7 +111,6 @@ impl<'a> Simulation<'a> {
     /// assert!(simulation.run(1).arrival.normalized_position_error > 1e-6);
     /// assert_eq!(simulation.run(1), simulation.run(1));
     /// ```
-    #[must_use]
     pub fn run(&self, seed: u64) -> SimulationResult {
         self.run_by_layer(seed, |_| ())
     }
@@ -169,19 +167,16 @@ impl<'a> Simulation<'a> {
     }
 
     /// Returns the start pose.
-    #[must_use]
     pub fn start(&self) -> Pose {
         self.task.start
     }
 
     /// Returns the goal.
-    #[must_use]
     pub fn goal(&self) -> Pose {
         self.task.goal()
     }
 
     /// Returns the length of the planned path, mm.
-    #[must_use]
     pub fn path_length(&self) -> f64 {
         self.path_length
     }
@@ -193,7 +188,6 @@ impl<'a> Simulation<'a> {
     /// Twist turns the angles of all later layers. Sag turns the directions of the layers, but their lengths stay as
     /// laid. Therefore the end of the returned layers differs from the position of the sagging tip ([`SaggingBody`], a
     /// first-order model) by some percent of the sag.
-    #[must_use]
     pub fn layers_as_laid(&self, laid: &[DisturbedLayer]) -> Vec<Layer> {
         if !self.sag {
             let mut twist = 0.0;
@@ -220,7 +214,6 @@ impl<'a> Simulation<'a> {
     }
 
     /// Returns the warnings for a body with this sag.
-    #[must_use]
     pub fn warnings(&self, hung: &SagResult) -> Vec<Warning> {
         let mut found = Vec::new();
         let (stress, strength) = (hung.root.stress, self.task.robot.description().material.strength_mpa);

@@ -115,25 +115,21 @@ impl Statistics {
     }
 
     /// Returns the number of values.
-    #[must_use]
     pub fn count(&self) -> u64 {
         self.count
     }
 
     /// Reports whether there are no values.
-    #[must_use]
     pub fn is_empty(&self) -> bool {
         self.count == 0
     }
 
     /// Returns the mean, rounded once. 0 without values.
-    #[must_use]
     pub fn mean(&self) -> f64 {
         if self.not_finite > 0 { f64::NAN } else { quotient(&self.sum, &self.count.into(), UNIT) }
     }
 
     /// Returns the standard deviation of the population of which the values are a sample. 0 for fewer than two values.
-    #[must_use]
     pub fn deviation(&self) -> f64 {
         if self.not_finite > 0 {
             return f64::NAN;
@@ -147,19 +143,16 @@ impl Statistics {
     }
 
     /// Returns the minimum value. 0 without values.
-    #[must_use]
     pub fn min(&self) -> f64 {
         self.min.min(self.max)
     }
 
     /// Returns the maximum value. 0 without values.
-    #[must_use]
     pub fn max(&self) -> f64 {
         self.max
     }
 
     /// Returns the value that this many percent of all values do not exceed, to [`Self::RESOLUTION`].
-    #[must_use]
     pub fn percentile(&self, percent: f64) -> f64 {
         let rank = (percent / 100.0 * self.count as f64).ceil().max(1.0);
         let mut below = 0;

@@ -110,7 +110,6 @@ impl TipFault {
     ];
 
     /// Returns the name of the kind of fault.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::ThermistorOpen => "thermistor-open",
@@ -159,7 +158,6 @@ impl Faults {
 
     /// Returns true if exactly this fault, with the same values, is active.
     #[inline]
-    #[must_use]
     pub fn has(&self, fault: TipFault) -> bool {
         !self.0.is_empty() && self.0.contains(&fault)
     }

@@ -41,7 +41,6 @@ struct Cells {
 
 impl<const SECTOR: usize> Flash<SECTOR> {
     /// Creates a flash of this number of sectors, erased as it comes from the factory.
-    #[must_use]
     pub fn new(sectors: usize) -> Self {
         let bytes = std::vec![0xff; sectors * SECTOR];
         Self(Rc::new(RefCell::new(Cells {
@@ -63,7 +62,6 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     }
 
     /// Reports whether power is lost. Without power, all operations of the flash return errors.
-    #[must_use]
     pub fn has_lost_power(&self) -> bool {
         self.0.borrow().bytes_left == Some(0)
     }
@@ -74,19 +72,16 @@ impl<const SECTOR: usize> Flash<SECTOR> {
     }
 
     /// Returns the number of erasures of each sector.
-    #[must_use]
     pub fn erasures(&self) -> Vec<u32> {
         self.0.borrow().erasures.clone()
     }
 
     /// Returns the number of writes and erasures.
-    #[must_use]
     pub fn writes(&self) -> u64 {
         self.0.borrow().writes
     }
 
     /// Returns the content of the whole flash.
-    #[must_use]
     pub fn bytes(&self) -> Vec<u8> {
         self.0.borrow().bytes.clone()
     }

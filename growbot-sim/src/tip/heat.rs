@@ -125,13 +125,11 @@ impl TipModel {
     }
 
     /// Reports whether the heater's second switch is commanded to close.
-    #[must_use]
     pub fn heater_is_on(&self) -> bool {
         self.heater.closed
     }
 
     /// Returns the heater's commanded fraction of full power, 0 to 1.
-    #[must_use]
     pub fn heater_duty(&self) -> f64 {
         self.heater.duty
     }

@@ -16,7 +16,6 @@ pub struct IndexMark {
 
 impl IndexMark {
     /// Returns the index mark of a robot, rounded to the nearest head step.
-    #[must_use]
     pub fn of(robot: &Robot) -> Self {
         let head = &robot.description().head;
         let per_degree = f64::from(head.steps_per_turn) / 360.0;
@@ -29,7 +28,6 @@ impl IndexMark {
     }
 
     /// Returns true if the mark covers the head position `head`, in steps from the tip's x axis.
-    #[must_use]
     pub fn covers(&self, head: i64) -> bool {
         (head - i64::from(self.position)).rem_euclid(i64::from(self.steps_per_turn)) < i64::from(self.width)
     }

@@ -128,7 +128,6 @@ struct HeaterInput {
 
 impl TipModel {
     /// Creates a cold tip on an upright body. The head is at the position `head_steps`, in steps from the tip's x axis.
-    #[must_use]
     pub fn new(robot: Robot, head_steps: i64, variation: Variation) -> Self {
         Self {
             variation,
@@ -180,7 +179,6 @@ impl TipModel {
     }
 
     /// Returns the board's clock, ticks.
-    #[must_use]
     pub fn now(&self) -> u64 {
         self.now
     }
@@ -307,25 +305,21 @@ impl TipModel {
     }
 
     /// Returns the active faults.
-    #[must_use]
     pub fn faults(&self) -> &Faults {
         &self.faults
     }
 
     /// Returns the differences of the tip from its robot's description.
-    #[must_use]
     pub fn variation(&self) -> &Variation {
         &self.variation
     }
 
     /// Returns the robot of the tip.
-    #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
     /// Reports whether a motor is energised.
-    #[must_use]
     pub fn is_enabled(&self, motor: Motor) -> bool {
         match motor {
             Motor::Head => self.head.enabled,
@@ -334,19 +328,16 @@ impl TipModel {
     }
 
     /// Returns the position of the head, steps from the tip's x axis.
-    #[must_use]
     pub fn head_position(&self) -> i64 {
         self.position
     }
 
     /// Returns the difference between the head's true position and the position that its steps command, steps.
-    #[must_use]
     pub fn head_slip(&self) -> i64 {
         self.slipped
     }
 
     /// Returns the layers laid so far, computed from the simulated plastic.
-    #[must_use]
     pub fn body(&self) -> Vec<Layer> {
         self.plastic.layers(&self.robot, &self.imperfection)
     }
@@ -363,26 +354,22 @@ impl TipModel {
     }
 
     /// Returns the remaining filament, mm.
-    #[must_use]
     pub fn filament_left(&self) -> f64 {
         self.filament.left()
     }
 
     /// Returns the net number of feed steps that were made while the feed motor was enabled: the steps forwards minus
     /// the steps backwards.
-    #[must_use]
     pub fn feed_steps(&self) -> u64 {
         u64::try_from(self.feed_steps).unwrap_or(0)
     }
 
     /// Returns the position of the feed motor, steps. It is negative after more steps backwards than forwards.
-    #[must_use]
     pub fn feed_position(&self) -> i64 {
         self.feed_steps
     }
 
     /// Returns the number of feed steps that were made against a cold nozzle, and laid nothing.
-    #[must_use]
     pub fn cold_feed_steps(&self) -> u64 {
         self.cold_feed_steps
     }

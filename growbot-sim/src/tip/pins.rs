@@ -52,31 +52,26 @@ pub struct Orientation(pub SharedTip);
 
 impl Input {
     /// Returns the input of the index sensor, which is high while the sensor detects its mark.
-    #[must_use]
     pub fn index(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::on_index }
     }
 
     /// Returns the input of the encoder that the filament turns.
-    #[must_use]
     pub fn filament_motion(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::encoder }
     }
 
     /// Returns the input of the filament switch: high while there is filament.
-    #[must_use]
     pub fn filament_presence(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::has_filament }
     }
 
     /// Returns the input of the stepper drivers: high while one of them reports a fault.
-    #[must_use]
     pub fn driver_fault(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::driver_fault }
     }
 
     /// Returns the input of the emergency stop, which is high while the stop is pressed.
-    #[must_use]
     pub fn emergency_stop(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), level: TipModel::is_emergency_stop_pressed }
     }
@@ -84,13 +79,11 @@ impl Input {
 
 impl SimulatedAdc {
     /// Returns the channel of the thermistor's divider.
-    #[must_use]
     pub fn thermistor(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), sample: TipModel::sample_thermistor }
     }
 
     /// Returns the channel of the supply's divider.
-    #[must_use]
     pub fn supply(tip: &SharedTip) -> Self {
         Self { tip: Rc::clone(tip), sample: TipModel::sample_supply }
     }

@@ -68,7 +68,6 @@ impl TipModel {
     }
 
     /// Reports whether the index sensor detects its mark.
-    #[must_use]
     pub fn on_index(&self) -> bool {
         if self.faults.has(TipFault::IndexDead) {
             return false;
@@ -77,28 +76,24 @@ impl TipModel {
     }
 
     /// Reports whether the index sensor's level depends on the head's steps.
-    #[must_use]
     pub fn index_follows(&self) -> bool {
         let dead = self.faults.has(TipFault::IndexDead) || self.faults.has(TipFault::IndexStuck);
         !dead && !self.head_is_held()
     }
 
     /// Reports whether the switch in the filament's path detects filament.
-    #[must_use]
     pub fn has_filament(&self) -> bool {
         self.filament.left() > SWITCH_AHEAD_MM && !self.faults.has(TipFault::FilamentOut)
     }
 
     /// Returns the level of the encoder that the filament turns. It rises once for each pulse's length of filament that
     /// actually moves.
-    #[must_use]
     pub fn encoder(&self) -> bool {
         self.filament.encoder()
     }
 
     /// Returns lower bounds of the numbers of steps of the head and of the feed until a sensor's level may change,
     /// including the step of the change, in either direction.
-    #[must_use]
     pub fn steps_to_next_edge(&self) -> [u32; 2] {
         let feed = self.steps_to_switch().min(self.steps_to_pulse());
         [self.steps_to_mark(), feed]
@@ -136,13 +131,11 @@ impl TipModel {
     }
 
     /// Reports whether a stepper driver reports a fault.
-    #[must_use]
     pub fn driver_fault(&self) -> bool {
         self.faults.has(TipFault::DriverFault)
     }
 
     /// Reports whether the emergency stop is pressed.
-    #[must_use]
     pub fn is_emergency_stop_pressed(&self) -> bool {
         self.faults.has(TipFault::EmergencyStop)
     }
@@ -160,7 +153,6 @@ impl TipModel {
     }
 
     /// Reports whether any motor is energised.
-    #[must_use]
     pub fn steppers_are_on(&self) -> bool {
         self.is_enabled(Motor::Head) || self.is_enabled(Motor::Feed)
     }
@@ -168,7 +160,6 @@ impl TipModel {
 
 /// Returns the number of feed steps from one rising edge of a robot's filament encoder to the next, in units of 1/256
 /// step. Returns 0 for a robot without an encoder.
-#[must_use]
 pub fn encoder_pitch(robot: &Robot) -> u32 {
     let description = robot.description();
     description

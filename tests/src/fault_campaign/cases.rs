@@ -26,7 +26,6 @@ impl Onset {
         [Self::Boot, Self::Heating, Self::FirstLayer, Self::MidLayer, Self::Pause, Self::Cooling];
 
     /// Returns the name of the onset in tables.
-    #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
             Self::Boot => "boot",
@@ -75,7 +74,6 @@ pub struct Case {
 
 impl Case {
     /// Returns every combination of a fault and an onset.
-    #[must_use]
     pub fn all() -> Vec<Self> {
         TipFault::ALL
             .into_iter()
@@ -84,7 +82,6 @@ impl Case {
     }
 
     /// Returns the expected reaction.
-    #[must_use]
     pub fn expected(&self) -> Expected {
         use Fault as F;
         use TipFault as T;

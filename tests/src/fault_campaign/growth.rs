@@ -36,7 +36,6 @@ pub struct Observation {
 
 impl Observation {
     /// Returns the reason why this result is wrong for a case. `None` if it is right.
-    #[must_use]
     pub fn mismatch(&self, case: &Case, robot: &Robot) -> Option<String> {
         let limit = robot.description().heater.max_c + ALLOWED_ABOVE_MAX;
         let as_it_should = match case.expected() {
@@ -87,7 +86,6 @@ impl Plant {
 ///
 /// # Panics
 /// Never panics, because the robot is built in.
-#[must_use]
 pub fn robot(plant: Plant) -> Robot {
     let robot = robot_file::load("growbot-a".as_ref()).expect("robot A is built in");
     if plant == Plant::Lump {
@@ -102,7 +100,6 @@ pub fn robot(plant: Plant) -> Robot {
 /// Returns a variation of the robot. Power, heat capacity, loss and supply vary within 10 %, and the room and the
 /// sensor vary too. A cartridge has 10 to 30 % of the heat capacity and conducts 1 to 4 W/K. Radiation is 10 to 30 % of
 /// the loss.
-#[must_use]
 pub fn sample_variation(plant: Plant, random: &mut Rng, seed: u64) -> Variation {
     let mut within = |min: f64, max: f64| random.uniform_between(min, max);
     let lump = Variation {
@@ -128,7 +125,6 @@ pub fn sample_variation(plant: Plant, random: &mut Rng, seed: u64) -> Variation 
 ///
 /// # Panics
 /// Panics if the growth does not reach the moment of the fault.
-#[must_use]
 pub fn run_case(plant: Plant, case: &Case, seed: u64) -> Observation {
     let mut random = Rng::new(&[seed]);
     let robot = robot(plant);

@@ -46,7 +46,6 @@ pub fn run(plant: Plant, cases: &[Case], seeds: std::ops::Range<u64>) -> Vec<(Ca
 }
 
 /// Returns one line for each growth that is wrong. The seeds start at 0.
-#[must_use]
 pub fn mismatches(plant: Plant, rows: &[(Case, Vec<Observation>)]) -> Vec<String> {
     let robot = growth::robot(plant);
     let of_case = |(case, seen): &(Case, Vec<Observation>)| {

@@ -33,7 +33,6 @@ pub struct Rig {
 
 impl Rig {
     /// Returns a robot that has just been switched on.
-    #[must_use]
     pub fn new(robot: &Robot, variation: Variation) -> Self {
         let mut sim = Sim::with(robot.clone(), variation);
         sim.poll_late(variation.seed);
@@ -118,25 +117,21 @@ impl Rig {
     }
 
     /// Returns the time since the robot was switched on, s.
-    #[must_use]
     pub fn seconds(&self) -> f64 {
         self.sim.borrow().now_s()
     }
 
     /// Returns the state of the robot's firmware.
-    #[must_use]
     pub fn state(&self) -> State {
         self.sim.borrow().state()
     }
 
     /// Returns the robot's description.
-    #[must_use]
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
     /// Returns true if the heater gets power.
-    #[must_use]
     pub fn heats(&self) -> bool {
         let mut sim = self.sim.borrow_mut();
         let tip = sim.simulated_tip();
@@ -144,7 +139,6 @@ impl Rig {
     }
 
     /// Returns true if every layer that was sent has been laid.
-    #[must_use]
     pub fn has_laid_all(&self) -> bool {
         self.sim.borrow().controller().layers_laid() == self.handed_over
     }

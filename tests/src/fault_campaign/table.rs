@@ -9,7 +9,6 @@ use super::growth::Observation;
 
 /// Returns a Markdown table of the seconds to detection and the peak temperature for each fault and onset, first for
 /// the lump, then for the cartridge.
-#[must_use]
 pub fn markdown(lump: &[(Case, Vec<Observation>)], cartridge: &[(Case, Vec<Observation>)]) -> String {
     let mut text = String::from(
         "| fault | onset | growths | noticed | as | lump: after, s: median | longest | peak, C | cartridge: after, s: median | longest | peak, C |\n\

@@ -25,7 +25,6 @@ use growbot_sim::port::sim::Sim;
 ///
 /// # Panics
 /// Never panics, because the description is valid.
-#[must_use]
 pub fn robot() -> Robot {
     let mut description = robot_file::load("growbot-a".as_ref()).expect("it is built in").description().clone();
     description.layer.period_s = 4.0;
@@ -45,7 +44,6 @@ impl Body {
     ///
     /// # Panics
     /// Never panics, because its start is a valid pose.
-    #[must_use]
     pub fn of(layers: u32) -> Self {
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).expect("upright");
         let length = 0.7 * f64::from(layers);
@@ -56,7 +54,6 @@ impl Body {
     }
 
     /// Returns the job that grows the body.
-    #[must_use]
     pub fn job<'a>(&'a self, robot: &'a Robot) -> Job<'a> {
         Job::new(robot, &self.start, &self.goal, &self.path)
     }
@@ -87,7 +84,6 @@ impl ReferenceGrowth {
     ///
     /// # Panics
     /// Panics if the growth fails.
-    #[must_use]
     pub fn grow(job: &Job) -> Self {
         let board: Board = Rc::new(RefCell::new(Sim::new(job.robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&board)), "sim");

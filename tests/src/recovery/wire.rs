@@ -41,7 +41,6 @@ pub struct Row {
 ///
 /// # Panics
 /// Panics if the undisturbed growth fails.
-#[must_use]
 pub fn run(jobs: u64) -> Vec<(f64, f64, Row)> {
     let (robot, body) = (robot(), Body::of(LAYERS));
     let undisturbed = ReferenceGrowth::grow(&body.job(&robot));
@@ -110,7 +109,6 @@ fn grow(job: &Job, undisturbed: &ReferenceGrowth, loss: f64, flip: f64, seed: u6
 }
 
 /// Formats the rows as a table.
-#[must_use]
 pub fn table(rows: &[(f64, f64, Row)]) -> String {
     let mut text = String::from(
         "| frames lost | bits turned over, a byte | jobs | wrong | frames a job | requests repeated a job | time a job, s |\n|---|---|---|---|---|---|---|\n",

@@ -140,13 +140,11 @@ impl Helicoid {
     }
 
     /// Returns the arc length, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         self.before + self.after
     }
 
     /// Returns the start and the end of the curve, integrated from its anchor. `None` if the integration fails.
-    #[must_use]
     pub fn ends(&self) -> Option<(Tip, Tip)> {
         Some((self.walk(-self.before)?, self.walk(self.after)?))
     }

@@ -36,7 +36,6 @@ pub struct Problem {
 
 impl Problem {
     /// Returns true if an integrated curve begins at the start and ends at the goal.
-    #[must_use]
     pub fn is_reached_by(&self, curve: &Curve) -> bool {
         let goal = Tip { position: self.goal, tangent: self.tangent };
         curve.ends().is_some_and(|(first, last)| first.is_at(&Tip::start()) && last.is_at(&goal))
@@ -54,13 +53,11 @@ pub struct Tip {
 
 impl Tip {
     /// Returns the start of every curve: the origin, along z.
-    #[must_use]
     pub fn start() -> Self {
         Self { position: Vector3::zeros(), tangent: Vector3::z() }
     }
 
     /// Returns true if the tips are equal within [`ARRIVED`].
-    #[must_use]
     pub fn is_at(&self, other: &Self) -> bool {
         (self.position - other.position).norm() <= ARRIVED && (self.tangent - other.tangent).norm() <= ARRIVED
     }
@@ -85,7 +82,6 @@ pub enum Piece {
 
 impl Piece {
     /// Returns the arc length, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         match self {
             Self::Arc { angle, .. } => *angle,
@@ -94,7 +90,6 @@ impl Piece {
     }
 
     /// Returns the tip at the end of the segment if it begins at `from`.
-    #[must_use]
     pub fn walk(&self, from: &Tip) -> Tip {
         match self {
             Self::Arc { axis, angle } => {
@@ -121,7 +116,6 @@ pub enum Curve {
 
 impl Curve {
     /// Returns the arc length, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         match self {
             Self::Pieces(pieces) => pieces.iter().map(Piece::length).sum(),
@@ -130,7 +124,6 @@ impl Curve {
     }
 
     /// Returns the start and the end of the curve, by integration. `None` if they cannot be computed exactly.
-    #[must_use]
     pub fn ends(&self) -> Option<(Tip, Tip)> {
         match self {
             Self::Pieces(pieces) => {
@@ -142,7 +135,6 @@ impl Curve {
 }
 
 /// Returns two unit vectors perpendicular to a unit vector and to each other.
-#[must_use]
 pub fn across(unit: &Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let other = if unit.x.abs() < 0.6 { Vector3::x() } else { Vector3::y() };
     let side = unit.cross(&other).normalize();

@@ -91,7 +91,6 @@ fn words(goal: &Vector2<f64>, goal_heading: f64) -> Vec<(&'static str, [(f64, f6
 }
 
 /// Returns the shortest planar path and its path type. `None` if not everything lies in one plane.
-#[must_use]
 pub fn shortest(problem: &Problem) -> Option<(Curve, &'static str)> {
     let sideways = plane(problem)?;
     let flat = |vector: &Vector3<f64>| Vector2::new(vector.dot(&sideways), vector.z);

@@ -33,7 +33,6 @@ impl Stratum {
         [Self::Near, Self::Middle, Self::Far, Self::Coplanar, Self::NearlyCoplanar, Self::Narrow];
 
     /// Returns the name of the stratum in the table.
-    #[must_use]
     pub fn name(self) -> &'static str {
         match self {
             Self::Near => "near",
@@ -47,7 +46,6 @@ impl Stratum {
 
     /// Returns the case with this number, drawn with this seed. Distances are distributed uniformly, and so are
     /// directions on the sphere or circle.
-    #[must_use]
     pub fn case(self, seed: u64, number: u64) -> Problem {
         let mut random = Rng::new(&[seed, self as u64, number]);
         match self {
@@ -140,7 +138,6 @@ impl fmt::Display for Row {
 ///
 /// # Panics
 /// Panics if the text is not a valid table.
-#[must_use]
 pub fn read(text: &str) -> Vec<Row> {
     let mut lines = text.lines().filter(|line| !line.starts_with('#'));
     assert_eq!(lines.next(), Some(COLUMNS), "the first line names the columns");

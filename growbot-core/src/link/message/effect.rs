@@ -87,7 +87,6 @@ pub enum Effect {
 impl Message {
     /// Returns the message, sorted by its effect. The match has no default, so a new message does not compile until it
     /// is sorted.
-    #[must_use]
     pub fn effect(self) -> Effect {
         match self {
             Self::Start(start) => Effect::Energizing(EnergizingRequest::Start(start)),

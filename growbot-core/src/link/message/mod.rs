@@ -63,7 +63,6 @@ macro_rules! messages {
 
         impl Message {
             /// Returns the kind of the message in the frame's header.
-            #[must_use]
             pub fn kind(&self) -> u8 {
                 match self { $(Self::$name(_) => $kind,)* }
             }

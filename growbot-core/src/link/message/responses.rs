@@ -263,7 +263,6 @@ pub enum PauseCause {
 impl PauseCause {
     /// Returns true if a job in this state, with this cause of a pause, may be continued without an order of a person:
     /// its heater is on, and at most its host kept it waiting.
-    #[must_use]
     pub const fn allows_continuation(self, state: State) -> bool {
         matches!(self, Self::LayersExhausted | Self::HostSilent)
             && matches!(state, State::Heating | State::Homing | State::Growing | State::Paused)

@@ -75,7 +75,6 @@ const SAME: f64 = 1e-7;
 
 impl Csc {
     /// Returns the length of the whole path, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         self.first_angle + self.straight + self.last_angle
     }
@@ -98,7 +97,6 @@ fn cosine(tau: f64) -> f64 {
 pub(super) type OverlappingPaths = Vec<Csc, MAX_OVERLAPPING>;
 
 /// Returns all paths of arc, line and arc to the goal, shortest first.
-#[must_use]
 pub fn paths(problem: &PathProblem) -> Vec<Csc, MAX_PATHS> {
     let (mut paths, mut overlapping) = (Vec::new(), Vec::new());
     search(problem, &mut paths, &mut overlapping, &mut || ());

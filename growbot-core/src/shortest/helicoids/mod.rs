@@ -81,7 +81,6 @@ pub struct HelicoidalArc {
 
 impl HelicoidalArc {
     /// Returns the length of the arc, radii.
-    #[must_use]
     pub fn length(&self) -> f64 {
         self.length
     }

@@ -28,7 +28,6 @@ const MIN_PIECE: f64 = 1e-6;
 
 impl HelicoidalArc {
     /// Returns the segments of the arc, in order.
-    #[must_use]
     #[inline(never)]
     pub fn pieces(&self) -> Vec<HelicoidPiece, MAX_PIECES> {
         let mut pieces = Vec::new();

@@ -23,7 +23,6 @@ pub struct Figure {
 type Draw = fn(&Reproduction, &'static str) -> String;
 
 /// Returns the requested figures.
-#[must_use]
 pub fn all(of: &Reproduction) -> Vec<Figure> {
     let draw: [(u8, &'static str, Draw); 5] = [
         (4, "Figure 4: errors of robot A by distance of the goal", errors::svg),
