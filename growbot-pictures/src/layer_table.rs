@@ -9,16 +9,14 @@ use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
 
-use crate::figures::shortest;
+use crate::table::{NumberFormat, Table};
 
-/// Header of the columns of a layer's values, in the order of [`fields`].
-pub const LAYER_COLUMNS: &str = "alpha_deg,height_mm,tilt_deg";
-
-/// Formats the values of a layer as CSV, in full precision. `alpha_deg` is in `[0, 360)`, and 0 if the layer is
-/// straight.
-pub fn fields(layer: &Layer) -> String {
-    let alpha = if layer.tilt > 0.0 { degrees_below_turn(layer.alpha) } else { 0.0 };
-    [alpha, layer.height, degrees(layer.tilt)].map(shortest).join(",")
+/// Adds the columns of a layer's values. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
+pub fn layer_columns<'a, R>(table: Table<'a, R>, layer: impl Fn(&R) -> Layer + 'a) -> Table<'a, R> {
+    table.columns(["alpha_deg", "height_mm", "tilt_deg"], move |row| {
+        let Layer { alpha, height, tilt } = layer(row);
+        [if tilt > 0.0 { degrees_below_turn(alpha) } else { 0.0 }, height, degrees(tilt)]
+    })
 }
 
 /// Writes the layers of a path, by exact slicing, in full precision. Layers and segments count from 0. `alpha_deg` is
@@ -27,16 +25,17 @@ pub fn fields(layer: &Layer) -> String {
 /// # Errors
 /// Errors of `out`.
 pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
-    writeln!(out, "layer,segment,{LAYER_COLUMNS}")?;
+    let table = layer_columns(Table::new(NumberFormat::Shortest), |layer: &Layer| *layer);
+    write!(out, "layer,segment,{}", table.csv_header())?;
     // The layers of a segment are equal, so each text is formatted once.
     let mut last = Layer::default();
     let mut row = String::new();
     for (index, SlicedLayer { segment, layer }) in layers(path, robot, Slicing::Exact).enumerate() {
         if row.is_empty() || layer != last {
-            row = fields(&layer);
+            row = table.csv_row(&layer);
             last = layer;
         }
-        writeln!(out, "{index},{segment},{row}")?;
+        write!(out, "{index},{segment},{row}")?;
     }
     Ok(())
 }
@@ -60,7 +59,9 @@ mod tests {
         let tilt = degrees(0.005);
         assert_eq!(
             String::from_utf8(out).unwrap(),
-            format!("layer,segment,{LAYER_COLUMNS}\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n")
+            format!(
+                "layer,segment,alpha_deg,height_mm,tilt_deg\n0,0,0,0.5,0\n1,0,0,0.5,0\n2,1,0,0.5,{tilt}\n3,2,0,0.5,0\n"
+            )
         );
     }
 }

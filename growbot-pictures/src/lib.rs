@@ -4,6 +4,7 @@
 //! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it
 //! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
 //! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`)
+//! - [`table`]: tables as CSV, JSON, text and HTML
 //! - [`layer_table`]: the layers of a plan as CSV
 //! - [`figures`], [`duration`]: numbers and times as text
 //!
@@ -15,4 +16,5 @@ pub mod duration;
 pub mod export;
 pub mod figures;
 pub mod layer_table;
+pub mod table;
 pub mod view;

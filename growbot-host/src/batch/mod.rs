@@ -23,7 +23,7 @@ use serde::de::{Deserialize, IntoDeserializer};
 
 pub use columns::HeaderError;
 use columns::{BatchColumns, Column};
-use growbot_pictures::figures::shortest;
+use growbot_pictures::table::{NumberFormat, Table, pose_columns};
 
 /// Errors that end a batch early.
 #[derive(Debug, thiserror::Error)]
@@ -129,37 +129,13 @@ pub struct BatchResult {
 }
 
 impl BatchResult {
-    /// Returns the result as a row of CSV with the columns of [`ANSWERS`], with its newline. Numbers have full
-    /// precision, and codes of warnings are separated by spaces. The row of a query that failed has only `id` and
-    /// `error`.
+    fn plan(&self) -> Option<&Plan> {
+        self.outcome.as_ref().ok()
+    }
+
+    /// Returns the result as a row of CSV, with its newline. The row of a query that failed has only `id` and `error`.
     pub fn to_row(&self) -> String {
-        let mut fields = vec![self.id.clone()];
-        match &self.outcome {
-            Ok(plan) => {
-                let written = PlanFile::from(plan);
-                let goal = &written.goal;
-                let numbers = [goal.x_mm, goal.y_mm, goal.z_mm, goal.heading_deg, goal.pitch_deg];
-                fields.extend(numbers.map(shortest));
-                fields.push(goal.direction_free.to_string());
-                fields.push(planner_name(plan.planner).to_owned());
-                fields.push(shortest(plan.radius));
-                fields.push(plan.path_type());
-                let needs = &plan.requirements;
-                fields.extend([shortest(needs.length), needs.layers.to_string()]);
-                fields.extend([needs.duration, needs.filament].map(shortest));
-                let codes: Vec<&str> = plan.warnings.iter().map(|warning| warning.code.as_str()).collect();
-                fields.extend([codes.join(" "), String::new()]);
-            }
-            Err(error) => {
-                let empty = ANSWERS.split(',').count() - 2;
-                fields.extend(std::iter::repeat_n(String::new(), empty));
-                fields.push(error.to_string());
-            }
-        }
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        // Writing to memory cannot fail, and a single row has the right length.
-        let _ = writer.write_record(&fields);
-        writer.into_inner().ok().and_then(|row| String::from_utf8(row).ok()).unwrap_or_default()
+        answers().csv_row(self)
     }
 
     /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`.
@@ -190,9 +166,29 @@ pub struct Defaults {
     pub max_length: Option<f64>,
 }
 
-/// Header of the CSV that contains the results.
-pub const ANSWERS: &str = "id,to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg,direction_free,planner,radius_mm,\
-                           path_type,length_mm,layers,duration_s,filament_mm,warnings,error\n";
+/// Returns the table of results. Numbers have full precision, and codes of warnings are separated by spaces.
+pub fn answers() -> Table<'static, BatchResult> {
+    Table::new(NumberFormat::Shortest)
+        .column("id", |result: &BatchResult| result.id.clone())
+        .columns(pose_columns("to"), |result| {
+            let goal = result.plan().map(|plan| PlanFile::from(plan).goal);
+            let numbers = goal.map(|goal| [goal.x_mm, goal.y_mm, goal.z_mm, goal.heading_deg, goal.pitch_deg]);
+            [0, 1, 2, 3, 4].map(|index| numbers.map(|numbers| numbers[index]))
+        })
+        .column("direction_free", |result| result.plan().map(Plan::has_free_direction))
+        .column("planner", |result| result.plan().map(|plan| planner_name(plan.planner)))
+        .column("radius_mm", |result| result.plan().map(|plan| plan.radius))
+        .column("path_type", |result| result.plan().map(Plan::path_type))
+        .column("length_mm", |result| result.plan().map(|plan| plan.requirements.length))
+        .column("layers", |result| result.plan().map(|plan| plan.requirements.layers))
+        .column("duration_s", |result| result.plan().map(|plan| plan.requirements.duration))
+        .column("filament_mm", |result| result.plan().map(|plan| plan.requirements.filament))
+        .column("warnings", |result| {
+            let warnings = result.plan().map(|plan| plan.warnings.iter());
+            warnings.map(|all| all.map(|warning| warning.code.as_str()).collect::<Vec<_>>().join(" "))
+        })
+        .column("error", |result| result.outcome.as_ref().err().map(ToString::to_string))
+}
 
 /// A batch that is being planned.
 pub struct Batch<R> {
@@ -403,12 +399,12 @@ mod tests {
     #[test]
     fn rows_have_exact_numbers_and_as_many_fields_as_the_header() {
         let answers = answers("id,to_x_mm,to_y_mm,to_z_mm\n\"a, b\",200,1e-14,400.1\nc,0,0,x\n");
-        let rows: String = ANSWERS.to_owned() + &answers[0].to_row() + &answers[1].to_row();
+        let rows: String = super::answers().csv_header() + &answers[0].to_row() + &answers[1].to_row();
         let mut reader = ReaderBuilder::new().from_reader(rows.as_bytes());
         let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         let plan = answers[0].outcome.as_ref().unwrap();
-        let field = |row: usize, name: &str| {
-            let index = ANSWERS.trim().split(',').position(|column| column == name).unwrap();
+        let mut field = |row: usize, name: &str| {
+            let index = reader.headers().unwrap().iter().position(|column| column == name).unwrap();
             records[row][index].to_owned()
         };
         assert_eq!(

@@ -12,7 +12,7 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::scene_planning::MAX_LENGTH_MM;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{ANSWERS, Batch, Defaults, check_length_limit};
+use growbot_host::batch::{Batch, Defaults, answers as answers_table, check_length_limit};
 use growbot_host::clock_text::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
@@ -161,7 +161,7 @@ impl BatchOutput {
         let file = to.map(AtomicFile::begin).transpose()?;
         let mut answers = Self { format, file };
         if format == PlanFormat::Csv {
-            answers.write(ANSWERS)?;
+            answers.write(&answers_table().csv_header())?;
         }
         Ok(answers)
     }

@@ -17,6 +17,7 @@ use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
 use growbot_pictures::figures::{direction_text, fixed};
+use growbot_pictures::table::{NumberFormat, Table};
 
 use super::growth_table::deviates;
 use super::{Failure, robot_of, warn_of_damage};
@@ -210,23 +211,19 @@ impl<'a> ReplayedBody<'a> {
 
     /// Returns the layers as CSV. On a simulated tip, the commanded layers are beside them.
     fn layers_table(&self) -> String {
-        let commanded = self.simulated.is_some().then_some(&self.commanded);
-        let fields =
-            |layer: &Layer| format!(",{},{},{}", degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt));
-        let mut text = String::from("layer,alpha_deg,height_mm,tilt_deg");
-        if commanded.is_some() {
-            text += ",commanded_alpha_deg,commanded_height_mm,commanded_tilt_deg";
+        let values = |layer: &Layer| [degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt)];
+        let mut table = Table::new(NumberFormat::Plain)
+            .column("layer", |(index, _): &(usize, &Layer)| *index)
+            .columns(["alpha_deg", "height_mm", "tilt_deg"], move |(_, layer)| values(layer));
+        if self.simulated.is_some() {
+            let names = ["commanded_alpha_deg", "commanded_height_mm", "commanded_tilt_deg"];
+            // The layer under way was not finished, so it has no commanded values.
+            table = table.columns(names, move |(index, _)| {
+                let values = self.commanded.get(*index).map(values);
+                [0, 1, 2].map(|column| values.map(|values| values[column]))
+            });
         }
-        text += "\n";
-        for (index, layer) in self.body().iter().enumerate() {
-            text += &format!("{index}{}", fields(layer));
-            if let Some(commanded) = commanded {
-                // The layer under way was not finished, so it has no commanded values.
-                text += &commanded.get(index).map_or_else(|| ",,,".to_owned(), fields);
-            }
-            text += "\n";
-        }
-        text
+        table.csv(self.body().iter().enumerate())
     }
 }
 

@@ -98,7 +98,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
     }
     let done = done.map_err(Failure::bad_input)?;
     if let Some(directory) = &args.output {
-        let files = done.files().map_err(Failure::bad_input)?;
+        let files = done.files();
         let mut written: Vec<(String, Vec<u8>)> =
             files.iter().map(|file| (file.name.clone(), file.contents.clone().into())).collect();
         for figure in files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)) {

@@ -9,7 +9,10 @@ use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::workspace::{GoalCounts, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace};
+use growbot_host::workspace::{
+    GoalCounts, GoalResult, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace,
+};
+use growbot_pictures::table::{NumberFormat, Table};
 use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
@@ -154,16 +157,18 @@ fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWork
 
 /// Returns the goals as rows of CSV.
 fn csv(answer: &SceneWorkspace) -> String {
-    let mut text = "x_mm,y_mm,z_mm,answer,because,length_mm\n".to_owned();
-    for result in &answer.goals {
-        let because = REASONS.iter().find(|(_, is_this)| is_this(&result.reachability)).map_or("", |(name, _)| *name);
-        let (verdict, length) = match result.reachability {
-            Reachability::Reachable(length) => ("path", length.to_string()),
-            Reachability::NotFound => ("not_found", String::new()),
-            _ => ("none", String::new()),
-        };
-        let at = result.position;
-        text += &format!("{},{},{},{verdict},{because},{length}\n", at.x, at.y, at.z);
-    }
-    text
+    let reason = |goal: &GoalResult| REASONS.iter().find(|(_, is_this)| is_this(&goal.reachability));
+    let table = Table::new(NumberFormat::Plain)
+        .columns(["x_mm", "y_mm", "z_mm"], |goal: &GoalResult| <[f64; 3]>::from(goal.position))
+        .column("answer", |goal| match goal.reachability {
+            Reachability::Reachable(_) => "path",
+            Reachability::NotFound => "not_found",
+            _ => "none",
+        })
+        .column("because", move |goal| reason(goal).map(|(name, _)| *name))
+        .column("length_mm", |goal| match goal.reachability {
+            Reachability::Reachable(length) => Some(length),
+            _ => None,
+        });
+    table.csv(&answer.goals)
 }

@@ -2,7 +2,9 @@
 
 use std::fmt::Write;
 
+use growbot_client::plan::planner_name;
 use growbot_core::plan::Planner;
+use growbot_pictures::table::{NumberFormat, Table};
 
 use super::comparison::{ExactErrors, SignificanceTest};
 use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
@@ -14,9 +16,8 @@ use super::slicing_rule::SlicingRule;
 use super::statistics::{SampleSummary, TestResult};
 use super::summary::error_text;
 use super::table2::Cell;
-use super::tables::parameters;
+use super::tables::{Parameters, parameters};
 use super::texts::{capital, p_text};
-use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");
 
@@ -147,39 +148,29 @@ fn robots(page: &mut String, of: &Reproduction, table: u8) {
         "<h2 id=\"table{table}\">Table {table}: {title}</h2>\n\
          <p>The values are those of the robots&#8217; descriptions, which are the paper&#8217;s numbers. &phi; = g / R \
          and k = g &Delta;t / R are computed from them; where the paper prints another value, this value is in \
-         brackets.{}</p>\n\
-         <div class=\"wide\"><table>\n<tr><th class=\"l\">robot</th><th>&Delta;t, s</th><th>g, mm/s</th><th>R, \
-         mm</th><th>r<sub>t</sub>, mm</th>\
-         <th>step, mm</th><th>&phi;, rad/s</th><th>k, rad a step</th></tr>",
+         brackets.{}</p>",
         if table == 3 {
             " The &phi; that the paper prints for B and C does not agree with its own g and R, but its k does."
         } else {
             " The text&#8217;s &phi; = 0.025/s is in degrees: 0.45 degrees in 18 s."
         }
     );
-    for parameters in parameters(of, table) {
-        let paper = parameters.paper;
-        // Values are printed with at most four decimals, so a smaller difference is not visible.
-        let beside = |ours: f64, printed: f64, digits: usize| {
-            let same = (ours - printed).abs() <= 0.6e-4_f64.max(0.002 * ours);
-            let digits = if ours < 0.00095 { digits + 2 } else { digits };
-            if same { format!("{ours:.digits$}") } else { format!("{ours:.digits$} ({printed})") }
-        };
-        let _ = writeln!(
-            page,
-            "<tr><td \
-             class=\"l\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-            paper.name,
-            parameters.dt_s,
-            libm::round(1e6 * parameters.g_mm_per_s()) / 1e6,
-            parameters.radius_mm,
-            parameters.tip_radius_mm,
-            parameters.step_mm,
-            beside(parameters.phi_rad_per_s(), paper.phi_rad_per_s, 4),
-            beside(parameters.k(), paper.k, 4)
-        );
-    }
-    page.push_str("</table></div>\n");
+    // Values are printed with at most four decimals, so a smaller difference is not visible.
+    let beside = |ours: f64, printed: f64| {
+        let same = (ours - printed).abs() <= 0.6e-4_f64.max(0.002 * ours);
+        let digits = if ours < 0.00095 { 6 } else { 4 };
+        if same { format!("{ours:.digits$}") } else { format!("{ours:.digits$} ({printed})") }
+    };
+    let robots = Table::new(NumberFormat::Plain)
+        .column("robot", |of: &Parameters| of.paper.name)
+        .column("&Delta;t, s", |of| of.dt_s)
+        .column("g, mm/s", |of| libm::round(1e6 * of.g_mm_per_s()) / 1e6)
+        .column("R, mm", |of| of.radius_mm)
+        .column("r<sub>t</sub>, mm", |of| of.tip_radius_mm)
+        .column("step, mm", |of| of.step_mm)
+        .column("&phi;, rad/s", move |of| beside(of.phi_rad_per_s(), of.paper.phi_rad_per_s))
+        .column("k, rad a step", move |of| beside(of.k(), of.paper.k));
+    *page += &robots.html(parameters(of, table), 1);
 }
 
 fn table2(page: &mut String, of: &Reproduction) {
@@ -278,34 +269,19 @@ fn tests(page: &mut String, of: &Reproduction) {
         if questions.is_empty() {
             continue;
         }
-        let quoted = questions.iter().any(|question| question.paper.is_some());
-        let _ = writeln!(
-            page,
-            "<h3>{title}</h3>\n<div class=\"wide\"><table>\n<tr><th class=\"l\">what</th><th class=\"l\">path</th><th \
-             class=\"l\">layers</th>{}\
-             <th>Kruskal-Wallis</th><th>ANOVA</th><th>groups</th><th>n</th></tr>",
-            if quoted { "<th>the paper</th>" } else { "" }
-        );
-        let mut before = "";
-        for question in questions {
-            let is_first = question.what != before;
-            let _ = writeln!(
-                page,
-                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td \
-                 class=\"l\">{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
-                if is_first { "first" } else { "" },
-                if is_first { capital(&question.what) } else { String::new() },
-                planner_name(question.planner),
-                question.slicing,
-                question.paper.map_or_else(String::new, |p| format!("<td>{p:.4}</td>")),
-                p_cell(question.kruskal_wallis),
-                p_cell(question.anova),
-                question.groups,
-                question.n
-            );
-            before = &question.what;
+        let mut table = Table::new(NumberFormat::Plain)
+            .column("what", |question: &SignificanceTest| capital(&question.what))
+            .column("path", |question| planner_name(question.planner))
+            .column("layers", |question| question.slicing.clone());
+        if questions.iter().any(|question| question.paper.is_some()) {
+            table = table.column("the paper", |question| question.paper.map(|p| format!("{p:.4}")));
         }
-        page.push_str("</table></div>\n");
+        table = table
+            .column("Kruskal-Wallis", |question| p_cell(question.kruskal_wallis))
+            .column("ANOVA", |question| p_cell(question.anova))
+            .column("groups", |question| question.groups)
+            .column("n", |question| question.n);
+        let _ = write!(page, "<h3>{title}</h3>\n{}", table.grouped_html(questions, 3));
     }
 }
 
@@ -325,34 +301,26 @@ fn feedback(page: &mut String, of: &Reproduction) {
          poses with exact slicing and uniform noise of &plusmn;{} % of the growth of each layer. Each layer has the \
          same error of growth in both loops. The tilt of layers has no error, so the direction is right in open loop. \
          The paper names feedback as future work. Without noise of the growth, only the noise of the sensors is left, \
-         and open loop with exact slicing has smaller errors than closed loop: see Figure 6.</p>\n<div \
-         class=\"wide\"><table>\n\
-         <tr><th class=\"l\">distance</th><th class=\"l\">path</th><th class=\"l\">loop</th><th>position error / \
-         length</th><th>95th percentile</th>\
-         <th>direction error, deg</th><th>95th percentile</th></tr>",
+         and open loop with exact slicing has smaller errors than closed loop: see Figure 6.</p>",
         100.0 * NOISE_OF_FEEDBACK
     );
-    for (group, distance) in GROUPS.iter().enumerate() {
-        for (index, set) in noisy.iter().filter(|set| set.group == group && set.robot == paper::ROBOT_A).enumerate() {
-            let (position, direction) = (set.summary(ErrorQuantity::Position), set.summary(ErrorQuantity::Direction));
-            let _ = writeln!(
-                page,
-                "<tr class=\"{}\"><td class=\"l\">{}</td><td class=\"l\">{}</td><td class=\"l\">{}</td><td>{} \
-                 &plusmn; {}</td><td>{}</td><td>{} &plusmn; {}</td><td>{}</td></tr>",
-                if index == 0 { "first" } else { "" },
-                if index == 0 { format!("{distance} R") } else { String::new() },
-                planner_name(set.condition.planner),
-                set.condition.loop_name(),
-                error_text(position.mean),
-                error_text(position.sd),
-                error_text(position.p95),
-                degrees_text(direction.mean),
-                degrees_text(direction.sd),
-                degrees_text(direction.p95)
-            );
-        }
-    }
-    page.push_str("</table></div>\n");
+    let errors = Table::new(NumberFormat::Plain)
+        .column("distance", |set: &GrowthSet| format!("{} R", GROUPS[set.group]))
+        .column("path", |set| planner_name(set.condition.planner))
+        .column("loop", |set| set.condition.loop_name())
+        .columns(["position error / length", "95th percentile"], |set| {
+            let SampleSummary { mean, sd, p95, .. } = set.summary(ErrorQuantity::Position);
+            [format!("{} &plusmn; {}", error_text(mean), error_text(sd)), error_text(p95)]
+        })
+        .columns(["direction error, deg", "95th percentile"], |set| {
+            let SampleSummary { mean, sd, p95, .. } = set.summary(ErrorQuantity::Direction);
+            [format!("{} &plusmn; {}", degrees_text(mean), degrees_text(sd)), degrees_text(p95)]
+        });
+    let groups = 0..GROUPS.len();
+    let noisy = &noisy;
+    let rows = groups
+        .flat_map(|group| noisy.iter().copied().filter(move |set| set.group == group && set.robot == paper::ROBOT_A));
+    *page += &errors.grouped_html(rows, 3);
 }
 
 /// Formats an angle. A rounding error becomes 0.

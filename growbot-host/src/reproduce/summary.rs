@@ -3,15 +3,16 @@
 use std::fmt::Write;
 
 use growbot_core::plan::Planner;
+use growbot_pictures::table::{NumberFormat, Table};
 
 use super::comparison::{ExactErrors, OurMean, SignificanceTest};
-use super::experiments::{ErrorQuantity, NOISE_OF_FEEDBACK};
+use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
 use super::paper::{GROUPS, MeanSd, ROBOTS};
 use super::reproduction::Reproduction;
 use super::slicing_rule::SlicingRule;
 use super::statistics::{LEVEL, MeanComparison, TestResult};
 use super::table2::{Cell, Verdicts};
-use super::tables::parameters;
+use super::tables::{Parameters, parameters};
 use super::texts::{capital, p_text};
 
 /// Returns the summary, a short text that is 80 columns wide.
@@ -49,21 +50,15 @@ pub fn summary(of: &Reproduction) -> String {
 
 fn parameters_text(text: &mut String, of: &Reproduction, table: u8) {
     let _ = writeln!(text, "\nTable {table}  dt, s   g, mm/s  R, mm  step, mm  phi, rad/s (paper)        k (paper)");
-    for of in parameters(of, table) {
-        let _ = writeln!(
-            text,
-            "{:<7} {:>5} {:>9} {:>6} {:>9} {:>10.4} ({:.4}) {:>8.4} ({:.4})",
-            of.paper.name,
-            of.dt_s,
-            libm::round(1e6 * of.g_mm_per_s()) / 1e6,
-            of.radius_mm,
-            of.step_mm,
-            of.phi_rad_per_s(),
-            of.paper.phi_rad_per_s,
-            of.k(),
-            of.paper.k
-        );
-    }
+    let robots = Table::new(NumberFormat::Plain)
+        .column("robot", |of: &Parameters| of.paper.name)
+        .column("dt", |of| of.dt_s)
+        .column("g", |of| libm::round(1e6 * of.g_mm_per_s()) / 1e6)
+        .column("R", |of| of.radius_mm)
+        .column("step", |of| of.step_mm)
+        .column("phi", |of| format!("{:.4} ({:.4})", of.phi_rad_per_s(), of.paper.phi_rad_per_s))
+        .column("k", |of| format!("{:.4} ({:.4})", of.k(), of.paper.k));
+    *text += &robots.text_rows(parameters(of, table), &[7, 6, 10, 7, 10, 20, 18]);
 }
 
 fn groups_heading() -> String {
@@ -97,6 +92,9 @@ fn table2_text(text: &mut String, of: &Reproduction) {
     verdicts_text(text, of);
 }
 
+/// Name of a verdict, and the number of means with it.
+type VerdictCount = (&'static str, fn(&Verdicts) -> usize);
+
 /// Writes the numbers of means that differ from Table 2 or are equivalent to it.
 fn verdicts_text(text: &mut String, of: &Reproduction) {
     let verdicts = |slicing| Verdicts::of(&of.comparison.table2, Planner::TwoPlane, slicing);
@@ -109,15 +107,17 @@ fn verdicts_text(text: &mut String, of: &Reproduction) {
          Holm's correction for {} comparisons, at the level {LEVEL}.\n",
         by_text.cells
     );
-    let _ = writeln!(text, "means of {:<37}{:>16}{:>16}", by_text.cells, "3.096 mm steps", "0.774 mm steps");
-    for (what, count) in [
-        ("different, without correction", (|v| v.differ_uncorrected) as fn(&Verdicts) -> usize),
+    let counts = Table::new(NumberFormat::Plain)
+        .column(format!("means of {}", by_text.cells), |(what, _): &VerdictCount| format!("  {what}"))
+        .column("3.096 mm steps", |(_, count)| count(&by_text))
+        .column("0.774 mm steps", |(_, count)| count(&by_table));
+    let rows: [VerdictCount; 4] = [
+        ("different, without correction", |v| v.differ_uncorrected),
         ("different", |v| v.differ),
         ("equivalent to within the paper's SD", |v| v.equivalent),
         ("within the paper's mean +- SD, untested", |v| v.within),
-    ] {
-        let _ = writeln!(text, "  {what:<44}{:>16}{:>16}", count(&by_text), count(&by_table));
-    }
+    ];
+    *text += &counts.text(rows, &[46, 16, 16]);
 }
 
 fn quoted_text(text: &mut String, of: &Reproduction) {
@@ -139,20 +139,24 @@ fn noise_text(text: &mut String, of: &Reproduction) {
         return;
     }
     let _ = writeln!(text, "\nFigure 6: mean position error over length, by half-width of the uniform noise");
-    let _ = writeln!(text, "{:<32}{:>9}{:>9}{:>9}{:>9}{:>9}", "", "0 %", "1 %", "2 %", "5 %", "10 %");
-    for sets in of.experiments.noise.chunk_by(|a, b| {
+    let slicing = |of_set: &GrowthSet| {
+        let step = of_set.condition.slicing.step(&of.experiments.robots[of_set.robot]);
+        step.map_or_else(|| "exact slicing".to_owned(), |step| format!("steps of {} mm", libm::round(step * 1e6) / 1e6))
+    };
+    let means = Table::new(NumberFormat::Plain)
+        .column("", |sets: &&[GrowthSet]| {
+            sets.first().map(|first| {
+                let feedback = if first.condition.feedback { ", closed loop" } else { "" };
+                format!("{:>2} R {}{feedback}", GROUPS[first.group], slicing(first))
+            })
+        })
+        .columns(["0 %", "1 %", "2 %", "5 %", "10 %"], |sets| {
+            sets.iter().map(|set| error_text(set.summary(ErrorQuantity::Position).mean)).collect::<Vec<_>>()
+        });
+    let rows = of.experiments.noise.chunk_by(|a, b| {
         (a.group, a.condition.slicing, a.condition.feedback) == (b.group, b.condition.slicing, b.condition.feedback)
-    }) {
-        let Some(first) = sets.first() else { continue };
-        let slicing = first.condition.slicing.step(&of.experiments.robots[first.robot]).map_or_else(
-            || "exact slicing".to_owned(),
-            |step| format!("steps of {} mm", libm::round(step * 1e6) / 1e6),
-        );
-        let feedback = if first.condition.feedback { ", closed loop" } else { "" };
-        let means: String =
-            sets.iter().map(|set| format!("{:>9}", error_text(set.summary(ErrorQuantity::Position).mean))).collect();
-        let _ = writeln!(text, "{:>2} R {:<27}{means}", GROUPS[first.group], format!("{slicing}{feedback}"));
-    }
+    });
+    *text += &means.text(rows, &[32, 9, 9, 9, 9, 9]);
 }
 
 fn feedback_text(text: &mut String, of: &Reproduction) {
@@ -168,25 +172,21 @@ fn feedback_text(text: &mut String, of: &Reproduction) {
         "\nRobot A, uniform noise of +-{} %, exact slicing: error over length, direction",
         100.0 * NOISE_OF_FEEDBACK
     );
-    let heading: String = GROUPS.iter().map(|group| format!("{:>17}", format!("{group} R"))).collect();
-    let _ = writeln!(text, "            {heading}");
-    for (name, quantity, feedback) in [
+    let errors = Table::new(NumberFormat::Plain).column("", |(name, ..): &(&str, ErrorQuantity, bool)| *name).columns(
+        GROUPS.map(|group| format!("{group} R")),
+        |(_, quantity, feedback)| {
+            let summaries = sets().filter(|set| set.condition.feedback == *feedback).map(|set| set.summary(*quantity));
+            let digits = if *quantity == ErrorQuantity::Position { 5 } else { 3 };
+            summaries.map(|summary| format!("{:.digits$}+-{:.digits$}", summary.mean, summary.sd)).collect::<Vec<_>>()
+        },
+    );
+    let rows = [
         ("open", ErrorQuantity::Position, false),
         ("closed", ErrorQuantity::Position, true),
         ("open, deg", ErrorQuantity::Direction, false),
         ("closed, deg", ErrorQuantity::Direction, true),
-    ] {
-        let _ = write!(text, "{name:<12}");
-        for set in sets().filter(|set| set.condition.feedback == feedback) {
-            let summary = set.summary(quantity);
-            let cell = match quantity {
-                ErrorQuantity::Position => format!("{:.5}+-{:.5}", summary.mean, summary.sd),
-                _ => format!("{:.3}+-{:.3}", summary.mean, summary.sd),
-            };
-            let _ = write!(text, "{cell:>17}");
-        }
-        text.push('\n');
-    }
+    ];
+    *text += &errors.text(rows, &[12, 17, 17, 17, 17]);
 }
 
 /// Formats a position error over a length.
@@ -204,21 +204,16 @@ fn tests_text(text: &mut String, of: &Reproduction) {
     if quoted.is_empty() {
         return;
     }
-    let _ = writeln!(text, "\n{:<50}{:>8}{:>11}{:>11}", "p: do groups differ?", "paper", "K.-Wallis", "ANOVA");
-    let mut before = "";
-    for question in quoted {
-        if question.what != before {
-            let _ = writeln!(text, "{}", capital(&question.what));
-            before = &question.what;
-        }
-        let p = |test: Option<TestResult>| test.map_or("-".to_owned(), |test| p_text(test.p));
-        let _ = writeln!(
-            text,
-            "  {:<48}{:>8.4}{:>11}{:>11}",
-            question.slicing,
-            question.paper.unwrap_or_default(),
-            p(question.kruskal_wallis),
-            p(question.anova)
-        );
+    let p = |test: Option<TestResult>| test.map_or("-".to_owned(), |test| p_text(test.p));
+    let table = Table::new(NumberFormat::Plain)
+        .column("p: do groups differ?", |question: &SignificanceTest| format!("  {}", question.slicing))
+        .column("paper", |question| question.paper.map(|p| format!("{p:.4}")))
+        .column("K.-Wallis", move |question| p(question.kruskal_wallis))
+        .column("ANOVA", move |question| p(question.anova));
+    let widths = [50, 8, 11, 11];
+    let _ = write!(text, "\n{}", table.text_header(&widths));
+    for group in quoted.chunk_by(|a, b| a.what == b.what) {
+        let _ = writeln!(text, "{}", group.first().map_or_else(String::new, |first| capital(&first.what)));
+        *text += &table.text_rows(group.iter().copied(), &widths);
     }
 }

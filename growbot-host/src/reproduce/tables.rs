@@ -1,147 +1,17 @@
 //! All numbers as CSV files and as JSON.
 
-use serde::Serialize;
+use growbot_client::plan::planner_name;
+use growbot_core::robot::Robot;
+use growbot_pictures::table::{NumberFormat, Table, pose_columns};
+use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use super::comparison::{ExactErrors, SignificanceTest};
-use super::experiments::{ErrorQuantity, ExperimentGrowth, GrowthSet, PlannedSegment, SENSORS};
+use super::experiments::{Condition, ErrorQuantity, Example, ExperimentGrowth, GrowthSet, PlannedSegment, SENSORS};
 use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
 use super::reproduction::{Reproduction, ResultFile};
 use super::statistics::{MeanComparison, SampleSummary};
 use super::table2::Cell;
-use growbot_client::plan::planner_name;
-use growbot_core::pose::Pose;
-use growbot_core::robot::Robot;
-
-/// Row of a robot of Tables 1 and 3: the paper's numbers, and ours from its description.
-#[derive(Debug, Serialize)]
-struct RobotRow {
-    robot: &'static str,
-    description: &'static str,
-    dt_s: f64,
-    dt_s_paper: f64,
-    g_mm_per_s: f64,
-    g_mm_per_s_paper: f64,
-    radius_mm: f64,
-    radius_mm_paper: f64,
-    tip_radius_mm: f64,
-    step_mm: f64,
-    phi_rad_per_s: f64,
-    phi_rad_per_s_paper: f64,
-    k: f64,
-    k_paper: f64,
-}
-
-/// Row of a growth.
-#[derive(Debug, Serialize)]
-struct GrowthRow {
-    experiment: &'static str,
-    robot: &'static str,
-    group_radii: u32,
-    repetition: usize,
-    planner: &'static str,
-    slicing: &'static str,
-    step_mm: Option<f64>,
-    #[serde(rename = "loop")]
-    loop_name: &'static str,
-    noise_percent: f64,
-    start_x_mm: f64,
-    start_y_mm: f64,
-    start_z_mm: f64,
-    start_heading_deg: f64,
-    start_pitch_deg: f64,
-    goal_x_mm: f64,
-    goal_y_mm: f64,
-    goal_z_mm: f64,
-    goal_heading_deg: f64,
-    goal_pitch_deg: f64,
-    path_length_mm: f64,
-    path_length_over_radius: f64,
-    layers: usize,
-    position_error_mm: f64,
-    position_error_over_length: f64,
-    heading_error_deg: f64,
-    pitch_error_deg: f64,
-    direction_error_deg: f64,
-}
-
-/// Row with the statistics of one quantity over a set of growths.
-#[derive(Debug, Serialize)]
-struct SummaryRow {
-    experiment: &'static str,
-    robot: &'static str,
-    group_radii: u32,
-    planner: &'static str,
-    slicing: &'static str,
-    step_mm: Option<f64>,
-    #[serde(rename = "loop")]
-    loop_name: &'static str,
-    noise_percent: f64,
-    quantity: &'static str,
-    n: usize,
-    mean: f64,
-    sd: f64,
-    median: f64,
-    p95: f64,
-    mean_paper: Option<f64>,
-    sd_paper: Option<f64>,
-}
-
-/// Row of a mean of Table 2: ours, the paper's, and the tests for difference and equivalence. p-values for the
-/// difference are two-sided. Values with `_holm` are corrected for all means of one planner and slicing.
-#[derive(Debug, Serialize)]
-struct Table2Row {
-    robot: &'static str,
-    group_radii: u32,
-    planner: &'static str,
-    slicing: &'static str,
-    n: usize,
-    mean: f64,
-    sd: f64,
-    n_paper: usize,
-    mean_paper: f64,
-    sd_paper: f64,
-    within_sd_of_paper: bool,
-    comparisons: usize,
-    welch_t: Option<f64>,
-    welch_df: Option<f64>,
-    welch_p: Option<f64>,
-    welch_p_holm: Option<f64>,
-    differs: Option<bool>,
-    equivalence_margin: f64,
-    tost_p: Option<f64>,
-    tost_p_holm: Option<f64>,
-    equivalent: Option<bool>,
-}
-
-/// Row of a significance test.
-#[derive(Debug, Serialize)]
-struct TestRow<'a> {
-    what: &'a str,
-    slicing: &'a str,
-    planner: &'static str,
-    groups: usize,
-    n: usize,
-    kruskal_wallis_h: Option<f64>,
-    kruskal_wallis_p: Option<f64>,
-    anova_f: Option<f64>,
-    anova_p: Option<f64>,
-    p_paper: Option<f64>,
-}
-
-/// Row of a point on a curve in Figures 5 and 7.
-#[derive(Debug, Serialize)]
-struct PointRow {
-    figure: u8,
-    robot: &'static str,
-    group_radii: u32,
-    repetition: usize,
-    curve: &'static str,
-    segment: Option<usize>,
-    x_mm: f64,
-    y_mm: f64,
-    z_mm: f64,
-}
 
 /// Parameters of a robot of the paper. Ours come from its description: `g`, `phi` and `k` follow from step, time and
 /// radius.
@@ -197,212 +67,197 @@ pub fn parameters(of: &Reproduction, table: u8) -> Vec<Parameters> {
         .collect()
 }
 
-fn robot_rows(of: &Reproduction, table: u8) -> Vec<RobotRow> {
-    let row = |parameters: Parameters| RobotRow {
-        robot: parameters.paper.name,
-        description: parameters.paper.file,
-        dt_s: parameters.dt_s,
-        dt_s_paper: parameters.paper.dt_s,
-        g_mm_per_s: parameters.g_mm_per_s(),
-        g_mm_per_s_paper: 10.0 * parameters.paper.g_cm_per_s,
-        radius_mm: parameters.radius_mm,
-        radius_mm_paper: 10.0 * parameters.paper.radius_cm,
-        tip_radius_mm: parameters.tip_radius_mm,
-        step_mm: parameters.step_mm,
-        phi_rad_per_s: parameters.phi_rad_per_s(),
-        phi_rad_per_s_paper: parameters.paper.phi_rad_per_s,
-        k: parameters.k(),
-        k_paper: parameters.paper.k,
-    };
-    parameters(of, table).into_iter().map(row).collect()
+fn robots() -> Table<'static, Parameters> {
+    Table::new(NumberFormat::Fraction)
+        .column("robot", |of: &Parameters| of.paper.name)
+        .column("description", |of| of.paper.file)
+        .column("dt_s", |of| of.dt_s)
+        .column("dt_s_paper", |of| of.paper.dt_s)
+        .column("g_mm_per_s", Parameters::g_mm_per_s)
+        .column("g_mm_per_s_paper", |of| 10.0 * of.paper.g_cm_per_s)
+        .column("radius_mm", |of| of.radius_mm)
+        .column("radius_mm_paper", |of| 10.0 * of.paper.radius_cm)
+        .column("tip_radius_mm", |of| of.tip_radius_mm)
+        .column("step_mm", |of| of.step_mm)
+        .column("phi_rad_per_s", Parameters::phi_rad_per_s)
+        .column("phi_rad_per_s_paper", |of| of.paper.phi_rad_per_s)
+        .column("k", Parameters::k)
+        .column("k_paper", |of| of.paper.k)
 }
 
-/// Returns all sets of growths, with the name of their experiment.
-fn sets(of: &Reproduction) -> impl Iterator<Item = (&'static str, &GrowthSet)> {
+/// Name of an experiment, condition of its growths, and their robot.
+type Grown<'a, T> = (&'static str, &'a T, &'a Robot);
+
+/// Returns all sets of growths, with their experiment and robot.
+fn sets(of: &Reproduction) -> impl Iterator<Item = Grown<'_, GrowthSet>> {
     let random = of.experiments.sets.iter().map(|set| ("random-poses", set));
-    random.chain(of.experiments.noise.iter().map(|set| ("noise", set)))
+    let all = random.chain(of.experiments.noise.iter().map(|set| ("noise", set)));
+    all.map(|(experiment, set)| (experiment, set, &of.experiments.robots[set.robot]))
 }
 
-fn growth_rows(of: &Reproduction) -> impl Iterator<Item = GrowthRow> {
-    let robots = &of.experiments.robots;
-    sets(of).flat_map(move |(experiment, set)| {
-        set.growths.iter().map(move |growth| growth_row(experiment, growth, &robots[growth.robot]))
-    })
-}
-
-fn growth_row(experiment: &'static str, growth: &ExperimentGrowth, robot: &Robot) -> GrowthRow {
-    let [start, goal] = [&growth.poses.start, &growth.poses.goal].map(Pose::to_degrees);
-    GrowthRow {
-        experiment,
-        robot: ROBOTS[growth.robot].name,
-        group_radii: GROUPS[growth.group],
-        repetition: growth.repetition,
-        planner: planner_name(growth.condition.planner),
-        slicing: growth.condition.slicing.name(),
-        step_mm: growth.condition.slicing.step(robot),
-        loop_name: growth.condition.loop_name(),
-        noise_percent: 100.0 * growth.condition.noise,
-        start_x_mm: start[0],
-        start_y_mm: start[1],
-        start_z_mm: start[2],
-        start_heading_deg: start[3],
-        start_pitch_deg: start[4],
-        goal_x_mm: goal[0],
-        goal_y_mm: goal[1],
-        goal_z_mm: goal[2],
-        goal_heading_deg: goal[3],
-        goal_pitch_deg: goal[4],
-        path_length_mm: growth.path_length,
-        path_length_over_radius: growth.path_radii,
-        layers: growth.layers,
-        position_error_mm: growth.arrival.position_error_mm,
-        position_error_over_length: growth.arrival.normalized_position_error,
-        heading_error_deg: ErrorQuantity::Heading.of(growth),
-        pitch_error_deg: growth.arrival.pitch_error_deg,
-        direction_error_deg: growth.arrival.direction_error_deg,
-    }
-}
-
-fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
-    sets(of).flat_map(move |(experiment, set)| {
-        ErrorQuantity::ALL.into_iter().map(move |quantity| {
-            let SampleSummary { n, mean, sd, median, p95 } = set.summary(quantity);
-            let condition = &set.condition;
-            let is_table2 = experiment == "random-poses"
-                && quantity == ErrorQuantity::Position
-                && condition.noise == 0.0
-                && !condition.feedback;
-            let paper = ROBOTS[set.robot].position_error.filter(|_| is_table2).map(|groups| groups[set.group]);
-            SummaryRow {
-                experiment,
-                robot: ROBOTS[set.robot].name,
-                group_radii: GROUPS[set.group],
-                planner: planner_name(condition.planner),
-                slicing: condition.slicing.name(),
-                step_mm: condition.slicing.step(&of.experiments.robots[set.robot]),
-                loop_name: condition.loop_name(),
-                noise_percent: 100.0 * condition.noise,
-                quantity: quantity.name(),
-                n,
-                mean,
-                sd,
-                median,
-                p95,
-                mean_paper: paper.map(|paper| paper.mean),
-                sd_paper: paper.map(|paper| paper.sd),
-            }
+/// Adds the columns of the condition of growths by a robot.
+fn condition_columns<'a, R>(
+    table: Table<'a, R>,
+    condition: impl Fn(&R) -> (Condition, &Robot) + Copy + 'a,
+) -> Table<'a, R> {
+    table
+        .column("planner", move |row| planner_name(condition(row).0.planner))
+        .column("slicing", move |row| condition(row).0.slicing.name())
+        .column("step_mm", move |row| {
+            let (condition, robot) = condition(row);
+            condition.slicing.step(robot)
         })
+        .column("loop", move |row| condition(row).0.loop_name())
+        .column("noise_percent", move |row| 100.0 * condition(row).0.noise)
+}
+
+fn growths<'a>() -> Table<'static, Grown<'a, ExperimentGrowth>> {
+    let table = Table::new(NumberFormat::Fraction)
+        .column("experiment", |(experiment, ..): &Grown<'a, ExperimentGrowth>| *experiment)
+        .column("robot", |(_, growth, _)| ROBOTS[growth.robot].name)
+        .column("group_radii", |(_, growth, _)| GROUPS[growth.group])
+        .column("repetition", |(_, growth, _)| growth.repetition);
+    condition_columns(table, |(_, growth, robot)| (growth.condition, robot))
+        .columns(pose_columns("start"), |(_, growth, _)| growth.poses.start.to_degrees())
+        .columns(pose_columns("goal"), |(_, growth, _)| growth.poses.goal.to_degrees())
+        .column("path_length_mm", |(_, growth, _)| growth.path_length)
+        .column("path_length_over_radius", |(_, growth, _)| growth.path_radii)
+        .column("layers", |(_, growth, _)| growth.layers)
+        .column("position_error_mm", |(_, growth, _)| growth.arrival.position_error_mm)
+        .column("position_error_over_length", |(_, growth, _)| growth.arrival.normalized_position_error)
+        .column("heading_error_deg", |(_, growth, _)| ErrorQuantity::Heading.of(growth))
+        .column("pitch_error_deg", |(_, growth, _)| growth.arrival.pitch_error_deg)
+        .column("direction_error_deg", |(_, growth, _)| growth.arrival.direction_error_deg)
+}
+
+/// A set of growths, and one of their quantities.
+type Summarized<'a> = (Grown<'a, GrowthSet>, ErrorQuantity);
+
+/// Returns the table with the statistics of one quantity over a set of growths in each row.
+fn summaries<'a>() -> Table<'static, Summarized<'a>> {
+    let paper = |((experiment, set, _), quantity): &Summarized<'a>| {
+        let is_table2 = *experiment == "random-poses"
+            && *quantity == ErrorQuantity::Position
+            && set.condition.noise == 0.0
+            && !set.condition.feedback;
+        ROBOTS[set.robot].position_error.filter(|_| is_table2).map(|groups| groups[set.group])
+    };
+    let table = Table::new(NumberFormat::Fraction)
+        .column("experiment", |((experiment, ..), _): &Summarized<'a>| *experiment)
+        .column("robot", |((_, set, _), _)| ROBOTS[set.robot].name)
+        .column("group_radii", |((_, set, _), _)| GROUPS[set.group]);
+    condition_columns(table, |((_, set, robot), _)| (set.condition, robot))
+        .column("quantity", |(_, quantity)| quantity.name())
+        .column("n", |((_, set, _), _)| set.growths.len())
+        .columns(["mean", "sd", "median", "p95"], |((_, set, _), quantity)| {
+            let SampleSummary { mean, sd, median, p95, .. } = set.summary(*quantity);
+            [mean, sd, median, p95]
+        })
+        .columns(["mean_paper", "sd_paper"], move |row| {
+            [paper(row).map(|paper| paper.mean), paper(row).map(|paper| paper.sd)]
+        })
+}
+
+fn summary_rows(of: &Reproduction) -> impl Iterator<Item = Summarized<'_>> {
+    sets(of).flat_map(|set| ErrorQuantity::ALL.map(|quantity| (set, quantity)))
+}
+
+/// Returns the table of the means of Table 2: ours, the paper's, and the tests for difference and equivalence. p-values
+/// for the difference are two-sided. Values with `_holm` are corrected for all means of one planner and slicing.
+fn table2() -> Table<'static, Cell> {
+    Table::new(NumberFormat::Fraction)
+        .column("robot", |cell: &Cell| ROBOTS[cell.robot].name)
+        .column("group_radii", |cell| GROUPS[cell.group])
+        .column("planner", |cell| planner_name(cell.planner))
+        .column("slicing", |cell| cell.slicing.name())
+        .column("n", |cell| cell.ours.n)
+        .column("mean", |cell| cell.ours.mean)
+        .column("sd", |cell| cell.ours.sd)
+        .column("n_paper", |_| paper::REPEAT)
+        .column("mean_paper", |cell| cell.paper.mean)
+        .column("sd_paper", |cell| cell.paper.sd)
+        .column("within_sd_of_paper", Cell::is_within)
+        .column("comparisons", |cell| cell.comparisons)
+        .column("welch_t", |cell| cell.tests.map(|tests| tests.welch.statistic))
+        .column("welch_df", |cell| cell.tests.map(|tests| tests.degrees_of_freedom))
+        .column("welch_p", |cell| cell.tests.map(|tests| tests.welch.p))
+        .column("welch_p_holm", |cell| cell.tests.map(|tests| tests.p_holm))
+        .column("differs", |cell| cell.tests.as_ref().map(MeanComparison::differs))
+        .column("equivalence_margin", Cell::margin)
+        .column("tost_p", |cell| cell.tests.map(|tests| tests.tost_p))
+        .column("tost_p_holm", |cell| cell.tests.map(|tests| tests.tost_p_holm))
+        .column("equivalent", |cell| cell.tests.as_ref().map(MeanComparison::is_equivalent))
+}
+
+fn significance_tests() -> Table<'static, SignificanceTest> {
+    Table::new(NumberFormat::Fraction)
+        .column("what", |test: &SignificanceTest| test.what.clone())
+        .column("slicing", |test| test.slicing.clone())
+        .column("planner", |test| planner_name(test.planner))
+        .column("groups", |test| test.groups)
+        .column("n", |test| test.n)
+        .column("kruskal_wallis_h", |test| test.kruskal_wallis.map(|test| test.statistic))
+        .column("kruskal_wallis_p", |test| test.kruskal_wallis.map(|test| test.p))
+        .column("anova_f", |test| test.anova.map(|test| test.statistic))
+        .column("anova_p", |test| test.anova.map(|test| test.p))
+        .column("p_paper", |test| test.paper)
+}
+
+/// A point on a curve in Figures 5 and 7: the growth, the name of the curve, its segment, and the position.
+type CurvePoint<'a> = (&'a ExperimentGrowth, &'static str, Option<usize>, &'a Vector3<f64>);
+
+/// Returns the number of the figure that shows an example of this robot.
+fn figure_of(robot: usize) -> u8 {
+    if robot == paper::ROBOT_A { 5 } else { 7 }
+}
+
+fn points<'a>() -> Table<'static, CurvePoint<'a>> {
+    Table::new(NumberFormat::Fraction)
+        .column("figure", |(growth, ..): &CurvePoint<'a>| figure_of(growth.robot))
+        .column("robot", |(growth, ..)| ROBOTS[growth.robot].name)
+        .column("group_radii", |(growth, ..)| GROUPS[growth.group])
+        .column("repetition", |(growth, ..)| growth.repetition)
+        .column("curve", |(_, curve, ..)| *curve)
+        .column("segment", |(_, _, segment, _)| *segment)
+        .columns(["x_mm", "y_mm", "z_mm"], |(.., point)| <[f64; 3]>::from(**point))
+}
+
+fn point_rows(of: &Reproduction) -> impl Iterator<Item = CurvePoint<'_>> {
+    let shown = |example: &&Example| of.request.has_figure(figure_of(example.growth.robot));
+    of.experiments.examples.iter().filter(shown).flat_map(|Example { growth, planned, grown, .. }| {
+        let planned = planned.iter().enumerate().flat_map(move |(index, PlannedSegment { points, .. })| {
+            points.iter().map(move |point| (growth, "planned", Some(index), point))
+        });
+        planned.chain(grown.iter().map(move |point| (growth, "grown", None, point)))
     })
-}
-
-fn table2_row(cell: &Cell) -> Table2Row {
-    let tests = cell.tests.as_ref();
-    Table2Row {
-        robot: ROBOTS[cell.robot].name,
-        group_radii: GROUPS[cell.group],
-        planner: planner_name(cell.planner),
-        slicing: cell.slicing.name(),
-        n: cell.ours.n,
-        mean: cell.ours.mean,
-        sd: cell.ours.sd,
-        n_paper: paper::REPEAT,
-        mean_paper: cell.paper.mean,
-        sd_paper: cell.paper.sd,
-        within_sd_of_paper: cell.is_within(),
-        comparisons: cell.comparisons,
-        welch_t: tests.map(|tests| tests.welch.statistic),
-        welch_df: tests.map(|tests| tests.degrees_of_freedom),
-        welch_p: tests.map(|tests| tests.welch.p),
-        welch_p_holm: tests.map(|tests| tests.p_holm),
-        differs: tests.map(MeanComparison::differs),
-        equivalence_margin: cell.margin(),
-        tost_p: tests.map(|tests| tests.tost_p),
-        tost_p_holm: tests.map(|tests| tests.tost_p_holm),
-        equivalent: tests.map(MeanComparison::is_equivalent),
-    }
-}
-
-fn test_row(question: &SignificanceTest) -> TestRow<'_> {
-    TestRow {
-        what: &question.what,
-        slicing: &question.slicing,
-        planner: planner_name(question.planner),
-        groups: question.groups,
-        n: question.n,
-        kruskal_wallis_h: question.kruskal_wallis.map(|test| test.statistic),
-        kruskal_wallis_p: question.kruskal_wallis.map(|test| test.p),
-        anova_f: question.anova.map(|test| test.statistic),
-        anova_p: question.anova.map(|test| test.p),
-        p_paper: question.paper,
-    }
-}
-
-fn point_rows(of: &Reproduction) -> Vec<PointRow> {
-    let mut rows = Vec::new();
-    for example in &of.experiments.examples {
-        let growth = &example.growth;
-        let figure = if growth.robot == paper::ROBOT_A { 5 } else { 7 };
-        if !of.request.has_figure(figure) {
-            continue;
-        }
-        let mut push = |curve, segment, point: &nalgebra::Vector3<f64>| {
-            rows.push(PointRow {
-                figure,
-                robot: ROBOTS[growth.robot].name,
-                group_radii: GROUPS[growth.group],
-                repetition: growth.repetition,
-                curve,
-                segment,
-                x_mm: point.x,
-                y_mm: point.y,
-                z_mm: point.z,
-            });
-        };
-        for (index, PlannedSegment { points, .. }) in example.planned.iter().enumerate() {
-            points.iter().for_each(|point| push("planned", Some(index), point));
-        }
-        example.grown.iter().for_each(|point| push("grown", None, point));
-    }
-    rows
-}
-
-fn csv_of<T: Serialize>(name: &str, rows: impl IntoIterator<Item = T>) -> Result<Option<ResultFile>, csv::Error> {
-    let mut writer = csv::Writer::from_writer(Vec::new());
-    for row in rows {
-        writer.serialize(row)?;
-    }
-    let bytes = writer.into_inner().map_err(|error| csv::Error::from(error.into_error()))?;
-    let contents = String::from_utf8_lossy(&bytes).into_owned();
-    Ok((!contents.is_empty()).then(|| ResultFile { name: name.to_owned(), contents }))
 }
 
 /// Returns the CSV files. A file without rows is omitted.
-///
-/// # Errors
-/// A number that cannot be written.
-pub fn files(of: &Reproduction) -> Result<Vec<ResultFile>, csv::Error> {
-    let tables = [1, 3].into_iter().filter(|table| of.request.has_table(*table));
+pub fn files(of: &Reproduction) -> Vec<ResultFile> {
     let mut files = Vec::new();
-    for table in tables {
-        files.extend(csv_of(&format!("table{table}.csv"), robot_rows(of, table))?);
+    let mut add = |name: &str, contents: String| {
+        if contents.lines().nth(1).is_some() {
+            files.push(ResultFile { name: name.to_owned(), contents });
+        }
+    };
+    for table in [1, 3].into_iter().filter(|table| of.request.has_table(*table)) {
+        add(&format!("table{table}.csv"), robots().csv(parameters(of, table)));
     }
     if of.request.has_table(2) {
-        files.extend(csv_of("table2.csv", of.comparison.table2.iter().map(table2_row))?);
+        add("table2.csv", table2().csv(&of.comparison.table2));
     }
-    files.extend(csv_of("summary.csv", summary_rows(of))?);
-    files.extend(csv_of("tests.csv", of.comparison.questions.iter().map(test_row))?);
-    files.extend(csv_of("growths.csv", growth_rows(of))?);
-    files.extend(csv_of("paths.csv", point_rows(of))?);
-    Ok(files)
+    add("summary.csv", summaries().csv(summary_rows(of)));
+    add("tests.csv", significance_tests().csv(&of.comparison.questions));
+    let rows =
+        sets(of).flat_map(|(experiment, set, robot)| set.growths.iter().map(move |growth| (experiment, growth, robot)));
+    add("growths.csv", growths().csv(rows));
+    add("paths.csv", points().csv(point_rows(of)));
+    files
 }
 
 /// Returns the results as JSON, without the single growths.
 pub fn json(of: &Reproduction) -> Value {
-    let robots: Vec<RobotRow> = [1, 3]
-        .into_iter()
-        .filter(|table| of.request.has_table(*table))
-        .flat_map(|table| robot_rows(of, table))
-        .collect();
+    let shown = [1, 3].into_iter().filter(|table| of.request.has_table(*table));
     let exact = of.comparison.exact.map(|ExactErrors { max_position, max_direction, growths }| {
         json!({
             "growths": growths,
@@ -427,10 +282,10 @@ pub fn json(of: &Reproduction) -> Value {
                 "loop": "closed",
             },
         },
-        "robots": robots,
-        "table2": of.comparison.table2.iter().map(table2_row).collect::<Vec<_>>(),
-        "summaries": summary_rows(of).collect::<Vec<_>>(),
-        "tests": of.comparison.questions.iter().map(test_row).collect::<Vec<_>>(),
+        "robots": robots().json(shown.flat_map(|table| parameters(of, table))),
+        "table2": table2().json(&of.comparison.table2),
+        "summaries": summaries().json(summary_rows(of)),
+        "tests": significance_tests().json(&of.comparison.questions),
         "exact_slicing_without_noise": exact,
     })
 }

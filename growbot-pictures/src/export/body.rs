@@ -124,10 +124,14 @@ impl ExportedBody {
         self.length() * self.filament_per_length
     }
 
+    /// Returns the poses of the tip in the base's frame, before the first layer and after each layer.
+    pub fn tips(&self) -> impl Iterator<Item = Frame> {
+        std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip))
+    }
+
     /// Returns each layer with the pose of the tip in the base's frame before the layer.
     pub fn layers_with_base(&self) -> impl Iterator<Item = (Frame, &BodyLayer)> {
-        let before = std::iter::once(self.base_from_start).chain(self.layers.iter().map(|layer| layer.base_from_tip));
-        before.zip(&self.layers)
+        self.tips().zip(&self.layers)
     }
 }
 

@@ -1,72 +1,46 @@
 //! Centreline and layers as CSV, in full precision.
 
-use std::fmt::Write;
+use std::iter::once;
 
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
-use nalgebra::Vector3;
 
-use super::body::ExportedBody;
-use crate::figures::shortest;
-use crate::layer_table::{LAYER_COLUMNS, fields};
+use super::body::{BodyLayer, ExportedBody};
+use crate::layer_table::layer_columns;
+use crate::table::{NumberFormat, Table};
 
-/// Header of the columns of the tip: number of layers laid, then the tip's position (mm) and direction (a unit vector).
-/// Further columns contain the values of the layer laid last and its source.
-pub const TIP: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z";
-
-/// Header of the columns of the commanded position, which are present for a simulated tip: the position that the tip
-/// would have if the plastic lay as the steps command.
-pub const COMMANDED: &str = ",commanded_x_mm,commanded_y_mm,commanded_z_mm";
+/// Number of layers laid, the tip after them, the layer laid last, and its source.
+type Row = (usize, Frame, Layer, &'static str);
 
 /// Returns the table with a row for the start, which has a layer of height 0, and a row for each layer. Row `n` is the
-/// tip after `n` layers, the last of which is layer `n - 1` of `growbot layers`.
+/// tip after `n` layers, the last of which is layer `n - 1` of `growbot layers`. The position is in mm, and the
+/// direction is a unit vector. For a simulated tip, `commanded` is the body that it would have laid if the plastic lay
+/// as the steps command. A layer that was not finished has no commanded position.
 pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
-    let mut text = format!("{TIP},{LAYER_COLUMNS},source{}\n", if commanded.is_some() { COMMANDED } else { "" });
-    let beside = |laid: usize| {
-        commanded.map(|commanded| match laid.checked_sub(1) {
-            None => Some(commanded.base_from_start),
-            Some(last) => commanded.layers.get(last).map(|layer| layer.base_from_tip),
-        })
-    };
-    row(&mut text, 0, &body.base_from_start, &Layer::default(), "start", beside(0));
-    for (index, laid) in body.layers.iter().enumerate() {
-        let laid_by_then = index + 1;
-        row(&mut text, laid_by_then, &laid.base_from_tip, &laid.layer, laid.source.name(), beside(laid_by_then));
+    let table = Table::new(NumberFormat::Shortest)
+        .column("laid", |(laid, ..): &Row| *laid)
+        .columns(["x_mm", "y_mm", "z_mm"], |(_, tip, ..)| <[f64; 3]>::from(tip.translation.vector))
+        .columns(["direction_x", "direction_y", "direction_z"], |(_, tip, ..)| <[f64; 3]>::from(tip_direction(tip)));
+    let mut table = layer_columns(table, |(.., layer, _)| *layer).column("source", |(.., source)| *source);
+    if let Some(commanded) = commanded {
+        let tips: Vec<Frame> = commanded.tips().collect();
+        table = table.columns(["commanded_x_mm", "commanded_y_mm", "commanded_z_mm"], move |(laid, ..)| {
+            [0, 1, 2].map(|axis| tips.get(*laid).map(|tip| tip.translation.vector[axis]))
+        });
     }
-    text
-}
-
-/// Appends a row. `beside` is the commanded pose of the tip. It is `None` if the table has no columns for it, and
-/// `Some(None)` for a layer that was not finished, whose fields are then empty.
-fn row(
-    text: &mut String,
-    laid: usize,
-    base_from_tip: &Frame,
-    layer: &Layer,
-    source: &str,
-    beside: Option<Option<Frame>>,
-) {
-    let at = base_from_tip.translation.vector;
-    let to = tip_direction(base_from_tip);
-    let fields = fields(layer);
-    // Writing to a String does not fail.
-    let _ = write!(text, "{laid},{},{},{fields},{source}", three(&at), three(&to));
-    let _ = match beside.map(|tip| tip.map(|tip| tip.translation.vector)) {
-        None => writeln!(text),
-        Some(None) => writeln!(text, ",,,"),
-        Some(Some(at)) => writeln!(text, ",{}", three(&at)),
-    };
-}
-
-fn three(vector: &Vector3<f64>) -> String {
-    [vector.x, vector.y, vector.z].map(shortest).join(",")
+    let laid = body.layers.iter().map(|BodyLayer { layer, source, .. }| (*layer, source.name()));
+    let all = once((Layer::default(), "start")).chain(laid).zip(body.tips()).enumerate();
+    table.csv(all.map(|(laid, ((layer, source), tip))| (laid, tip, layer, source)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::body::LayerSource;
     use super::*;
+    use crate::figures::shortest;
     use growbot_client::robot_file;
+
+    const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
 
     #[test]
     fn rows_contain_the_tip_after_each_layer() {
@@ -76,7 +50,7 @@ mod tests {
             ExportedBody::of_layers(&robot, [(layer(0.0), LayerSource::Planned), (layer(0.005), LayerSource::AsBuilt)]);
         let text = write(&body, None);
         let rows: Vec<Vec<&str>> = text.lines().map(|line| line.split(',').collect()).collect();
-        assert_eq!(rows[0].join(","), format!("{TIP},{LAYER_COLUMNS},source"));
+        assert_eq!(rows[0].join(","), HEADER);
         let up = shortest(tip_direction(&body.base_from_start).x);
         assert_eq!(rows[1].join(","), format!("0,0,0,0,{up},0,1,0,0,0,start"));
         assert_eq!((rows[2][0], rows[2][3]), ("1", "0.30000000000000004"));

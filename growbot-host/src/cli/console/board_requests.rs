@@ -3,6 +3,7 @@
 use growbot_client::client::{Client, ClientError};
 use growbot_client::maintenance::{MaterialPresets, task_message};
 use growbot_client::stop_signal::Permit;
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Accepted, Empty, EnergizingRequest, HostSilencePolicy, Message, PassiveRequest, PlanRequest, ReadLayers, Refusal,
@@ -11,7 +12,8 @@ use growbot_core::link::message::{
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_pictures::layer_table::{LAYER_COLUMNS, fields};
+use growbot_pictures::layer_table::layer_columns;
+use growbot_pictures::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
 use crate::cli::status::BoardReport;
@@ -118,11 +120,9 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
     };
     match client.request(what, &PassiveRequest::ReadLayers(ReadLayers { first }))? {
         Message::StoredLayers(StoredLayers { first, layers }) => {
-            let mut text = format!("layer,{LAYER_COLUMNS}\n");
-            for (index, layer) in (u64::from(first)..).zip(layers.iter().map(decode)) {
-                text += &format!("{index},{}\n", fields(&layer));
-            }
-            Ok(text)
+            let table = Table::new(NumberFormat::Shortest).column("layer", |(index, _): &(u64, Layer)| *index);
+            let layers = (u64::from(first)..).zip(layers.iter().map(decode));
+            Ok(layer_columns(table, |(_, layer)| *layer).csv(layers))
         }
         other => Err(unexpected(what, &other)),
     }

@@ -4,34 +4,20 @@ use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use growbot_client::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
-use growbot_core::pose::Pose;
 use growbot_host::output::{OutputError, is_standard_output};
-use growbot_pictures::figures::shortest;
-use growbot_sim::simulation::obstacles::ObstacleReport;
+use growbot_pictures::table::{NumberFormat, Table, pose_columns};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use super::super::Failure;
 use super::disturbances::DisturbanceReport;
 
-/// Columns of every growth. The endings `_mm` and `_deg` are units.
-const GROWTH: &str = "layers,length_mm,path_length_mm";
-const ERRORS: &str =
-    "position_error_mm,normalized_position_error,heading_error_deg,pitch_error_deg,direction_error_deg";
-/// Columns of a body that hangs under its weight.
-const SAG: &str = "sag_mm,root_stress_mpa,root_moment_n_mm";
-
-/// Columns of a growth in a scene. The contact is empty if the body touches nothing, and the pause if it does not
-/// pause.
-const SCENE_COLUMNS: &str = "contact_at_mm,clearance_mm,detours,paused_at_mm";
+/// A row of the table: the seed, and the growth.
+type Row = (u64, SimulationResult);
 
 /// The CSV table of simulated growths while it is written.
 pub struct Samples<'a> {
     file: BufWriter<Box<dyn Write + 'a>>,
-    path_length: f64,
-    /// Start and goal, which are the same in every row.
-    ends: String,
-    /// The disturbances, which are the same in every row.
-    disturbances: String,
+    table: Table<'static, Row>,
 }
 
 impl Samples<'_> {
@@ -73,49 +59,50 @@ impl Samples<'_> {
     }
 
     fn new<'a>(file: Box<dyn Write + 'a>, simulation: &Simulation) -> io::Result<Samples<'a>> {
-        let (names, values): (Vec<_>, Vec<_>) = DisturbanceReport::of(simulation, 0).columns().into_iter().unzip();
-        let mut samples = Samples {
-            file: BufWriter::new(file),
-            path_length: simulation.path_length(),
-            ends: format!("{},{}", pose(&simulation.start()), pose(&simulation.goal())),
-            disturbances: values.into_iter().map(shortest).collect::<Vec<_>>().join(","),
-        };
-        let poses = ["start", "goal", "final"].map(|end| {
-            ["x_mm", "y_mm", "z_mm", "heading_deg", "pitch_deg"].map(|part| format!("{end}_{part}")).join(",")
-        });
-        let sag = if simulation.sag { format!(",{SAG}") } else { String::new() };
-        let among = if simulation.scene.is_some() { format!(",{SCENE_COLUMNS}") } else { String::new() };
-        writeln!(samples.file, "seed,{},{GROWTH},{ERRORS}{sag}{among},{}", poses.join(","), names.join(","))?;
+        let mut samples = Samples { file: BufWriter::new(file), table: table(simulation) };
+        samples.file.write_all(samples.table.csv_header().as_bytes())?;
         Ok(samples)
     }
 
     /// Adds the row of the growth with this seed.
     pub fn add(&mut self, seed: u64, outcome: &SimulationResult) -> io::Result<()> {
-        let SimulationResult { grown, arrival, sag: hung, obstacles: among } = outcome;
-        let errors = [
-            Some(arrival.position_error_mm),
-            Some(arrival.normalized_position_error),
-            arrival.heading_error_deg,
-            Some(arrival.pitch_error_deg),
-            Some(arrival.direction_error_deg),
-        ];
-        let sag = hung.map(|hung| [hung.deflection, hung.root.stress, hung.root.moment].map(Some));
-        let (layers, length, path_length) = (grown.layers, shortest(grown.length), shortest(self.path_length));
-        write!(self.file, "{seed},{},{},{layers},{length},{path_length}", self.ends, pose(&arrival.final_pose))?;
-        let among = among.map(|among| {
-            let ObstacleReport { contact, clearance, detours, paused } = among;
-            let contact = contact.map(|contact| contact.at);
-            [contact, Some(clearance), Some(f64::from(detours)), paused.map(|paused| paused.at)]
-        });
-        for value in errors.into_iter().chain(sag.into_iter().flatten()).chain(among.into_iter().flatten()) {
-            // A vertical pose has no heading.
-            write!(self.file, ",{}", value.map(shortest).unwrap_or_default())?;
-        }
-        writeln!(self.file, ",{}", self.disturbances)
+        self.file.write_all(self.table.csv_row(&(seed, *outcome)).as_bytes())
     }
 }
 
-/// Returns a pose as five fields, mm and degrees.
-fn pose(pose: &Pose) -> String {
-    pose.to_degrees().map(shortest).join(",")
+/// Returns the table of growths. The endings `_mm` and `_deg` are units.
+fn table(simulation: &Simulation) -> Table<'static, Row> {
+    let [start, goal] = [simulation.start(), simulation.goal()].map(|pose| pose.to_degrees());
+    let path_length = simulation.path_length();
+    let mut table = Table::new(NumberFormat::Shortest)
+        .column("seed", |(seed, _): &Row| *seed)
+        .columns(pose_columns("start"), move |_| start)
+        .columns(pose_columns("goal"), move |_| goal)
+        .columns(pose_columns("final"), |(_, outcome)| outcome.arrival.final_pose.to_degrees())
+        .column("layers", |(_, outcome)| outcome.grown.layers)
+        .column("length_mm", |(_, outcome)| outcome.grown.length)
+        .column("path_length_mm", move |_| path_length)
+        .column("position_error_mm", |(_, outcome)| outcome.arrival.position_error_mm)
+        .column("normalized_position_error", |(_, outcome)| outcome.arrival.normalized_position_error)
+        // A vertical pose has no heading.
+        .column("heading_error_deg", |(_, outcome)| outcome.arrival.heading_error_deg)
+        .column("pitch_error_deg", |(_, outcome)| outcome.arrival.pitch_error_deg)
+        .column("direction_error_deg", |(_, outcome)| outcome.arrival.direction_error_deg);
+    if simulation.sag {
+        table = table
+            .column("sag_mm", |(_, outcome)| outcome.sag.map(|sag| sag.deflection))
+            .column("root_stress_mpa", |(_, outcome)| outcome.sag.map(|sag| sag.root.stress))
+            .column("root_moment_n_mm", |(_, outcome)| outcome.sag.map(|sag| sag.root.moment));
+    }
+    if simulation.scene.is_some() {
+        // The contact is empty if the body touches nothing, and the pause if it does not pause.
+        table = table
+            .column("contact_at_mm", |(_, outcome)| outcome.obstacles?.contact.map(|contact| contact.at))
+            .column("clearance_mm", |(_, outcome)| outcome.obstacles.map(|report| report.clearance))
+            .column("detours", |(_, outcome)| outcome.obstacles.map(|report| f64::from(report.detours)))
+            .column("paused_at_mm", |(_, outcome)| outcome.obstacles?.paused.map(|paused| paused.at));
+    }
+    // The disturbances are the same in every row.
+    let (names, values): (Vec<_>, Vec<_>) = DisturbanceReport::of(simulation, 0).columns().into_iter().unzip();
+    table.columns(names, move |_| values.clone())
 }
