@@ -11,10 +11,9 @@ use growbot_pictures::export::mcap::Encoding;
 use growbot_pictures::export::mesh::{MeshError, MeshResolution};
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
-use growbot_pictures::view::{self, NamedScene};
 
 use super::Failure;
-use super::plan_or_run::PlanOrRun;
+use super::opened::Opened;
 
 /// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
 ///
@@ -141,7 +140,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
-    let subject = PlanOrRun::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
+    let subject = Opened::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
     // Some formats, and bodies without layers, cannot state that the body is simulated.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
@@ -177,17 +176,17 @@ impl ExportArgs {
     }
 
     /// Returns the kind of the exported body. `None` for a plan.
-    fn kind(&self, subject: &PlanOrRun) -> Option<BodyKind> {
-        let (record, _) = subject.run.as_ref()?;
+    fn kind(&self, subject: &Opened) -> Option<BodyKind> {
+        let record = subject.record()?;
         Some(match (self.which, record.body_kind()) {
             (BodyChoice::Commanded, BodyKind::Laid) => BodyKind::Commanded,
             (_, kind) => kind,
         })
     }
 
-    fn encode(&self, format: ExportFormat, subject: &PlanOrRun) -> Result<Vec<u8>, Failure> {
-        let PlanOrRun { robot, plan, run, scene } = subject;
-        let record = run.as_ref().map(|(record, _)| record);
+    fn encode(&self, format: ExportFormat, subject: &Opened) -> Result<Vec<u8>, Failure> {
+        let Opened { robot, plan, run, .. } = subject;
+        let record = subject.record();
         let kind = self.kind(subject);
         let laid = record.filter(|_| kind == Some(BodyKind::Laid));
         let laid = laid.and_then(|record| ExportedBody::simulated(robot, &plan.start, record));
@@ -208,15 +207,7 @@ impl ExportArgs {
                 let beside = beside.map(|beside| ("commanded", beside));
                 let name = if record.is_some() { name } else { robot.name() };
                 let bodies: Vec<(&str, &ExportedBody)> = [(name, &body)].into_iter().chain(beside).collect();
-                let view = view::Subject {
-                    name,
-                    robot,
-                    plan,
-                    run: record,
-                    laid: None,
-                    scene: scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene }),
-                };
-                let around = scene_view(&view).map_err(Failure::bad_input)?;
+                let around = scene_view(&subject.subject(name)).map_err(Failure::bad_input)?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
             ExportFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),

@@ -15,14 +15,14 @@ use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::view::{NamedScene, Subject};
 use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::{PortName, TipSettings};
 
 use super::disturbance::DisturbanceArgs;
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
 use super::interrupt::stop_on_interrupt;
-use super::plan_source::{PlanSourceArgs, ResolvedPlan};
+use super::opened::Opened;
+use super::plan_source::PlanSourceArgs;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
@@ -119,14 +119,15 @@ pub fn run_main_job() -> Result<(), Failure> {
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.resolve()?, args.print()?);
-    let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
+    let (opened, unclear) = args.goal.open(args.json)?;
+    let Opened { robot, plan, .. } = &opened;
     let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, warning.message);
     }
     let refused = |why: String| {
         if args.json {
-            let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, &plan, None, port.is_simulated());
+            let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, port.is_simulated());
             print_refusal(&GrowthResult { error: Some(why.clone()), ..nothing });
         }
         Failure::request_failed(why)
@@ -141,22 +142,22 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
         return Err(refused(format!("{unclear}; or grow without checking the scene (--ignore-scene)")));
     }
-    args.check_options(&port, &robot)?;
-    if args.ignore_scene && scene.is_some() {
+    args.check_options(&port, robot)?;
+    if args.ignore_scene && opened.scene.is_some() {
         growbot_host::warning!(
             "--ignore-scene is given: neither the plan nor its corrections are checked against the scene"
         );
     }
     if let Some(owned) = find_service_robot(&port)? {
-        let at = args.goal.place_of_scene(&plan)?;
-        return owned.grow(&robot, &plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
+        let at = args.goal.place_of_scene(plan)?;
+        return owned.grow(robot, plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
     }
     let pace = args.watching.pace(port.name())?;
     if matches!(port.name(), PortName::Emulator(_)) {
         let time = duration_text(plan.requirements.duration);
         growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
     }
-    let job = Job::of_plan(&robot, &plan);
+    let job = Job::of_plan(robot, plan);
     let disturbance = &args.disturbance;
     let assumed = if port.is_simulated() {
         disturbance.sensor_noise()
@@ -164,10 +165,10 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)
     };
     let noise = args.feedback.then_some(assumed);
-    let around = scene.as_ref().filter(|_| !args.ignore_scene);
-    let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
+    let around = opened.scene().filter(|_| !args.ignore_scene);
+    let around = around.map(|scene| SceneContext::new(robot, scene, plan.radius));
     let feedback = noise.map(|noise| {
-        let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
+        let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
         around.iter().fold(feedback, Feedback::with_scene)
     });
     if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
@@ -182,26 +183,23 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         seed: disturbance.seed,
     };
     let settings = TipSettings { start: Some(plan.start), imperfection, pace };
-    let Connection { mut client, mut simulation } = port.connect(&robot, &settings)?;
+    let Connection { mut client, mut simulation } = port.connect(robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = format!("{}{}", args.goal.name("growbot grow"), port.simulated_suffix());
-    let file = args.goal.scene_file(&plan);
-    let shown = scene.as_ref().map(|loaded| NamedScene { file: &file, scene: &loaded.scene });
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
-    let watch = args.watching.begin(&subject, &job, &[], &orders)?;
+    let watch = args.watching.begin(&opened.subject(&name), &job, &[], &orders)?;
     let origin = RunOrigin {
         port: port.text(),
         imperfection: port.is_simulated().then_some(&imperfection),
-        ignores_scene: scene.is_some() && args.ignore_scene,
+        ignores_scene: opened.scene.is_some() && args.ignore_scene,
     };
-    let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
+    let log = args.begin_log(plan, &job, noise, origin).map_err(Failure::bad_input)?;
     let seed = (disturbance.has_disturbance() || disturbance.has_sensor_noise()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();
     let following = GrowthMonitor {
-        robot: &robot,
-        plan: &plan,
-        scene: scene.as_ref().map(|loaded| &loaded.scene),
+        robot,
+        plan,
+        scene: opened.scene().map(|loaded| &loaded.scene),
         log,
         watch,
         print,

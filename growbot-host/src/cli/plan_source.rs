@@ -8,9 +8,8 @@ use growbot_client::plan::Plan;
 use growbot_client::plan_file::{self, LoadedPlan};
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::scene_planning::{self, SceneCheckError};
-use growbot_core::robot::Robot;
-use growbot_scene::scene_file::LoadedScene;
 
+use super::opened::Opened;
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;
 use super::{Failure, RobotArg};
@@ -60,15 +59,15 @@ impl PlanSourceArgs {
         Ok(Some(path.display().to_string()))
     }
 
-    /// Returns the name of the scene: the given file, or else the name in the plan.
-    pub fn scene_file(&self, plan: &Plan) -> String {
-        let given = self.scene.scene.as_ref().map(|file| file.display().to_string());
-        given.or_else(|| plan.scene.as_ref().map(|scene| scene.file.clone())).unwrap_or_default()
+    /// Reads the plan from its file, or plans to the given goal. Robot and scene are those of the plan, unless others
+    /// are given. The second value is the reason why the plan is not clear of the scene. It is `None` if it is clear,
+    /// or without a scene.
+    pub fn open(&self, json: bool) -> Result<(Opened, Option<SceneCheckError>), Failure> {
+        let (loaded, clearance_error) = self.load(json)?;
+        Ok((Opened::of_plan(loaded, self.scene.scene.as_deref()), clearance_error))
     }
 
-    /// Reads the plan from its file, or plans to the given goal. Robot and scene are those of the plan, unless others
-    /// are given.
-    pub fn open(&self, json: bool) -> Result<ResolvedPlan, Failure> {
+    fn load(&self, json: bool) -> Result<(LoadedPlan, Option<SceneCheckError>), Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
             let LoadedPlan { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
@@ -77,12 +76,12 @@ impl PlanSourceArgs {
             }
             // Checked if the plan does not refer to the scene, or another margin is given.
             let (Some(file), true) = (given, scene.is_none() || self.scene.has_margin()) else {
-                return Ok(ResolvedPlan { robot, plan, scene, clearance_error: None });
+                return Ok((LoadedPlan { robot, plan, scene }, None));
             };
             let loaded = self.scene.load(file)?;
             let file = file.display().to_string();
             let unclear = scene_planning::attach_scene(&mut plan, &robot, &file, &loaded).err();
-            return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: unclear });
+            return Ok((LoadedPlan { robot, plan, scene: Some(loaded) }, unclear));
         }
         let robot = RobotArg { robot: self.robot.clone() }.load()?;
         let goal = self
@@ -94,19 +93,9 @@ impl PlanSourceArgs {
             let loaded = self.scene.load(file)?;
             let plan =
                 self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
-            return Ok(ResolvedPlan { robot, plan, scene: Some(loaded), clearance_error: None });
+            return Ok((LoadedPlan { robot, plan, scene: Some(loaded) }, None));
         }
         let plan = self.search.plan(&robot, goal, self.avoid_self_collision || self.search.planner.is_none())?;
-        Ok(ResolvedPlan { robot, plan, scene: None, clearance_error: None })
+        Ok((LoadedPlan { robot, plan, scene: None }, None))
     }
-}
-
-/// A plan, with its robot and its scene.
-pub struct ResolvedPlan {
-    pub robot: Robot,
-    pub plan: Plan,
-    /// Scene in which the body grows.
-    pub scene: Option<LoadedScene>,
-    /// Reason why the plan is not clear of the scene. `None` if it is clear, or without a scene.
-    pub clearance_error: Option<SceneCheckError>,
 }

@@ -11,13 +11,12 @@ use growbot_client::growth::{GrowthError, GrowthOptions, Job, OnInterrupted, res
 use growbot_client::input::display_name;
 use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_core::link::message::{BoardInfo, State};
-use growbot_pictures::view::{NamedScene, Subject};
 use growbot_sim::port::TipSettings;
 
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
-use super::plan_or_run::PlanOrRun as Opened;
+use super::opened::Opened;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
@@ -104,25 +103,27 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         let plan_id = opened.map(|(_, Opened { robot, plan, .. })| Job::of_plan(&robot, &plan).plan_id);
         return owned.resume(plan_id, &options);
     }
-    let Some((file, Opened { robot, plan, run, mut scene })) = opened else {
+    let Some((file, mut opened)) = opened else {
         return Err(Failure::bad_input(
             "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its plan",
         ));
     };
-    let mut record = run.map(|(record, _)| record);
+    let mut record = opened.run.take().map(|(record, _)| record);
     let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
-    if let (Some(record), None) = (with_feedback, &scene) {
+    if let (Some(record), None) = (with_feedback, &opened.scene) {
         // Corrections are proven to be clear of the plan's scene, so nothing is resumed without it.
-        let named = plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
-        scene = record.scene(&plan, &robot, args.scene.as_deref())?.map(|loaded| (named, loaded));
+        let named = opened.plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
+        let scene = record.scene(&opened.plan, &opened.robot, args.scene.as_deref())?;
+        opened.scene = scene.map(|loaded| (named, loaded));
     }
-    let around = scene.as_ref().filter(|_| with_feedback.is_some());
-    let around = around.map(|(_, scene)| SceneContext::new(&robot, scene, plan.radius));
+    let Opened { robot, plan, .. } = &opened;
+    let around = opened.scene().filter(|_| with_feedback.is_some());
+    let around = around.map(|scene| SceneContext::new(robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
-    let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
+    let mut client = port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.identify()?;
-    Client::check_robot(&board, &robot)?;
-    let mut job = Job::of_plan(&robot, &plan);
+    Client::check_robot(&board, robot)?;
+    let mut job = Job::of_plan(robot, plan);
     if let Some(record) = &mut record {
         record.sync_to_board(board.status.plan_id);
         // The original layers, because the plan's file may have rounded its numbers.
@@ -144,19 +145,17 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.simulated_suffix());
-    let shown = scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene });
-    let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
-    let watch = args.watching.begin(&subject, &job, &known, &orders)?;
+    let watch = args.watching.begin(&opened.subject(&name), &job, &known, &orders)?;
     let laid = board.status.layers_laid as usize;
-    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
+    let feedback = record.as_ref().and_then(|record| record.feedback(&job, plan, around.as_ref()));
     if feedback.is_some() {
         growbot_host::note!("with feedback, as it was started");
     }
     let simulated = port.is_simulated();
     let following = GrowthMonitor {
-        robot: &robot,
-        plan: &plan,
-        scene: scene.as_ref().map(|(_, loaded)| &loaded.scene),
+        robot,
+        plan,
+        scene: opened.scene().map(|loaded| &loaded.scene),
         log,
         watch,
         print: ResultFormat::of(args.json),

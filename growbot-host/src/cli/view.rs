@@ -12,10 +12,10 @@ use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
 use growbot_pictures::view::picture::Viewpoint;
 use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
-use growbot_pictures::view::{NamedScene, Subject, page, picture, plot};
+use growbot_pictures::view::{Subject, page, picture, plot};
 
 use super::Failure;
-use super::plan_or_run::PlanOrRun as Opened;
+use super::opened::Opened;
 use super::units::mm;
 
 /// Show a plan or the log of a growth: a page, a picture, or plots
@@ -234,7 +234,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let output = args.output()?;
     let opened = args.files.iter().map(|file| args.open(file)).collect::<Result<Vec<_>, _>>()?;
     let names = names(&args.files);
-    let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| subject(opened, name)).collect();
+    let subjects: Vec<Subject> = opened.iter().zip(&names).map(|(opened, name)| opened.subject(name)).collect();
     let subjects: Vec<&Subject> = subjects.iter().collect();
     let format = args.format();
     let contents = match format {
@@ -434,10 +434,4 @@ fn names(files: &[PathBuf]) -> Vec<String> {
     let short = |file: &PathBuf| file.file_name().map(|name| name.to_string_lossy().into_owned());
     let alike = |one: &PathBuf| files.iter().filter(|other| short(other) == short(one)).count() > 1;
     files.iter().map(|file| short(file).filter(|_| !alike(file)).unwrap_or_else(|| display_name(file))).collect()
-}
-
-fn subject<'a>(opened: &'a Opened, name: &'a str) -> Subject<'a> {
-    let run = opened.run.as_ref().map(|(record, _)| record);
-    let scene = opened.scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene });
-    Subject { name, robot: &opened.robot, plan: &opened.plan, run, laid: None, scene }
 }

@@ -4,9 +4,7 @@ use std::path::Path;
 
 use clap::ValueEnum;
 use growbot_client::atomic_file::{format_from_extension, write_atomic};
-use growbot_client::plan::Plan;
 use growbot_client::run_log::BodyKind;
-use growbot_core::robot::Robot;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
@@ -15,7 +13,7 @@ use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, stl};
 use growbot_pictures::view::picture::{self, PictureOptions};
-use growbot_pictures::view::{NamedScene, SimulatedBody, Subject, page};
+use growbot_pictures::view::{Subject, page};
 
 use super::super::Failure;
 
@@ -55,31 +53,19 @@ impl BodyFormat {
     }
 }
 
-/// A grown body that is written to a file.
-pub struct BodyToWrite<'a> {
-    /// Name of the growth.
-    pub name: &'a str,
-    pub robot: &'a Robot,
-    pub plan: &'a Plan,
-    pub body: SimulatedBody<'a>,
-    /// Scene in which the body was grown. `None` without a scene.
-    pub scene: Option<NamedScene<'a>>,
-}
-
 /// Writes the body that was laid.
-pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(), Failure> {
-    let BodyToWrite { name, robot, plan, body: laid, scene } = *grown;
+pub fn write(file: &Path, format: BodyFormat, subject: &Subject) -> Result<(), Failure> {
     let kind = BodyKind::Laid.name();
-    let body = || ExportedBody::laid(robot, &plan.start, laid.layers);
-    let subject = Subject { name, robot, plan, run: None, laid: Some(laid), scene };
-    let picture = || picture::svg(&[&subject], &PictureOptions::default()).map_err(Failure::bad_input);
+    let laid = subject.laid.map_or(&[][..], |laid| laid.layers);
+    let body = || ExportedBody::laid(subject.robot, &subject.plan.start, laid);
+    let picture = || picture::svg(&[subject], &PictureOptions::default()).map_err(Failure::bad_input);
     let bytes = match format {
         BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
         BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
         BodyFormat::Glb => {
-            glb::write(&[(kind, &body())], scene_view(&subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
+            glb::write(&[(kind, &body())], scene_view(subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
         }
-        BodyFormat::Html => page::render(&subject).map_err(Failure::bad_input)?.into_bytes(),
+        BodyFormat::Html => page::render(subject).map_err(Failure::bad_input)?.into_bytes(),
         BodyFormat::Svg => picture()?.into_bytes(),
         BodyFormat::Pdf => svg_to_pdf(&picture()?).map_err(Failure::bad_input)?,
         BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,

@@ -19,17 +19,18 @@ use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, Sim
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_pictures::view::{NamedScene, SimulatedBody};
+use growbot_pictures::view::{SimulatedBody, Subject};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use self::body_file::{BodyFormat, BodyToWrite};
+use self::body_file::BodyFormat;
 use self::disturbances::DisturbanceReport;
 use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
 use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
-use super::plan_source::{PlanSourceArgs, ResolvedPlan};
+use super::opened::Opened;
+use super::plan_source::PlanSourceArgs;
 use super::units::mm;
 
 /// Simulate a growth with noise, with or without feedback, once or many times
@@ -136,14 +137,15 @@ fn step_mm(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
-    let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
+    let (opened, unclear) = args.goal.open(args.json)?;
+    let Opened { robot, plan, .. } = &opened;
     warn(&plan.warnings);
     let slicing = args.slicing(robot.description().layer.height_mm)?;
-    let mut simulation = Simulation::new(&plan, &robot, slicing);
+    let mut simulation = Simulation::new(plan, robot, slicing);
     simulation.disturbance = args.disturbance.disturbance();
     simulation.sensors = args.sensors();
     simulation.sag = args.sag;
-    simulation.scene = scene.as_ref();
+    simulation.scene = opened.scene();
     if let Some(unclear) = unclear {
         growbot_host::warning!("{unclear}");
     }
@@ -155,17 +157,15 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
             let (outcome, laid) = args.grow_once(&simulation)?;
             warn(&outcome.sag.map(|hung| simulation.warnings(&hung)).unwrap_or_default());
             if let (Some(file), Some(format)) = (&args.output, body) {
-                let (name, scene_file) = (args.goal.name("growbot simulate"), args.goal.scene_file(&plan));
-                let scene = scene.as_ref().map(|loaded| NamedScene { file: &scene_file, scene: &loaded.scene });
+                let name = args.goal.name("growbot simulate");
                 let layers = simulation.layers_as_laid(&laid);
                 let body = SimulatedBody { layers: &layers, tip: outcome.arrival.final_pose };
-                let grown = BodyToWrite { name: &name, robot: &robot, plan: &plan, body, scene };
-                body_file::write(file, format, &grown)?;
+                body_file::write(file, format, &Subject { laid: Some(body), ..opened.subject(&name) })?;
             }
             let disturbances = DisturbanceReport::of(&simulation, seed);
             let deviation = (outcome.grown.layers <= MAX_COMPARED_LAYERS).then(|| {
                 let layers = simulation.layers_as_laid(&laid);
-                PlanDeviation::of(&plan, &robot, &centreline(&plan.start.frame(), layers))
+                PlanDeviation::of(plan, robot, &centreline(&plan.start.frame(), layers))
             });
             let table = table::growth(&plan.goal, &outcome, deviation.as_ref(), &disturbances, seed);
             (table, json_line(&SimulatedGrowth::new(&outcome, deviation, &simulation, seed)))

@@ -1,19 +1,20 @@
-//! A plan or a run log, read from a file.
+//! What a command works on: a robot and its plan, with the run log and the scene.
 
 use std::path::Path;
 
 use growbot_client::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
 use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, LoadedPlan as OpenedPlan, PlanFileError};
+use growbot_client::plan_file::{self, LoadedPlan, PlanFileError};
 use growbot_client::run_log::RecordedRun;
 use growbot_core::robot::Robot;
+use growbot_pictures::view::{NamedScene, Subject};
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 
 use super::{Failure, robot_of, warn_of_damage};
 
-/// A plan, with its run log if the body was grown.
-pub struct PlanOrRun {
+/// A robot and its plan, with the run log if the body was grown.
+pub struct Opened {
     pub robot: Robot,
     pub plan: Plan,
     /// Run log of the body: its record, and its bytes. `None` for a plan.
@@ -22,7 +23,35 @@ pub struct PlanOrRun {
     pub scene: Option<(String, LoadedScene)>,
 }
 
-impl PlanOrRun {
+impl Opened {
+    /// Returns the plan without a run log. `given` is the file of the scene, if it is not the one that the plan names.
+    pub fn of_plan(loaded: LoadedPlan, given: Option<&Path>) -> Self {
+        let LoadedPlan { robot, plan, scene } = loaded;
+        let scene = scene.map(|scene| (scene_name(given, plan.scene.as_ref().map(|scene| &scene.file)), scene));
+        Self { robot, plan, run: None, scene }
+    }
+
+    /// Returns the record of the run log. `None` for a plan.
+    pub fn record(&self) -> Option<&RecordedRun> {
+        self.run.as_ref().map(|(record, _)| record)
+    }
+
+    /// Returns the scene. `None` without a scene.
+    pub fn scene(&self) -> Option<&LoadedScene> {
+        self.scene.as_ref().map(|(_, loaded)| loaded)
+    }
+
+    /// Returns the scene with its name. `None` without a scene.
+    pub fn named_scene(&self) -> Option<NamedScene<'_>> {
+        self.scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene })
+    }
+
+    /// Returns the body for a view that has this name.
+    pub fn subject<'a>(&'a self, name: &'a str) -> Subject<'a> {
+        let Self { robot, plan, .. } = self;
+        Subject { name, robot, plan, run: self.record(), laid: None, scene: self.named_scene() }
+    }
+
     /// Reads a plan or a run log from a file, from standard input (`-`), or from a pipe that the shell has opened.
     /// The input is read only once, because a pipe cannot be read again. The scene is that of the plan, read from the
     /// file `given` if there is one. If the plan has no scene, `given` is the scene.
@@ -50,23 +79,21 @@ impl PlanOrRun {
                     None
                 }
             };
-            let scene = scene.map(|scene| (called(given, record.plan.scene.as_ref().map(|scene| &scene.file)), scene));
+            let scene =
+                scene.map(|scene| (scene_name(given, record.plan.scene.as_ref().map(|scene| &scene.file)), scene));
             return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
         }
         match plan_file::read_in_scene(&text_of(bytes, file)?, &display_name(file), robot, given) {
             Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("not JSON: {reason}"))),
             Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
             Err(error) => Err(error.into()),
-            Ok(OpenedPlan { robot, plan, scene }) => {
-                let file = called(given, plan.scene.as_ref().map(|scene| &scene.file));
-                Ok(Self { robot, plan, run: None, scene: scene.map(|scene| (file, scene)) })
-            }
+            Ok(loaded) => Ok(Self::of_plan(loaded, given)),
         }
     }
 }
 
 /// Returns the name of a scene: the given file, or else the name in the plan.
-fn called(given: Option<&Path>, named: Option<&String>) -> String {
+fn scene_name(given: Option<&Path>, named: Option<&String>) -> String {
     given.map(|given| given.display().to_string()).or_else(|| named.cloned()).unwrap_or_default()
 }
 
