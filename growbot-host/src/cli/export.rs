@@ -1,11 +1,12 @@
 //! `growbot export`: a body in the format of another tool.
 
 use std::path::PathBuf;
+use std::slice;
 
 use clap::{Args, ValueEnum};
-use growbot_client::atomic_file::{format_from_extension, write_atomic};
+use growbot_client::atomic_file::write_atomic;
 use growbot_client::run_log::BodyKind;
-use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
+use growbot_host::output::{is_standard_output, print_bytes};
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
 use growbot_pictures::export::mesh::{MeshError, MeshResolution};
@@ -14,6 +15,7 @@ use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 
 use super::Failure;
 use super::opened::Opened;
+use super::output_format::OutputFormat;
 
 /// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
 ///
@@ -45,7 +47,7 @@ pub struct ExportArgs {
     body: PathBuf,
     /// The format [default: by the extension of the file]
     #[arg(long, value_enum)]
-    format: Option<ExportFormat>,
+    format: Option<OutputFormat>,
     /// Write to this file [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
@@ -78,21 +80,6 @@ Examples:
   growbot export run.jsonl -o tip.tum
   growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
 
-/// Export formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum ExportFormat {
-    /// The wall: binary STL, mm
-    Stl,
-    /// The wall: glTF 2.0 in one file, metres
-    Glb,
-    /// Centreline and layers
-    Csv,
-    /// The tip's trajectory: time, position, quaternion
-    Tum,
-    /// A recording for Foxglove or ROS 2, from a run log
-    Mcap,
-}
-
 /// Body of a growth to export.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum BodyChoice {
@@ -103,20 +90,6 @@ enum BodyChoice {
     Commanded,
 }
 
-impl ExportFormat {
-    const ENDINGS: [&str; 5] = ["stl", "glb", "csv", "tum", "mcap"];
-
-    fn ending(self) -> &'static str {
-        match self {
-            Self::Stl => "stl",
-            Self::Glb => "glb",
-            Self::Csv => "csv",
-            Self::Tum => "tum",
-            Self::Mcap => "mcap",
-        }
-    }
-}
-
 /// Distance below which two bodies count as equal, so that only one of them is exported to GLB, mm.
 const APART: f64 = 0.05;
 
@@ -124,16 +97,14 @@ const APART: f64 = 0.05;
 pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     let to = args.output.as_deref().filter(|path| !is_standard_output(path));
     let format = args.format()?;
-    if to.is_none() && is_binary(format) {
-        refuse_terminal()?;
-    }
-    if args.ros2 && format != ExportFormat::Mcap {
+    format.check_destination(to)?;
+    if args.ros2 && format != OutputFormat::Mcap {
         return Err(Failure::bad_input(format_args!(
             "--ros2 applies only to MCAP files, not to {}: remove --ros2, or name a file that ends in .mcap",
             format.ending()
         )));
     }
-    if args.scene.is_some() && format != ExportFormat::Glb {
+    if args.scene.is_some() && format != OutputFormat::Glb {
         return Err(Failure::bad_input(format_args!(
             "--scene applies only to GLB files, and {} holds only the body: remove --scene, or name a file that ends \
              in .glb",
@@ -156,18 +127,12 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns true if the format is not text.
-fn is_binary(format: ExportFormat) -> bool {
-    !matches!(format, ExportFormat::Csv | ExportFormat::Tum)
-}
-
 impl ExportArgs {
     /// Returns the format of `--format`, or else that of the file's extension.
-    fn format(&self) -> Result<ExportFormat, Failure> {
-        let requested = self.format.map(|format| [format.ending()]);
-        let formats: &[&str] = requested.as_ref().map_or(&ExportFormat::ENDINGS, |format| format);
-        let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
-        self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
+    fn format(&self) -> Result<OutputFormat, Failure> {
+        let formats = self.format.as_ref().map_or(OutputFormat::value_variants(), slice::from_ref);
+        let ending = self.output.as_deref().map(|output| OutputFormat::of(output, formats)).transpose()?.flatten();
+        self.format.or(ending).ok_or_else(|| {
             Failure::bad_input(
                 "the export's format is not given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, \
                  or pass --format",
@@ -184,7 +149,7 @@ impl ExportArgs {
         })
     }
 
-    fn encode(&self, format: ExportFormat, subject: &Opened) -> Result<Vec<u8>, Failure> {
+    fn encode(&self, format: OutputFormat, subject: &Opened) -> Result<Vec<u8>, Failure> {
         let Opened { robot, plan, run, .. } = subject;
         let record = subject.record();
         let kind = self.kind(subject);
@@ -200,8 +165,8 @@ impl ExportArgs {
         };
         let resolution = MeshResolution { segments: self.segments, layers_per_ring: self.every };
         match format {
-            ExportFormat::Stl => Ok(stl::write(name, &body, resolution)?),
-            ExportFormat::Glb => {
+            OutputFormat::Stl => Ok(stl::write(name, &body, resolution)?),
+            OutputFormat::Glb => {
                 // Two walls in one place would only flicker.
                 let beside = beside.as_ref().filter(|beside| body.parts_from(beside, APART));
                 let beside = beside.map(|beside| ("commanded", beside));
@@ -210,12 +175,12 @@ impl ExportArgs {
                 let around = scene_view(&subject.subject(name)).map_err(Failure::bad_input)?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
-            ExportFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
-            ExportFormat::Tum => {
+            OutputFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
+            OutputFormat::Tum => {
                 let log = run.as_ref().map(|(_, log)| &log[..]);
                 Ok(tum::write(name, &body, &tum::times(&body, plan, log)).into_bytes())
             }
-            ExportFormat::Mcap => match run {
+            _ => match run {
                 Some((record, log)) => {
                     let encoding = if self.ros2 { Encoding::Ros2 } else { Encoding::Json };
                     mcap::write(robot, plan, record, log, encoding).map_err(Failure::bad_input)

@@ -25,6 +25,7 @@ mod man;
 mod new_robot;
 mod opened;
 mod output_dir;
+mod output_format;
 mod plan;
 mod plan_source;
 mod plan_table;

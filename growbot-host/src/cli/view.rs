@@ -2,20 +2,19 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::slice;
 
 use clap::{Args, ValueEnum};
-use growbot_client::atomic_file::format_from_extension;
 use growbot_client::input::{display_name, is_standard_input};
-use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
+use growbot_host::output::write_to;
 use growbot_pictures::drawing::colours::Palette;
-use growbot_pictures::drawing::pdf::svg_to_pdf;
-use growbot_pictures::drawing::png::png;
 use growbot_pictures::view::picture::Viewpoint;
 use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
 use growbot_pictures::view::{Subject, page, picture, plot};
 
 use super::Failure;
 use super::opened::Opened;
+use super::output_format::OutputFormat;
 use super::units::mm;
 
 /// Show a plan or the log of a growth: a page, a picture, or plots
@@ -194,27 +193,7 @@ impl From<AlongName> for XAxis {
 }
 
 /// Formats of the output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum ViewFormat {
-    Html,
-    Svg,
-    Png,
-    Pdf,
-}
-
-impl ViewFormat {
-    fn ending(self) -> &'static str {
-        match self {
-            Self::Html => "html",
-            Self::Svg => "svg",
-            Self::Png => "png",
-            Self::Pdf => "pdf",
-        }
-    }
-}
-
-/// Default width of a PNG, pixels.
-const WIDTH: u32 = 1600;
+const FORMATS: [OutputFormat; 4] = [OutputFormat::Html, OutputFormat::Svg, OutputFormat::Png, OutputFormat::Pdf];
 
 const AFTER_HELP: &str = "\
 Examples:
@@ -238,45 +217,34 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let subjects: Vec<&Subject> = subjects.iter().collect();
     let format = args.format();
     let contents = match format {
-        ViewFormat::Html => args.page(&subjects)?.into_bytes(),
-        ViewFormat::Svg => args.picture(&subjects, &opened)?.into_bytes(),
-        ViewFormat::Png => {
-            png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
-        }
-        ViewFormat::Pdf => svg_to_pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
+        OutputFormat::Html => args.page(&subjects)?.into_bytes(),
+        _ => format.drawn(args.picture(&subjects, &opened)?, args.width.unwrap_or(OutputFormat::PNG_WIDTH))?,
     };
     if !write_to(&output, &contents)? {
         return Ok(());
     }
-    let hint = if format == ViewFormat::Html { ": open it in a browser" } else { "" };
+    let hint = if format == OutputFormat::Html { ": open it in a browser" } else { "" };
     growbot_host::note!("view written to {}{hint}", output.display());
     Ok(())
 }
 
 impl ViewArgs {
-    /// Returns the extensions that the output may have.
-    fn formats(&self) -> &'static [&'static str] {
-        match (self.svg, self.png, self.pdf) {
-            (true, ..) => &["svg"],
-            (_, true, _) => &["png"],
-            (.., true) => &["pdf"],
-            _ if self.plot.is_empty() => &["html", "svg", "png", "pdf"],
-            _ => &["svg", "png", "pdf"],
-        }
+    /// Returns the format that an option chooses. `None` without such an option.
+    fn chosen_format(&self) -> Option<OutputFormat> {
+        let chosen = [(self.svg, OutputFormat::Svg), (self.png, OutputFormat::Png), (self.pdf, OutputFormat::Pdf)];
+        chosen.into_iter().find(|(is_given, _)| *is_given).map(|(_, format)| format)
+    }
+
+    /// Returns the formats that the output may have without an option.
+    fn formats(&self) -> &'static [OutputFormat] {
+        if self.plot.is_empty() { &FORMATS } else { &OutputFormat::DRAWINGS }
     }
 
     /// Returns the format that the options choose, or else the format of the output file's extension.
-    fn format(&self) -> ViewFormat {
-        let ends_in = |format| self.output.as_deref().is_some_and(|output| ends_in(output, format));
-        match (self.svg, self.png, self.pdf) {
-            (true, ..) => ViewFormat::Svg,
-            (_, true, _) => ViewFormat::Png,
-            (.., true) => ViewFormat::Pdf,
-            _ if ends_in(ViewFormat::Png) => ViewFormat::Png,
-            _ if ends_in(ViewFormat::Pdf) => ViewFormat::Pdf,
-            _ if ends_in(ViewFormat::Svg) || !self.plot.is_empty() => ViewFormat::Svg,
-            _ => ViewFormat::Html,
-        }
+    fn format(&self) -> OutputFormat {
+        let ending = self.output.as_deref().and_then(|output| OutputFormat::of(output, self.formats()).ok().flatten());
+        let default = if self.plot.is_empty() { OutputFormat::Html } else { OutputFormat::Svg };
+        self.chosen_format().or(ending).unwrap_or(default)
     }
 
     /// Reads a file, with its scene. Plots show no scene.
@@ -326,7 +294,7 @@ impl ViewArgs {
                 ));
             }
             (2.., false) => return Err(self.several_files()),
-            (3.., true) if self.format() == ViewFormat::Html => {
+            (3.., true) if self.format() == OutputFormat::Html => {
                 return Err(Failure::bad_input(
                     "a page can show two bodies at most, but a picture can show any number: add --svg, --png or --pdf, \
                      or give two files",
@@ -341,10 +309,10 @@ impl ViewArgs {
             (self.no_title, "--no-title"),
         ];
         match self.format() {
-            ViewFormat::Html if self.viewpoint.is_some() => Err(Failure::bad_input(
+            OutputFormat::Html if self.viewpoint.is_some() => Err(Failure::bad_input(
                 "--viewpoint applies only to pictures, because the view on a page can be turned: add --svg or --png",
             )),
-            ViewFormat::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
+            OutputFormat::Html => match of_pictures.into_iter().find(|(given, _)| *given) {
                 Some((_, option)) => {
                     Err(Failure::bad_input(format!("{option} applies only to pictures: add --svg, --png or --pdf")))
                 }
@@ -353,7 +321,7 @@ impl ViewArgs {
                 )),
                 None => Ok(()),
             },
-            ViewFormat::Svg | ViewFormat::Pdf if self.width.is_some() => Err(Failure::bad_input(
+            OutputFormat::Svg | OutputFormat::Pdf if self.width.is_some() => Err(Failure::bad_input(
                 "--width is a number of pixels and applies only to PNG pictures: write one with --png",
             )),
             _ => Ok(()),
@@ -364,10 +332,9 @@ impl ViewArgs {
     fn output(&self) -> Result<PathBuf, Failure> {
         self.check_options()?;
         if let Some(output) = &self.output {
-            format_from_extension(output, self.formats())?;
-            if matches!(self.format(), ViewFormat::Png | ViewFormat::Pdf) && is_standard_output(output) {
-                refuse_terminal()?;
-            }
+            let chosen = self.chosen_format();
+            OutputFormat::of(output, chosen.as_ref().map_or(self.formats(), slice::from_ref))?;
+            self.format().check_destination(Some(output))?;
         }
         if self.files.iter().filter(|file| is_standard_input(file)).count() > 1 {
             return Err(Failure::bad_input(
@@ -394,10 +361,8 @@ impl ViewArgs {
     /// Returns the error for several files without `--compare`. It has its own advice if the name of a picture
     /// follows `--png` or `--svg`, where that name counts as an input file.
     fn several_files(&self) -> Failure {
-        let picture = self
-            .files
-            .iter()
-            .find(|file| [ViewFormat::Svg, ViewFormat::Png, ViewFormat::Pdf].iter().any(|it| ends_in(file, *it)));
+        let is_picture = |file: &&PathBuf| OutputFormat::of(file, &OutputFormat::DRAWINGS).is_ok_and(|it| it.is_some());
+        let picture = self.files.iter().find(is_picture);
         match picture {
             Some(file) => Failure::bad_input(format!(
                 "{} is taken for a second plan or run log: to write a picture to this file, give -o {0}",
@@ -423,10 +388,6 @@ impl ViewArgs {
         name.push(self.format().ending());
         Ok(self.files.first().map_or_else(PathBuf::new, |first| first.with_file_name(name)))
     }
-}
-
-fn ends_in(file: &Path, format: ViewFormat) -> bool {
-    file.extension().is_some_and(|ending| ending.eq_ignore_ascii_case(format.ending()))
 }
 
 /// Returns the names of files: their file names, or their whole paths if file names are the same.

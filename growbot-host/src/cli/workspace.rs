@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::atomic_file::{format_from_extension, refuse_inputs};
+use growbot_client::atomic_file::refuse_inputs;
 use growbot_client::plan_file::PoseJson;
 use growbot_client::pose_text::{parse_pose, pose_of_numbers};
 use growbot_client::sanitize::json_line;
@@ -13,10 +13,9 @@ use growbot_core::robot::Robot;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_host::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, svg, workspace};
-use growbot_pictures::drawing::pdf::svg_to_pdf;
-use growbot_pictures::drawing::png::png;
 use serde_json::{Value, json};
 
+use super::output_format::OutputFormat;
 use super::scene_options::margin_mm;
 use super::search::{PlannerName, START};
 use super::units::{deg, mm};
@@ -95,8 +94,6 @@ Examples:
   growbot workspace --robot growbot-b --length 20000 --json
   growbot workspace --length 800 --scene room.toml -o goals.csv";
 
-/// Extensions of pictures.
-const FORMATS: [&str; 3] = ["svg", "png", "pdf"];
 /// Width of a PNG, pixels.
 const WIDTH: u32 = 1760;
 
@@ -124,7 +121,9 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
         if args.json && is_standard_output(output) {
             return Err(Failure::bad_input("-o - and --json both go to standard output: remove one of them"));
         }
-        format_from_extension(output, if args.scene.is_some() { &["csv"] } else { &FORMATS })?;
+        let formats: &[OutputFormat] =
+            if args.scene.is_some() { &[OutputFormat::Csv] } else { &OutputFormat::DRAWINGS };
+        OutputFormat::of(output, formats)?;
         refuse_inputs(output)?;
     }
     let question = WorkspaceQuery {
@@ -156,11 +155,8 @@ fn draw(args: &WorkspaceArgs, question: &WorkspaceQuery) -> Result<(), Failure> 
     let answer = answer?;
     if let Some(path) = &args.output {
         let svg = svg(question, &answer);
-        let bytes = match format_from_extension(path, &FORMATS)? {
-            Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
-            Some("pdf") => svg_to_pdf(&svg).map_err(Failure::bad_input)?,
-            _ => svg.into_bytes(),
-        };
+        let format = OutputFormat::of(path, &OutputFormat::DRAWINGS)?.unwrap_or(OutputFormat::Svg);
+        let bytes = format.drawn(svg, WIDTH)?;
         if !write_to(path, &bytes)? {
             return Ok(());
         }

@@ -2,12 +2,9 @@
 
 use std::path::Path;
 
-use clap::ValueEnum;
-use growbot_client::atomic_file::{format_from_extension, write_atomic};
+use growbot_client::atomic_file::write_atomic;
 use growbot_client::run_log::BodyKind;
 use growbot_host::output::is_standard_output;
-use growbot_pictures::drawing::pdf::svg_to_pdf;
-use growbot_pictures::drawing::png::png;
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
@@ -16,59 +13,51 @@ use growbot_pictures::view::picture::{self, PictureOptions};
 use growbot_pictures::view::{Subject, page};
 
 use super::super::Failure;
+use super::super::output_format::OutputFormat;
 
-/// File formats of a body.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum BodyFormat {
-    Csv,
-    Stl,
-    Glb,
-    Html,
-    Svg,
-    Png,
-    Pdf,
-}
-
-/// All extensions of `-o`.
-const ENDINGS: [&str; 8] = ["csv", "stl", "glb", "html", "svg", "png", "pdf", "json"];
+/// All formats of `-o`.
+const FORMATS: [OutputFormat; 8] = [
+    OutputFormat::Csv,
+    OutputFormat::Stl,
+    OutputFormat::Glb,
+    OutputFormat::Html,
+    OutputFormat::Svg,
+    OutputFormat::Png,
+    OutputFormat::Pdf,
+    OutputFormat::Json,
+];
 /// Resolution of a mesh: number of chords around the wall, and number of layers for each ring of vertices.
 const RESOLUTION: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
-/// Width of a PNG, pixels.
-const WIDTH: u32 = 1600;
-
-impl BodyFormat {
-    /// Returns the format of a body's file by its extension. `None` for `.json`, which is for the result, and for
-    /// standard output.
-    pub fn of(file: &Path) -> Result<Option<Self>, Failure> {
-        match format_from_extension(file, &ENDINGS)? {
-            // All extensions but that of the result are formats of bodies.
-            Some(ending) => Ok(Self::from_str(ending, true).ok()),
-            None if is_standard_output(file) => Ok(None),
-            None => Err(Failure::bad_input(format!(
-                "unknown format of {}: end the name in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for \
-                 the result",
-                file.display()
-            ))),
-        }
+/// Returns the format of a body's file by its extension. `None` for `.json`, which is for the result, and for standard
+/// output.
+pub fn format_of(file: &Path) -> Result<Option<OutputFormat>, Failure> {
+    match OutputFormat::of(file, &FORMATS)? {
+        Some(format) => Ok(Some(format).filter(|format| *format != OutputFormat::Json)),
+        None if is_standard_output(file) => Ok(None),
+        None => Err(Failure::bad_input(format!(
+            "unknown format of {}: end the name in .csv, .stl, .glb, .html, .svg, .png or .pdf, or in .json for the \
+             result",
+            file.display()
+        ))),
     }
 }
 
 /// Writes the body that was laid.
-pub fn write(file: &Path, format: BodyFormat, subject: &Subject) -> Result<(), Failure> {
+pub fn write(file: &Path, format: OutputFormat, subject: &Subject) -> Result<(), Failure> {
     let kind = BodyKind::Laid.name();
     let laid = subject.laid.map_or(&[][..], |laid| laid.layers);
     let body = || ExportedBody::laid(subject.robot, &subject.plan.start, laid);
-    let picture = || picture::svg(&[subject], &PictureOptions::default()).map_err(Failure::bad_input);
     let bytes = match format {
-        BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
-        BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
-        BodyFormat::Glb => {
+        OutputFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
+        OutputFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
+        OutputFormat::Glb => {
             glb::write(&[(kind, &body())], scene_view(subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
         }
-        BodyFormat::Html => page::render(subject).map_err(Failure::bad_input)?.into_bytes(),
-        BodyFormat::Svg => picture()?.into_bytes(),
-        BodyFormat::Pdf => svg_to_pdf(&picture()?).map_err(Failure::bad_input)?,
-        BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
+        OutputFormat::Html => page::render(subject).map_err(Failure::bad_input)?.into_bytes(),
+        _ => {
+            let picture = picture::svg(&[subject], &PictureOptions::default()).map_err(Failure::bad_input)?;
+            format.drawn(picture, OutputFormat::PNG_WIDTH)?
+        }
     };
     write_atomic(file, &bytes)?;
     growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());

@@ -23,13 +23,13 @@ use growbot_pictures::view::{SimulatedBody, Subject};
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use self::body_file::BodyFormat;
 use self::disturbances::DisturbanceReport;
 use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
 use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::opened::Opened;
+use super::output_format::OutputFormat;
 use super::plan_source::PlanSourceArgs;
 use super::units::mm;
 
@@ -223,9 +223,9 @@ impl SimulateArgs {
 
     /// Returns the format of the body in the output file. `None` if the output file is for the result, or without an
     /// output file.
-    fn body_format(&self) -> Result<Option<BodyFormat>, Failure> {
+    fn body_format(&self) -> Result<Option<OutputFormat>, Failure> {
         let Some(file) = &self.output else { return Ok(None) };
-        let format = BodyFormat::of(file)?;
+        let format = body_file::format_of(file)?;
         refuse_inputs(file)?;
         match format {
             Some(_) if self.repeat.is_some() => Err(Failure::bad_input(
