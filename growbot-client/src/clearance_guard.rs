@@ -366,13 +366,11 @@ impl<'a> ClearanceGuard<'a> {
 
 /// Returns the segment that a robot with these systematic errors lays for a commanded layer.
 fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
-    let length = layer.height * (1.0 + systematic.growth);
-    let bend = layer.tilt * (1.0 + systematic.tilt);
-    if bend > 0.0 {
-        Segment::Arc { alpha: wrap_positive(layer.alpha + systematic.alpha), bend, length }
-    } else {
-        Segment::Straight { length }
-    }
+    scene_planning::segment(&Layer {
+        alpha: wrap_positive(layer.alpha + systematic.alpha),
+        height: layer.height * (1.0 + systematic.growth),
+        tilt: layer.tilt * (1.0 + systematic.tilt),
+    })
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::job::job_layers;
+use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::path::{self, Segment};
 use growbot_core::plan::{PlanError, Planner};
@@ -286,7 +287,12 @@ pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
         return path.to_vec();
     }
     let layers = job_layers(path, robot).map(|bytes| decode(&bytes));
-    layers.map(|layer| Segment::Arc { alpha: layer.alpha, bend: layer.tilt, length: layer.height }).collect()
+    layers.map(|layer| segment(&layer)).collect()
+}
+
+/// Returns the centreline of a layer as a segment.
+pub fn segment(&Layer { alpha, height: length, tilt: bend }: &Layer) -> Segment {
+    if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } }
 }
 
 /// Returns the proven clearance between the outside of a plan's tube and a scene, mm. [`MAX_CLEARANCE`] in an empty

@@ -7,6 +7,7 @@
 //! - `side_by_side`: the numbers of two bodies
 //! - [`picture`]: an SVG for papers
 //! - [`plot`]: layers, error and temperature along a body
+//! - `centreline`: points along a body
 //! - `self_clearance`: the clearance of the wall from itself
 //! - `scene_view`: the scene around a body
 //! - growbot-pictures/viewer/: the page itself and its script, which is bundled there at development time
@@ -22,6 +23,7 @@
 //! colours, the scale and the squares of the floor. Each turns about its own middle. A body can be replaced by a longer
 //! one while the view stays.
 
+mod centreline;
 pub(crate) mod heights;
 mod info_panel;
 pub mod page;
@@ -33,6 +35,7 @@ mod self_clearance;
 mod side_by_side;
 
 use std::ffi::OsStr;
+use std::iter::once;
 use std::path::Path;
 
 use growbot_client::growth::Job;
@@ -40,21 +43,18 @@ use growbot_client::plan::Plan;
 use growbot_client::plan_file::pose_from_json;
 use growbot_client::run_log::{BodyKind, RecordedRun};
 use growbot_core::job::job_layers;
-use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
+use centreline::polyline;
 pub use scene_view::SceneView;
 
 /// Greatest number of layers of a body that a view shows: some 150 m. Browsers fail with longer bodies.
 pub const MAX_LAYERS: usize = 200_000;
-
-/// Greatest number of points of a line next to a body.
-const MAX_POLYLINE_POINTS: usize = 500;
 
 /// Reason why a view cannot be made.
 #[derive(Debug, thiserror::Error)]
@@ -144,29 +144,19 @@ impl Subject<'_> {
         })
     }
 
-    /// Returns the path that the tip would have taken without errors, mm: the start and up to [`MAX_POLYLINE_POINTS`]
-    /// further points. Returns `None` unless the tip is simulated, so that its plastic is known to lie otherwise.
+    /// Returns points of the path that the tip would have taken without errors, mm. Returns `None` unless the tip is
+    /// simulated, so that its plastic is known to lie otherwise.
     fn commanded(&self, layers: &Layers) -> Option<Vec<Vector3<f64>>> {
         let commanded = layers.commanded.as_ref()?;
-        let mut tip = self.plan.start.frame();
-        let path = commanded.iter().map(|layer| {
-            tip = advance(&tip, &decode(layer).step());
-            tip.translation.vector
-        });
-        let path: Vec<Vector3<f64>> = path.collect();
-        let stride = path.len().div_ceil(MAX_POLYLINE_POINTS).max(1);
-        let places = path.chunks(stride).filter_map(<[_]>::last).copied();
-        Some([self.plan.start.position()].into_iter().chain(places).collect())
+        Some(polyline(&centreline::points(&self.plan.start.frame(), commanded)))
     }
 
-    /// Returns up to [`MAX_POLYLINE_POINTS`] points of the tip's path as feedback estimated it, mm, after the start.
-    /// Returns `None` without feedback.
+    /// Returns points of the tip's path as feedback estimated it, mm. Returns `None` without feedback.
     fn estimated(&self) -> Option<Vec<Vector3<f64>>> {
         let Self { robot, plan, .. } = self;
         let path = self.run?.estimated(&Job::of_plan(robot, plan), plan)?;
-        let stride = path.len().div_ceil(MAX_POLYLINE_POINTS).max(1);
-        let places = path.chunks(stride).filter_map(<[Frame]>::last).map(|frame| frame.translation.vector);
-        Some([plan.start.position()].into_iter().chain(places).collect())
+        let points = path.iter().map(|frame| frame.translation.vector);
+        Some(polyline(&once(plan.start.position()).chain(points).collect::<Vec<_>>()))
     }
 }
 

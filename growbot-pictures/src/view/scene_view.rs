@@ -1,16 +1,15 @@
 //! The scene around a body: the part of the scene that is shown, and the point where the body is nearest to an
 //! obstacle.
 
-use growbot_client::scene_planning;
-use growbot_core::kinematics::advance;
-use growbot_core::layer::Layer;
+use growbot_client::scene_planning::{laid, segment};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::Segment;
 use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
 use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
 use nalgebra::Vector3;
 
-use super::{Layers, MAX_POLYLINE_POINTS, NamedScene, Subject, ViewError};
+use super::centreline::{self, polyline};
+use super::{Layers, NamedScene, Subject, ViewError};
 
 /// The part of a scene that is shown around a body.
 #[derive(Debug, Clone)]
@@ -37,18 +36,10 @@ impl SceneView {
     pub(super) fn of(subject: &Subject, layers: &Layers, limits: &SelectionLimits) -> Option<Self> {
         let NamedScene { file, scene } = subject.scene?;
         let start = subject.plan.start.frame();
-        let stride = layers.body().len().div_ceil(MAX_POLYLINE_POINTS).max(1);
-        let mut tip = start;
-        let mut places = vec![tip.translation.vector];
-        for stretch in layers.body().chunks(stride) {
-            for layer in stretch {
-                tip = advance(&tip, &decode(layer).step());
-            }
-            places.push(tip.translation.vector);
-        }
+        let places = polyline(&centreline::points(&start, layers.body()));
         let planned = &subject.plan.path;
         let path = if layers.built.is_none() && !planned.is_empty() {
-            scene_planning::laid(planned, subject.robot)
+            laid(planned, subject.robot)
         } else {
             path(layers.body())
         };
@@ -78,11 +69,7 @@ impl SceneView {
 
 /// Returns the path that consists of these layers, each as an arc or a line.
 fn path(layers: &[LayerBytes]) -> Vec<Segment> {
-    let layers = layers.iter().map(decode).filter(|layer| layer.height > 0.0);
-    let segment = |Layer { alpha, height: length, tilt: bend }| {
-        if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } }
-    };
-    layers.map(segment).collect()
+    layers.iter().map(decode).filter(|layer| layer.height > 0.0).map(|layer| segment(&layer)).collect()
 }
 
 /// Returns a point rounded to hundredths of a mm, as in the page's data.

@@ -6,12 +6,13 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use growbot_core::kinematics::advance;
-use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::pose::Frame;
 use nalgebra::Vector3;
 
-/// Greatest number of points of the body that are examined. A body of 1 m has about one point per millimetre.
+use super::centreline::{points_along, thinned};
+
+/// Greatest number of points of the body that are examined, without the first. A body of 1 m has about one point per millimetre.
 const MAX_POINTS: usize = 1500;
 
 /// Returns the least distance (mm) between two walls where one part of a tube passes another part. `diameter` is that
@@ -19,17 +20,7 @@ const MAX_POINTS: usize = 1500;
 /// another. Because only some points of the centreline are examined, the result for a body of `L` mm may be too great
 /// by about `(L / 1500)^2 / D` mm, where `D` is the diameter.
 pub fn self_clearance(start: &Frame, layers: &[LayerBytes], diameter: f64) -> Option<f64> {
-    let stride = layers.len().div_ceil(MAX_POINTS).max(1);
-    let (mut base_from_tip, mut length) = (*start, 0.0);
-    let mut points = vec![(base_from_tip.translation.vector, length)];
-    for (index, bytes) in layers.iter().enumerate() {
-        let layer = decode(bytes);
-        base_from_tip = advance(&base_from_tip, &layer.step());
-        length += layer.height;
-        if (index + 1) % stride == 0 || index + 1 == layers.len() {
-            points.push((base_from_tip.translation.vector, length));
-        }
-    }
+    let points = thinned(&points_along(start, layers), MAX_POINTS);
     nearest_pass(&points, FRAC_PI_2 * diameter).map(|distance| distance - diameter)
 }
 

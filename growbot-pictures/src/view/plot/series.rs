@@ -4,11 +4,11 @@ use growbot_client::plan::Plan;
 use growbot_client::run_clock::{RunClock, events, time_for};
 use growbot_client::run_log::RunEvent;
 use growbot_core::angle::degrees;
-use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
-use nalgebra::Vector3;
+
+use crate::view::centreline::points_along;
 
 /// Values of the layers of a body. Each value belongs to the end of its layer.
 pub struct LayerSeries {
@@ -38,30 +38,18 @@ impl LayerSeries {
 /// Returns the distance between the points of a body and of the planned body at the same length, after each layer of
 /// the body, mm.
 pub fn deviation_from_plan(start: &Frame, built: &[LayerBytes], planned: &[LayerBytes]) -> Vec<f64> {
-    let planned = centreline(start, planned);
+    let planned = points_along(start, planned);
     let mut near = 0;
-    let off = centreline(start, built).into_iter().skip(1).map(|(length, point)| {
-        while planned.get(near + 1).is_some_and(|(next, _)| *next < length) {
+    let off = points_along(start, built).into_iter().skip(1).map(|(point, length)| {
+        while planned.get(near + 1).is_some_and(|(_, next)| *next < length) {
             near += 1;
         }
-        let Some((from, at)) = planned.get(near) else { return 0.0 };
-        let Some((to, ahead)) = planned.get(near + 1) else { return (point - at).norm() };
+        let Some((at, from)) = planned.get(near) else { return 0.0 };
+        let Some((ahead, to)) = planned.get(near + 1) else { return (point - at).norm() };
         let share = if to > from { ((length - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
         (point - at.lerp(ahead, share)).norm()
     });
     off.collect()
-}
-
-/// Returns the length of a body and the position of its tip, at the start and after each layer, mm.
-fn centreline(start: &Frame, layers: &[LayerBytes]) -> Vec<(f64, Vector3<f64>)> {
-    let (mut base_from_tip, mut length) = (*start, 0.0);
-    let mut points = vec![(length, base_from_tip.translation.vector)];
-    for layer in layers.iter().map(decode) {
-        base_from_tip = advance(&base_from_tip, &layer.step());
-        length += layer.height;
-        points.push((length, base_from_tip.translation.vector));
-    }
-    points
 }
 
 /// Times of layers and readings, s.

@@ -2,6 +2,7 @@
 
 use std::iter::once;
 
+use growbot_client::plan_deviation::centreline;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
 
@@ -28,12 +29,7 @@ impl TrackedBody {
     /// Creates a body without layers. `planned` is empty if the console does not know the plan.
     pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
         let tip = start.frame();
-        let mut reached = tip;
-        let rest = planned.iter().map(|layer| {
-            reached = grow(&reached, once(*layer));
-            point(&reached)
-        });
-        let planned_points = once(point(&tip)).chain(rest).collect();
+        let planned_points = centreline(&tip, planned.iter().copied()).into_iter().map(Into::into).collect();
         Self {
             plan_id,
             planned,
