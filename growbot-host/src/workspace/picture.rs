@@ -5,7 +5,8 @@ use std::fmt::Write;
 use growbot_core::angle::degrees;
 
 use super::{Workspace, WorkspaceQuery, WorkspaceSection};
-use growbot_pictures::drawing::chart::round_step;
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{number, round_step};
 use growbot_pictures::drawing::colours::{VIRIDIS, colour};
 
 /// Width and height of the picture, pixels.
@@ -22,35 +23,28 @@ const BLUES: [[u8; 3]; 5] = [[247, 251, 255], [198, 219, 239], [107, 174, 214], 
 /// Number of steps in the colour scale of shares.
 const SHARE_STEPS: usize = 10;
 
-const STYLE: &str = "text{font-family:Inter,system-ui,'Segoe UI','DejaVu Sans',sans-serif;font-size:13px;fill:#1c2430}\
-.title{font-size:18px;font-weight:600}.note{font-size:12px;fill:#4a5565}.mid{text-anchor:middle}.end{text-anchor:end}\
-.axis{stroke:#1c2430;stroke-width:1;fill:none}.grid{stroke:#1c2430;stroke-opacity:.12;fill:none}\
-.line{stroke:#fff;stroke-opacity:.75;stroke-width:.8;fill:none}\
-.edge{stroke:#1c2430;stroke-width:1.6;fill:none;stroke-linejoin:round;stroke-linecap:round}\
-.ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
-.tube{fill:#e8590c;stroke:#fff;stroke-width:1}.way{stroke:#e8590c;stroke-width:2;fill:none}";
+const STYLE: &str = ".gc .line{stroke:#fff;stroke-opacity:.75;stroke-width:.8;fill:none}\
+.gc .edge{stroke:#1c2430;stroke-width:1.6;fill:none;stroke-linejoin:round;stroke-linecap:round}\
+.gc .ball{stroke:#1c2430;stroke-opacity:.45;stroke-dasharray:5 5;fill:none}\
+.gc .tube{fill:#e8590c;stroke:#fff;stroke-width:1}.gc .way{stroke:#e8590c;stroke-width:2;fill:none}";
 
 /// Returns the picture as SVG. The right half shows the length of the shortest body to each position, the left half
 /// the share of final directions. With a given final direction, both halves show lengths.
 pub fn svg(question: &WorkspaceQuery, workspace: &Workspace) -> String {
     let (width, height) = SIZE;
-    let mut svg = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" \
-         height=\"{height}\" role=\"img\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
-         <rect width=\"{width}\" height=\"{height}\" rx=\"8\" fill=\"#fff\"/>\n",
-        title(question)
-    );
+    let mut canvas = Canvas::new(width, height, &title(question));
+    canvas.add(format_args!("<style>{STYLE}</style>"));
     let plot = Plot { scale: SQUARE / (2.0 * question.length), length: question.length };
-    plot.texts(&mut svg, question);
+    plot.texts(&mut canvas, question);
     if let Some(shares) = &workspace.share_section {
-        plot.shares(&mut svg, shares);
+        plot.shares(&mut canvas, shares);
     }
     if let Some(lengths) = &workspace.section {
-        plot.lengths(&mut svg, lengths);
+        plot.lengths(&mut canvas, lengths);
     }
-    plot.axes(&mut svg, question);
-    plot.legend(&mut svg, workspace.share_section.is_some());
-    svg + "</svg>\n"
+    plot.axes(&mut canvas, question);
+    plot.legend(&mut canvas, workspace.share_section.is_some());
+    canvas.finish()
 }
 
 fn title(question: &WorkspaceQuery) -> String {
@@ -91,14 +85,13 @@ impl Plot {
     }
 
     /// Draws filled contours, the widest first, and the lines between them.
-    fn lengths(&self, svg: &mut String, section: &WorkspaceSection) {
+    fn lengths(&self, canvas: &mut Canvas, section: &WorkspaceSection) {
         let levels = self.levels();
         for (index, level) in levels.iter().enumerate().rev() {
             let (area, line) = self.contour(section, *level);
             let class = if index + 1 == levels.len() { "edge" } else { "line" };
             let fill = self.level_colour(index, levels.len());
-            // Writing to a String cannot fail.
-            let _ = writeln!(svg, "<path fill=\"{fill}\" d=\"{area}\"/>\n<path class=\"{class}\" d=\"{line}\"/>");
+            canvas.add(format_args!("<path fill=\"{fill}\" d=\"{area}\"/>\n<path class=\"{class}\" d=\"{line}\"/>"));
         }
     }
 
@@ -108,6 +101,7 @@ impl Plot {
         let polygon = |text: &mut String, points: &[(f64, f64)], close: &str| {
             for (index, (lateral, axial)) in points.iter().enumerate() {
                 let (x, y) = self.place(*lateral, *axial);
+                // Writing to a String cannot fail.
                 let _ = write!(text, "{}{x:.1} {y:.1}", if index == 0 { "M" } else { "L" });
             }
             text.push_str(close);
@@ -145,8 +139,8 @@ impl Plot {
     }
 
     /// Draws the shares as squares, mirrored to the left. Neighbours of one colour form one rectangle.
-    fn shares(&self, svg: &mut String, shares: &WorkspaceSection) {
-        svg.push_str("<g shape-rendering=\"crispEdges\">\n");
+    fn shares(&self, canvas: &mut Canvas, shares: &WorkspaceSection) {
+        canvas.add("<g shape-rendering=\"crispEdges\">");
         let half = 0.5 * shares.spacing;
         for row in 0..shares.rows() {
             let mut cells = (0..shares.columns).filter_map(|column| shares.at(row, column)).peekable();
@@ -166,14 +160,13 @@ impl Plot {
                     .map(|(x, y)| (x.round(), y.round()));
                 let (width, height) = (right - x, bottom - y);
                 let fill = colour(&BLUES, share_step(share));
-                let _ =
-                    writeln!(svg, "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" fill=\"{fill}\"/>");
+                rectangle(canvas, [x, y, width, height], &fill);
             }
         }
-        svg.push_str("</g>\n");
+        canvas.add("</g>");
     }
 
-    fn texts(&self, svg: &mut String, question: &WorkspaceQuery) {
+    fn texts(&self, canvas: &mut Canvas, question: &WorkspaceQuery) {
         let [x, y, z, heading, pitch] = question.start.to_degrees().map(|number| (number * 1e3).round() / 1e3 + 0.0);
         let notes = match question.direction {
             None => [
@@ -198,13 +191,13 @@ impl Plot {
             ],
         };
         let left = CORNER.0;
-        let _ = writeln!(svg, "<text class=\"title\" x=\"{left}\" y=\"36\">{}</text>", title(question));
+        canvas.text(left, 36.0, "title", title(question));
         for (line, note) in notes.iter().enumerate() {
-            let _ = writeln!(svg, "<text class=\"note\" x=\"{left}\" y=\"{}\">{note}</text>", 58 + 18 * line);
+            canvas.text(left, 58.0 + 18.0 * line as f64, "note", note);
         }
     }
 
-    fn axes(&self, svg: &mut String, question: &WorkspaceQuery) {
+    fn axes(&self, canvas: &mut Canvas, question: &WorkspaceQuery) {
         let (left, top) = CORNER;
         let (right, bottom) = (left + SQUARE, top + SQUARE);
         let step = round_step(2.0 * self.length, 10.0);
@@ -213,92 +206,75 @@ impl Plot {
             let at = step * f64::from(i);
             let (x, y) = self.place(at, at);
             let across = if question.direction.is_none() { at.abs() } else { at };
-            let _ = writeln!(
-                svg,
-                "<path class=\"grid\" d=\"M{x:.1} {top}V{bottom}M{left} {y:.1}H{right}\"/>\
-                 <text class=\"mid\" x=\"{x:.1}\" y=\"{:.1}\">{across}</text>\
-                 <text class=\"end\" x=\"{:.1}\" y=\"{:.1}\">{at}</text>",
-                bottom + 19.0,
-                left - 8.0,
-                y + 4.5
-            );
+            canvas.add(format_args!("<path class=\"grid\" d=\"M{x:.1} {top}V{bottom}M{left} {y:.1}H{right}\"/>"));
+            canvas.text(x, bottom + 19.0, "mid", number(across));
+            canvas.text(left - 8.0, y + 4.5, "end", number(at));
         }
         let (x, y) = self.place(0.0, 0.0);
         let (middle_x, middle_y) = (left + SQUARE / 2.0, top + SQUARE / 2.0);
         let lateral = if question.direction.is_none() { "lateral, mm" } else { "along the start&#8217;s x axis, mm" };
-        let _ = writeln!(
-            svg,
-            "<circle class=\"ball\" cx=\"{x}\" cy=\"{y}\" r=\"{}\"/>\n\
-             <rect class=\"axis\" x=\"{left}\" y=\"{top}\" width=\"{SQUARE}\" height=\"{SQUARE}\"/>\n\
-             <text class=\"mid\" x=\"{middle_x}\" y=\"{}\">{lateral}</text>\n\
-             <text class=\"mid\" transform=\"translate({} {middle_y}) rotate(-90)\">axial, mm</text>",
-            SQUARE / 2.0,
-            bottom + 42.0,
+        canvas.add(format_args!("<circle class=\"ball\" cx=\"{x}\" cy=\"{y}\" r=\"{}\"/>", SQUARE / 2.0));
+        let square = format_args!("x=\"{left}\" y=\"{top}\" width=\"{SQUARE}\" height=\"{SQUARE}\"");
+        canvas.add(format_args!("<rect class=\"axis\" {square}/>"));
+        canvas.text(middle_x, bottom + 42.0, "mid", lateral);
+        canvas.add(format_args!(
+            "<text class=\"mid\" transform=\"translate({} {middle_y}) rotate(-90)\">axial, mm</text>",
             left - 56.0
-        );
+        ));
         if question.direction.is_none() {
-            let _ = writeln!(svg, "<path class=\"axis\" d=\"M{x} {top}V{bottom}\"/>");
+            canvas.add(format_args!("<path class=\"axis\" d=\"M{x} {top}V{bottom}\"/>"));
         }
         // The robot is drawn as the tube at the start and an arrow in the direction of growth.
         let wide = (question.robot.outer_diameter() * self.scale).max(7.0);
         let long = 1.4 * wide;
-        let _ = writeln!(
-            svg,
+        canvas.add(format_args!(
             "<path class=\"way\" d=\"M{x} {y}v{:.1}m-5 7l5 -8l5 8\"/>\
              <rect class=\"tube\" x=\"{:.1}\" y=\"{y}\" width=\"{wide:.1}\" height=\"{long:.1}\" rx=\"2\"/>",
             -1.3 * wide - 12.0,
             x - wide / 2.0
-        );
+        ));
     }
 
-    fn legend(&self, svg: &mut String, with_shares: bool) {
+    fn legend(&self, canvas: &mut Canvas, with_shares: bool) {
         let levels = self.levels();
         let (top, bar) = (CORNER.1 + 28.0, 24.0);
+        let labels = LEGEND + bar + 8.0;
         let tall = if with_shares { 250.0 } else { 420.0 };
-        let _ = writeln!(svg, "<text x=\"{LEGEND}\" y=\"{}\">body, mm</text>", top - 14.0);
+        canvas.text(LEGEND, top - 14.0, "", "body, mm");
         // The scale of lengths: the height of each band is proportional to its range.
         let mut below = 0.0;
         for (index, level) in levels.iter().enumerate() {
             let (y, height) = (top + tall * (1.0 - level / self.length), tall * (level - below) / self.length);
-            let _ = writeln!(
-                svg,
-                "<rect x=\"{LEGEND}\" y=\"{y:.1}\" width=\"{bar}\" height=\"{height:.1}\" fill=\"{}\"/>",
-                self.level_colour(index, levels.len())
-            );
+            rectangle(canvas, [LEGEND, y, bar, height], &self.level_colour(index, levels.len()));
             // The last step may be too short for a label next to the one above it.
             if index + 1 == levels.len() || tall * (self.length - level) / self.length > 15.0 {
-                let rounded = (level * 10.0).round() / 10.0;
-                let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">{rounded}</text>", LEGEND + bar + 8.0, y + 4.5);
+                canvas.text(labels, y + 4.5, "", (level * 10.0).round() / 10.0);
             }
             below = *level;
         }
-        let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">0</text>", LEGEND + bar + 8.0, top + tall + 4.5);
+        canvas.text(labels, top + tall + 4.5, "", 0);
         if !with_shares {
             return;
         }
         let (top, tall) = (top + tall + 68.0, 200.0);
-        let _ = writeln!(svg, "<text x=\"{LEGEND}\" y=\"{}\">directions, %</text>", top - 14.0);
+        canvas.text(LEGEND, top - 14.0, "", "directions, %");
         for step in 0..SHARE_STEPS {
             let height = tall / SHARE_STEPS as f64;
             let y = top + tall - height * (step + 1) as f64;
             let fill = colour(&BLUES, share_step((step as f64 + 0.5) / SHARE_STEPS as f64));
-            let _ = writeln!(
-                svg,
-                "<rect x=\"{LEGEND}\" y=\"{y:.1}\" width=\"{bar}\" height=\"{height:.1}\" fill=\"{fill}\"/>"
-            );
+            rectangle(canvas, [LEGEND, y, bar, height], &fill);
             if step % 2 == 1 {
-                let percent = 100 * (step + 1) / SHARE_STEPS;
-                let _ = writeln!(svg, "<text x=\"{}\" y=\"{:.1}\">{percent}</text>", LEGEND + bar + 8.0, y + 4.5);
+                canvas.text(labels, y + 4.5, "", 100 * (step + 1) / SHARE_STEPS);
             }
         }
-        let _ = writeln!(
-            svg,
-            "<text x=\"{}\" y=\"{:.1}\">0</text>\
-             <rect class=\"grid\" x=\"{LEGEND}\" y=\"{top}\" width=\"{bar}\" height=\"{tall}\"/>",
-            LEGEND + bar + 8.0,
-            top + tall + 4.5
-        );
+        canvas.text(labels, top + tall + 4.5, "", 0);
+        canvas.add(format_args!("<rect class=\"grid\" x=\"{LEGEND}\" y=\"{top}\" width=\"{bar}\" height=\"{tall}\"/>"));
     }
+}
+
+/// Draws a filled rectangle. `[x, y, width, height]` are in pixels.
+fn rectangle(canvas: &mut Canvas, [x, y, width, height]: [f64; 4], fill: &str) {
+    canvas.add(format_args!("<rect x=\"{x}\" y=\"{y:.1}\" width=\"{width}\" height=\"{height:.1}\" fill=\"{fill}\"/>"));
 }
 
 /// Returns the upper end of the step of the scale that contains a share.
