@@ -35,6 +35,7 @@ pub mod robot_questions;
 pub mod schema;
 pub mod serve;
 pub mod settings;
+mod settings_paths;
 pub mod sim_process;
 pub mod via_csv;
 pub mod watch;

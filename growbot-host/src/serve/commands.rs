@@ -7,7 +7,8 @@ use growbot_client::stop_signal::{Permit, StopLevel};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::robot_worker::{RobotRequest, RobotWorker};
+use super::robot_request::RobotRequest;
+use super::robot_worker::RobotWorker;
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);

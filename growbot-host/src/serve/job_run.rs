@@ -23,10 +23,10 @@ use growbot_sim::ground_truth::grow_with_ground_truth;
 use time::OffsetDateTime;
 
 use super::connector::BoardConnection;
-use super::job_history::end_reason;
-use super::job_store::{Job, JobState};
+use super::job::{Job, JobState, end_reason};
 use super::notification::NotificationEvent;
-use super::robot_worker::{LinkState, NewJob, RobotWorker};
+use super::robot_request::NewJob;
+use super::robot_worker::{LinkState, RobotWorker};
 use super::stopper::Reply;
 use crate::watch::LiveGrowth;
 

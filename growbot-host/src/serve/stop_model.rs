@@ -17,19 +17,23 @@ use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
 
-use super::api::Access;
+use super::access::Access;
 use super::audit::{Audit, CommandSource};
 use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
 use super::grow_request::GrowRequest;
+use super::job::{Job, JobState};
 use super::job_routes::{Order, make_job, new_job};
-use super::job_store::{Job, JobState, JobStore};
+use super::job_store::JobStore;
 use super::json_body::JsonBody;
 use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
-use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
-use super::{Service, ServiceContext, ServicePaths};
+use super::paths::ServicePaths;
+use super::robot_request::{Claim, NewJob, RobotRequest};
+use super::robot_worker::RobotWorker;
+use super::service::Service;
+use super::service_context::ServiceContext;
 
 /// Number of test cases that run at the same time.
 const PARALLEL: usize = 96;
@@ -307,7 +311,7 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
     let jobs = JobStore::open(&places).unwrap();
     let (notifier, _) = Notifier::new(notify, &places).unwrap();
     let shared = Arc::new(ServiceContext {
-        job_writer: Mutex::new(jobs),
+        job_writer: Arc::new(Mutex::new(jobs)),
         job_reader: Mutex::new(JobStore::open_to_read(&places).unwrap()),
         audit: Audit::open(&places.audit()).unwrap(),
         notifier,

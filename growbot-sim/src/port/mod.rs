@@ -1,6 +1,7 @@
 //! Ports to robots: in this process (`sim`), in an emulator (`emulator`, `rp2040`), over TCP or over a serial line.
 
 pub mod debugger;
+mod emulated_tip;
 pub mod emulator;
 mod open_error;
 pub mod paced;
