@@ -11,7 +11,8 @@
 //! - [`port`]: the serial or TCP connection to a board; [`client`]: requests to the board and their responses;
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
 //! - [`growth`]: one growth from the first layer to the last; [`feedback`]: new plans of the remaining layers from
-//!   measurements; [`arrival`]: the errors of the tip at the goal;
+//!   measurements; [`arrival`]: the errors of the tip at the goal; [`ground_truth`]: the body that a simulated tip has
+//!   really laid;
 //! - [`maintenance`]: presets of materials, and maintenance commands;
 //! - [`run_log`]: the log of a growth, with its events and its result; [`run_clock`]: the time since a growth began;
 //!   [`forecast`]: the expected finish time of a growth;
@@ -31,6 +32,7 @@ pub mod crash;
 pub mod degrees;
 pub mod feedback;
 pub mod forecast;
+pub mod ground_truth;
 pub mod growth;
 pub mod input;
 pub mod maintenance;

@@ -151,7 +151,7 @@ fn invalid_requests_are_refused_before_the_job() {
         (vec!["--noise", "95"], "the value is 95 percent: give 0 to 90"),
         (
             vec!["--bias", "2", "--port", "tcp:localhost:1"],
-            "its tip is not simulated: remove the noise and bias options",
+            "the robot is not simulated: remove the noise and bias options",
         ),
         (vec!["--odometry-noise", "2", "--port", "tcp:localhost:1"], "add --feedback"),
         (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has no sensor that measures layers"),

@@ -115,7 +115,7 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     assert!(code == Some(1) && answer.contains("has an active job"), "{answer}");
     assert_eq!(lab.run(&["pause"]).0, Some(0));
     let paused = state("paused");
-    assert!(paused["pause_cause"] == "on request" && paused["laid"].as_u64() > Some(0), "{paused}");
+    assert!(paused["pause_cause"] == "requested" && paused["laid"].as_u64() > Some(0), "{paused}");
     assert_eq!(lab.run(&["continue"]).0, Some(0));
     state("growing");
     let (code, answer) = lab.run(&["estop"]);

@@ -5,6 +5,7 @@ mod amendment;
 mod commands;
 mod monitor;
 mod report;
+mod request;
 mod start;
 
 use growbot_core::job::{job_layers, plan_id};
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::commands::{Command, CommandQueue};
 pub use self::report::{GrowthReport, MeasuredBy, Outcome, as_built_hash, as_built_or_commanded};
+pub use self::request::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::client::{Client, ClientError};
 use crate::feedback::{EncoderReference, Feedback};

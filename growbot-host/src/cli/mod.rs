@@ -74,9 +74,9 @@ use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsError};
 use growbot_host::sim_process::SimProcessError;
-use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
+use growbot_sim::simulated_tip::SimulatedTip;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.

@@ -5,12 +5,12 @@ use std::io::{self, BufRead, IsTerminal, Read, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
-use growbot_client::growth::{GrowthError, GrowthOptions, Job, OnInterrupted, resume_job};
+use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, Job, LogTarget, OnInterrupted};
 use growbot_client::input::display_name;
-use growbot_client::run_log::{RecordedRun, RunLog};
+use growbot_client::run_log::RecordedRun;
 use growbot_core::link::message::{BoardInfo, State};
+use growbot_core::simulation::ErrorModel;
 use growbot_pictures::view::{NamedScene, Subject};
 use growbot_sim::port::TipSettings;
 
@@ -116,59 +116,63 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         let named = plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
         scene = record.scene(&plan, &robot, args.scene.as_deref())?.map(|loaded| (named, loaded));
     }
-    let around = scene.as_ref().filter(|_| with_feedback.is_some());
-    let around = around.map(|(_, scene)| SceneContext::new(&robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(&robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.identify()?;
     Client::check_robot(&board, &robot)?;
-    let mut job = Job::of_plan(&robot, &plan);
     if let Some(record) = &mut record {
         record.sync_to_board(board.status.plan_id);
-        // The original layers, because the plan's file may have rounded its numbers.
-        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
+    let interrupted = match args.interrupted_layer {
+        InterruptedLayerChoice::Redo => OnInterrupted::Redo,
+        InterruptedLayerChoice::Keep => OnInterrupted::Skip,
+    };
+    let request = GrowthRequest {
+        robot: &robot,
+        plan: &plan,
+        beginning: Beginning::Resume { record: record.as_ref(), interrupted },
+        scene: scene.as_ref().map(|(_, loaded)| loaded),
+        scene_error: None,
+        overrides: &[],
+        feedback: None,
+        imperfection: ErrorModel::default(),
+        simulated: port.is_simulated(),
+    };
+    let job = request.job();
     show(&board, job.plan_id, &port)?;
     if !args.yes {
         ask(&board)?;
     }
-    let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
-    let log = match &record {
-        Some(record) => RunLog::resume(file, record, port.text()).map_err(Failure::bad_input)?,
-        None => RunLog::disabled(),
-    };
-    let cut = match args.interrupted_layer {
-        InterruptedLayerChoice::Redo => OnInterrupted::Redo,
-        InterruptedLayerChoice::Keep => OnInterrupted::Skip,
-    };
+    let target = if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled };
+    let log = request.open_log(&target, &job, port.text()).map_err(Failure::bad_input)?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.simulated_suffix());
     let shown = scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
+    let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
     let watch = args.watching.begin(&subject, &job, &known, &orders)?;
-    let laid = board.status.layers_laid as usize;
-    let feedback = record.as_ref().and_then(|record| record.feedback(&job, &plan, around.as_ref()));
-    if feedback.is_some() {
+    if record.as_ref().is_some_and(|record| record.feedback.is_some()) {
         growbot_host::note!("with feedback, as it was started");
     }
-    let simulated = port.is_simulated();
     let following = GrowthMonitor {
-        robot: &robot,
-        plan: &plan,
-        scene: scene.as_ref().map(|(_, loaded)| &loaded.scene),
+        request,
         log,
         watch,
         print: ResultFormat::of(args.json),
-        laid,
-        seed: None,
-        simulated,
+        laid: board.status.layers_laid as usize,
         pace: port.pace(pace),
         keyboard: TerminalCommands::of_terminal(&orders),
         page_controls: args.watching.can_control(),
     };
-    let manner = GrowthOptions { silence: args.on_host_silence.into(), feedback, parked: following.when_parked() };
-    following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
+    let board = GrowthBoard {
+        client: &mut client,
+        truth: None,
+        commands: &orders,
+        silence: args.on_host_silence.into(),
+        parked: following.when_parked(),
+    };
+    following.follow(&job, board)
 }
 
 impl ResumeArgs {

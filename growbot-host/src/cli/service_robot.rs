@@ -54,9 +54,11 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
     owner_within(port, RESPONSE_TIMEOUT)
 }
 
-/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop.
+/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop. A robot that
+/// is simulated inside the service can be stopped only by the service, so there the timeout is longer.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
-    owner_of(service_in_emergency()?, port, EMERGENCY).ok().flatten()
+    let limit = if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY };
+    owner_of(service_in_emergency()?, port, limit).ok().flatten()
 }
 
 /// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.
@@ -400,7 +402,7 @@ fn json_of(robot: &RobotStatus) -> Value {
         "target_c": robot.target_c,
         "layers": robot.layers,
         "laid": robot.laid,
-        "pause_cause": robot.pause_reason,
+        "pause_cause": robot.pause_cause,
         "job": robot.job,
         "finish_utc": robot.finish_utc,
         "status_age_s": robot.status_age_s,
@@ -429,7 +431,7 @@ fn text_of(robot: &RobotStatus) -> String {
         Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
         None => "job          none\n".to_owned(),
     };
-    if let Some(pause) = &robot.pause_reason {
+    if let Some(pause) = &robot.pause_explanation {
         text += &format!("paused       {pause}\n");
     }
     if let Some(refused) = &robot.command_error {

@@ -10,7 +10,7 @@ use growbot_client::run_log::{InterruptedLayerJson, utc_text};
 use growbot_client::sanitize::json_line;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
+    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State,
 };
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::crash::{CrashReport, FirmwareImage};
@@ -282,7 +282,7 @@ fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
         "stored": status.next_layer.saturating_sub(status.layers_laid),
         "capacity": hello.layer_capacity,
         "interrupted": status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer)),
-        "pause_cause": is_paused(status.state).then(|| pause_cause(status.pause_cause)),
+        "pause_cause": is_paused(status.state).then(|| status.pause_cause.code()),
         "journal": status.is_resumable,
         "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
@@ -307,15 +307,6 @@ pub fn described(hello: &BoardInfo) -> String {
 
 fn is_paused(state: State) -> bool {
     matches!(state, State::Paused | State::Parked)
-}
-
-fn pause_cause(cause: PauseCause) -> &'static str {
-    match cause {
-        PauseCause::LayersExhausted => "waiting for layers",
-        PauseCause::Requested => "on request",
-        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
-        PauseCause::HostSilent => "no message from the host",
-    }
 }
 
 fn version(hello: &BoardInfo) -> String {
@@ -364,7 +355,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
         text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));
     }
     if is_paused(status.state) {
-        text += &format!("paused       {}\n", pause_cause(status.pause_cause));
+        text += &format!("paused       {}\n", status.pause_cause.explanation());
     }
     if !status.is_resumable {
         text += "journal      failed: this body cannot be resumed after a reset\n";

@@ -5,7 +5,6 @@ use growbot_core::link::message::{Fault, PauseCause, ResetCause, State, Status};
 use rusqlite::{Connection, OptionalExtension};
 
 use super::notification::{Notification, NotificationChannel, NotificationContext, NotificationEvent};
-use super::robot_status::pause_reason;
 
 /// Conditions of a robot that this process has recorded last.
 #[derive(Default)]
@@ -50,7 +49,7 @@ impl AlertState {
                 PauseCause::FilamentOut => NotificationEvent::FilamentRunout,
                 _ => NotificationEvent::Pause,
             };
-            let notice = about.notice(event, None, Some(pause_reason(cause)));
+            let notice = about.notice(event, None, Some(cause.explanation()));
             (format!("{cause:?} {laid}"), notice)
         });
         let parked = self.parked.map(|laid| (laid.to_string(), about.notice(NotificationEvent::Parked, None, None)));

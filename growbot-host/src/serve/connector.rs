@@ -6,8 +6,8 @@ use growbot_client::client::{Client, EMERGENCY_LIMIT};
 use growbot_client::port::Port;
 use growbot_core::link::message::BoardInfo;
 use growbot_core::robot::Robot;
-use growbot_sim::ground_truth::SimulatedTip;
 use growbot_sim::port::{self, OpenError, OpenPort, TipSettings};
+use growbot_sim::simulated_tip::SimulatedTip;
 
 /// Time after which the service tries again to connect to a robot.
 const RECONNECT_INTERVAL: Duration = Duration::from_secs(1);

@@ -1,7 +1,6 @@
 //! Status of a robot, as the service reports it.
 
 use growbot_client::stop_signal::StopLevel;
-use growbot_core::link::message::PauseCause;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -40,8 +39,10 @@ pub struct RobotStatus {
     pub fault: Option<String>,
     /// Explanation of the fault. Null if no fault is latched.
     pub fault_explanation: Option<String>,
-    /// Reason why the board pauses. Null if it does not pause.
-    pub pause_reason: Option<String>,
+    /// Code of the cause of a pause. Null if the board does not pause.
+    pub pause_cause: Option<String>,
+    /// Explanation of the pause. Null if the board does not pause.
+    pub pause_explanation: Option<String>,
     /// Temperature of the nozzle, C. Null without a reading.
     pub temperature_c: Option<f64>,
     /// Target temperature of the nozzle, C. Null while the heater is off.
@@ -69,15 +70,5 @@ impl RobotStatus {
     /// Returns a copy of the status without its age, so that two statuses can be compared.
     pub(super) fn without_age(&self) -> Self {
         Self { status_age_s: None, ..self.clone() }
-    }
-}
-
-/// Returns a short explanation of a pause with this cause, for users.
-pub(super) fn pause_reason(cause: PauseCause) -> &'static str {
-    match cause {
-        PauseCause::LayersExhausted => "waiting for layers",
-        PauseCause::Requested => "on request",
-        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
-        PauseCause::HostSilent => "the board lost contact with its host",
     }
 }

@@ -25,7 +25,7 @@ use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job::JobState;
 use super::paths::ServicePaths;
 use super::robot_request::{Claim, PendingRequest, PortLease, RobotRequest};
-use super::robot_status::{RobotState, RobotStatus, pause_reason};
+use super::robot_status::{RobotState, RobotStatus};
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
@@ -199,6 +199,7 @@ impl RobotWorker {
         let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
+        let pause = status.filter(pauses).map(|status| status.pause_cause);
         let age_s = self.status_age_s(&known, pace);
         RobotStatus {
             name: self.name.clone(),
@@ -215,7 +216,8 @@ impl RobotWorker {
             board_state: status.map(|status| status.state.name().to_owned()),
             fault: fault.map(|fault| Fault::code(fault).to_owned()),
             fault_explanation: fault.map(|fault| fault.explanation().to_owned()),
-            pause_reason: status.filter(pauses).map(|status| pause_reason(status.pause_cause).to_owned()),
+            pause_cause: pause.map(|cause| cause.code().to_owned()),
+            pause_explanation: pause.map(|cause| cause.explanation().to_owned()),
             temperature_c: status.and_then(|status| status.temperature_centi_c).map(celsius),
             target_c: status.and_then(|status| status.target_centi_c).map(celsius),
             laid: status.map_or(0, |status| status.layers_laid),

@@ -227,12 +227,7 @@ impl GrowthTracker {
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
-            (None, "paused", PauseCause::Requested) => Some("paused on request"),
-            (None, "paused", PauseCause::HostSilent) => Some("the robot pauses until its host is connected again"),
-            (None, "paused", PauseCause::FilamentOut) => {
-                Some("out of filament: push new filament in up to the feed; preheat, load and purge it, then continue")
-            }
-            (None, "paused", PauseCause::LayersExhausted) => Some("the robot pauses until it has more layers"),
+            (None, "paused", cause) => Some(cause.explanation()),
             (None, "parked", _) => {
                 Some("the heater was switched off after a long pause: Continue heats and homes first")
             }
@@ -448,14 +443,11 @@ mod tests {
         watched.ingest(&status(0));
         let JobEvent::Status(growing) = status(1) else { unreachable!() };
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
-        for (waits, explanation) in [
-            (PauseCause::Requested, "paused on request"),
-            (PauseCause::HostSilent, "the robot pauses until its host is connected again"),
-        ] {
+        for waits in [PauseCause::Requested, PauseCause::HostSilent] {
             watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
             watched.ingest(&JobEvent::Status(pause(waits)));
-            assert_eq!(shown(&watched), (json!("paused"), json!(explanation)));
+            assert_eq!(shown(&watched), (json!("paused"), json!(waits.explanation())));
             watched.ingest(&JobEvent::State(State::Growing));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null));
         }

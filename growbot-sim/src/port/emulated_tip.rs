@@ -8,13 +8,14 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::PortError;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 
 use super::qemu::QemuError;
-use crate::ground_truth::{LaidBody, SimulatedTip};
+use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 use crate::tip::{IndexMark, Motor, TipModel, Variation, encoder_pitch};
 
@@ -276,7 +277,7 @@ impl Drop for TipThread {
 /// laid is read through it, for comparison with the board's report.
 pub(super) struct SharedFollowed(pub(super) Arc<Mutex<TipFollower>>);
 
-impl SimulatedTip for SharedFollowed {
+impl GroundTruth for SharedFollowed {
     fn laid(&mut self) -> Result<LaidBody, PortError> {
         let mut followed = locked(&self.0);
         followed.sync().map_err(|error| QemuError::Io("read the tip's memory", error))?;
@@ -290,7 +291,9 @@ impl SimulatedTip for SharedFollowed {
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         locked(&self.0).tip.settled(from).to_vec()
     }
+}
 
+impl SimulatedTip for SharedFollowed {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         locked(&self.0).tip.apply_action(hand);
         true

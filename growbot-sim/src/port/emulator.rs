@@ -30,8 +30,8 @@ use super::debugger::Debugger;
 use super::emulated_tip::{SharedFollowed, TipFollower, TipRegisters, TipThread, locked, tip_of};
 use super::open_error::OpenError;
 use super::qemu::{EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
-use crate::ground_truth::SimulatedTip;
 use crate::image_seal;
+use crate::simulated_tip::SimulatedTip;
 use crate::tip::{IndexMark, TipFault, TipModel, encoder_pitch};
 
 /// Interval of virtual time at which the simulated tip polls the shared memory. Each poll costs QEMU about 0.1 ms of

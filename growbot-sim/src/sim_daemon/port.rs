@@ -7,14 +7,15 @@ use std::os::unix::net::UnixStream;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::{Port, PortError};
 use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 
 use super::protocol::{PROTOCOL_VERSION, Request, Response, laid, micros};
 use super::{SimDaemonError, StateDir};
-use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::port::TipSettings;
+use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 
 /// Timeout for requests that the robot's process answers immediately.
@@ -158,7 +159,7 @@ impl RemoteTip {
     }
 }
 
-impl SimulatedTip for RemoteTip {
+impl GroundTruth for RemoteTip {
     fn laid(&mut self) -> Result<LaidBody, PortError> {
         match self.0.borrow_mut().request(&Request::Laid, AT_ONCE)? {
             Response::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
@@ -172,7 +173,9 @@ impl SimulatedTip for RemoteTip {
             _ => Vec::new(),
         }
     }
+}
 
+impl SimulatedTip for RemoteTip {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         self.0.borrow_mut().request(&Request::Hand(hand), AT_ONCE).is_ok()
     }

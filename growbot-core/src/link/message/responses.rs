@@ -261,6 +261,28 @@ pub enum PauseCause {
 }
 
 impl PauseCause {
+    /// Returns the code of the cause, as programs print it.
+    pub const fn code(self) -> &'static str {
+        match self {
+            Self::LayersExhausted => "layers-exhausted",
+            Self::Requested => "requested",
+            Self::HostSilent => "host-silent",
+            Self::FilamentOut => "filament-out",
+        }
+    }
+
+    /// Returns a description of the cause and, if a person has to end the pause, what to do.
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::LayersExhausted => "waiting for layers",
+            Self::Requested => "on request",
+            Self::HostSilent => "the board lost contact with its host",
+            Self::FilamentOut => {
+                "out of filament: push new filament in up to the feed; preheat, load and purge it, then continue"
+            }
+        }
+    }
+
     /// Returns true if a job in this state, with this cause of a pause, may be continued without an order of a person:
     /// its heater is on, and at most its host kept it waiting.
     pub const fn allows_continuation(self, state: State) -> bool {

@@ -9,7 +9,7 @@ use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
-use growbot_sim::ground_truth::SimulatedTip;
+use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
