@@ -378,7 +378,24 @@ fn written_time(compact: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::commands::RobotCommand as C;
+    use super::super::notification::NotificationChannel;
     use super::*;
+
+    #[test]
+    fn names_in_the_database_and_in_urls() {
+        use JobState::{Active, Done, Failed, Interrupted};
+        for (state, name) in [(Active, "active"), (Interrupted, "interrupted"), (Done, "done"), (Failed, "failed")] {
+            assert_eq!((state.name(), JobState::from_name(name)), (name, state));
+        }
+        assert_eq!(JobState::from_name("of a later version"), Failed);
+        assert_eq!(NotificationChannel::Webhook.name(), "webhook");
+        assert_eq!(NotificationChannel::Command.name(), "command");
+        let commands =
+            [C::Pause, C::Continue, C::Stop, C::EmergencyStop, C::ClearFault, C::Cancel, C::WithdrawStop].map(C::name);
+        let names = ["pause", "continue", "stop", "emergency-stop", "clear-fault", "cancel", "withdraw-stop"];
+        assert_eq!(commands, names);
+    }
 
     /// Creates a database with one job and this version of the tables.
     fn of_version(version: i64) -> (tempfile::TempDir, ServicePaths) {
