@@ -4,7 +4,6 @@ use std::collections::BTreeSet;
 use std::fmt::Debug;
 
 use growbot_client::growth::{Command, MeasuredBy};
-use growbot_client::plan::planner_name;
 use growbot_client::run_log::{BodyKind, OutcomeKind};
 use growbot_core::link::message::{DriverProblem, Fault, Motor, ResetCause, State};
 use growbot_core::plan::Planner;
@@ -183,7 +182,7 @@ fn names_in_robot_files() {
 fn names_in_plans_run_logs_and_exports() {
     use {Command as C, OutcomeKind as O, Topic as T};
     let planners = [(Planner::TwoPlane, "two-plane"), (Planner::Shortest, "shortest")];
-    check(planner_name, 2, &planners);
+    check(Planner::name, 2, &planners);
     check_json(&planners);
     let commands = [
         (C::Continue, "continue"),

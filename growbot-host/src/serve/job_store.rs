@@ -10,6 +10,7 @@ use growbot_client::run_log::{OutcomeKind, RecordedRun, utc_now};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr};
 
 use super::ServicePaths;
 use super::job_history::end_reason;
@@ -97,8 +98,9 @@ impl JobStoreError {
 }
 
 /// State of a job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, EnumString, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum JobState {
     /// The board has the job or is receiving it, and heats, homes, grows or pauses.
     Active,
@@ -112,19 +114,7 @@ pub enum JobState {
 
 impl JobState {
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Active => "active",
-            Self::Interrupted => "interrupted",
-            Self::Done => "done",
-            Self::Failed => "failed",
-        }
-    }
-
-    fn from_name(name: &str) -> Self {
-        [Self::Active, Self::Interrupted, Self::Done]
-            .into_iter()
-            .find(|state| state.name() == name)
-            .unwrap_or(Self::Failed)
+        self.into()
     }
 
     /// Returns the state of a job after a growth with this outcome.
@@ -348,7 +338,7 @@ pub(super) fn of_row(row: &Row) -> rusqlite::Result<Job> {
         id: row.get(0)?,
         robot: row.get(1)?,
         name: row.get(2)?,
-        state: JobState::from_name(&row.get::<_, String>(3)?),
+        state: row.get::<_, String>(3)?.parse().unwrap_or(JobState::Failed),
         plan_id: row.get(4)?,
         layers: row.get(5)?,
         laid: row.get(6)?,
@@ -386,9 +376,8 @@ mod tests {
     fn names_in_the_database_and_in_urls() {
         use JobState::{Active, Done, Failed, Interrupted};
         for (state, name) in [(Active, "active"), (Interrupted, "interrupted"), (Done, "done"), (Failed, "failed")] {
-            assert_eq!((state.name(), JobState::from_name(name)), (name, state));
+            assert_eq!((state.name(), name.parse()), (name, Ok(state)));
         }
-        assert_eq!(JobState::from_name("of a later version"), Failed);
         assert_eq!(NotificationChannel::Webhook.name(), "webhook");
         assert_eq!(NotificationChannel::Command.name(), "command");
         let commands =
