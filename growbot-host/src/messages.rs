@@ -8,6 +8,7 @@ use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
+use clap::ColorChoice;
 use growbot_client::sanitize::one_line;
 
 /// Columns of a line.
@@ -39,21 +40,10 @@ pub enum Verbosity {
     Verbose,
 }
 
-/// Use of colours in messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColorChoice {
-    /// Colours on terminals, unless `NO_COLOR` is set.
-    Auto,
-    /// Colours always.
-    Always,
-    /// No colours.
-    Never,
-}
-
 static LEVEL: AtomicU8 = AtomicU8::new(Verbosity::Normal as u8);
 static COLOURED: AtomicBool = AtomicBool::new(false);
 
-/// Sets the level of messages and their use of colours.
+/// Sets the level of messages and their use of colours. `Auto` colours messages on terminals, unless `NO_COLOR` is set.
 pub fn set(level: Verbosity, colour: ColorChoice) {
     LEVEL.store(level as u8, Ordering::Relaxed);
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);

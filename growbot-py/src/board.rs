@@ -472,7 +472,7 @@ impl Growth {
     #[pyo3(signature = (name))]
     fn send_command(&self, name: &Bound<PyAny>) -> Result<(), Error> {
         let name = word("name", name)?;
-        let command = Command::ALL.into_iter().find(|command| command.name() == name).ok_or_else(|| {
+        let command = name.parse().map_err(|_| {
             let known = Command::ALL.map(Command::name).join(", ");
             Error::with(
                 ErrorKind::Input,

@@ -8,7 +8,7 @@ mod columns;
 use std::io::Read;
 
 use csv::{ByteRecord, Reader, ReaderBuilder};
-use growbot_client::plan::{Goal, Plan, PlanOptions, planner_name};
+use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{parse_number, pose_of_numbers};
 use growbot_client::sanitize;
@@ -141,7 +141,7 @@ impl BatchResult {
                 let numbers = [goal.x_mm, goal.y_mm, goal.z_mm, goal.heading_deg, goal.pitch_deg];
                 fields.extend(numbers.map(shortest));
                 fields.push(goal.direction_free.to_string());
-                fields.push(planner_name(plan.planner).to_owned());
+                fields.push(plan.planner.name().to_owned());
                 fields.push(shortest(plan.radius));
                 fields.push(plan.path_type());
                 let needs = &plan.requirements;

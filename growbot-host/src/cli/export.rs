@@ -12,6 +12,7 @@ use growbot_pictures::export::mesh::{MeshError, MeshResolution};
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 use growbot_pictures::view::{self, NamedScene};
+use strum::{IntoStaticStr, VariantNames};
 
 use super::Failure;
 use super::plan_or_run::PlanOrRun;
@@ -80,7 +81,8 @@ Examples:
   growbot plan --to 0,0,500,0,90 --json | growbot export - --format csv";
 
 /// Export formats.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, IntoStaticStr, VariantNames)]
+#[strum(serialize_all = "lowercase")]
 enum ExportFormat {
     /// The wall: binary STL, mm
     Stl,
@@ -105,16 +107,8 @@ enum BodyChoice {
 }
 
 impl ExportFormat {
-    const ENDINGS: [&str; 5] = ["stl", "glb", "csv", "tum", "mcap"];
-
     fn ending(self) -> &'static str {
-        match self {
-            Self::Stl => "stl",
-            Self::Glb => "glb",
-            Self::Csv => "csv",
-            Self::Tum => "tum",
-            Self::Mcap => "mcap",
-        }
+        self.into()
     }
 }
 
@@ -166,7 +160,7 @@ impl ExportArgs {
     /// Returns the format of `--format`, or else that of the file's extension.
     fn format(&self) -> Result<ExportFormat, Failure> {
         let requested = self.format.map(|format| [format.ending()]);
-        let formats: &[&str] = requested.as_ref().map_or(&ExportFormat::ENDINGS, |format| format);
+        let formats: &[&str] = requested.as_ref().map_or(ExportFormat::VARIANTS, |format| format);
         let ending = self.output.as_deref().map(|output| format_from_extension(output, formats)).transpose()?.flatten();
         self.format.or_else(|| ExportFormat::from_str(ending?, true).ok()).ok_or_else(|| {
             Failure::bad_input(

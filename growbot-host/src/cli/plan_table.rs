@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type, planner_name};
+use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
@@ -86,7 +86,7 @@ fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
 /// Returns a text about the candidates from which a path of this length (mm) was chosen.
 fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     if plan.planner == Planner::TwoPlane {
-        return planner_name(plan.planner).to_owned();
+        return plan.planner.name().to_owned();
     }
     let &SearchSummary { candidates, rejected: passed_over, .. } = choice;
     let rank = match (candidates, passed_over) {

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use growbot_client::atomic_file::format_from_extension;
 use growbot_client::input::{display_name, is_standard_input};
 use growbot_host::output::{is_standard_output, refuse_terminal, write_to};
@@ -13,6 +13,7 @@ use growbot_pictures::drawing::png::png;
 use growbot_pictures::view::picture::Viewpoint;
 use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
 use growbot_pictures::view::{NamedScene, Subject, page, picture, plot};
+use strum::IntoStaticStr;
 
 use super::Failure;
 use super::plan_or_run::PlanOrRun as Opened;
@@ -56,7 +57,7 @@ pub struct ViewArgs {
     width: Option<u32>,
     /// Direction from which a picture shows the body [default: corner]
     #[arg(long, value_enum)]
-    viewpoint: Option<LookName>,
+    viewpoint: Option<Viewpoint>,
     /// Draw a picture with axes: x, y and z in mm
     #[arg(long, conflicts_with = "plot")]
     axes: bool,
@@ -67,16 +68,16 @@ pub struct ViewArgs {
     ///
     /// The colour-blind can distinguish the colours of all three. Those of the last two are also distinct in grey.
     #[arg(long, value_enum, conflicts_with = "plot")]
-    palette: Option<PaletteName>,
+    palette: Option<Palette>,
     /// Omit names and captions over a picture or plots
     #[arg(long)]
     no_title: bool,
     /// Draw plots instead of the body, as SVG unless --png or --pdf is given: a list with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "viewpoint")]
-    plot: Vec<QuantityName>,
+    plot: Vec<PlotKind>,
     /// Horizontal axis of the plots
-    #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
-    x_axis: AlongName,
+    #[arg(long, value_enum, default_value_t = XAxis::Path, requires = "plot")]
+    x_axis: XAxis,
     /// Write to this file (- for standard output) [default: a file beside the first one with its name, or A-B for
     /// several, or with -plot, ending in .html, .svg, .png or .pdf]
     ///
@@ -94,51 +95,6 @@ pub struct ViewArgs {
     scene: Option<PathBuf>,
 }
 
-/// Directions of a picture on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum LookName {
-    /// The corner from which start and goal are seen best
-    Corner,
-    /// From the front: the picture looks along the y axis
-    Front,
-    /// From the side: the picture looks against the x axis
-    Side,
-    /// From above
-    Top,
-}
-
-impl From<LookName> for Viewpoint {
-    fn from(name: LookName) -> Self {
-        match name {
-            LookName::Corner => Self::Corner,
-            LookName::Front => Self::Front,
-            LookName::Side => Self::Side,
-            LookName::Top => Self::Top,
-        }
-    }
-}
-
-/// Colour scales on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum PaletteName {
-    /// Blue for low values, through sand, to orange for high values
-    BlueOrange,
-    /// From violet over green to yellow
-    Viridis,
-    /// From dark blue over grey to yellow
-    Cividis,
-}
-
-impl From<PaletteName> for Palette {
-    fn from(name: PaletteName) -> Self {
-        match name {
-            PaletteName::BlueOrange => Self::BlueOrange,
-            PaletteName::Viridis => Self::Viridis,
-            PaletteName::Cividis => Self::Cividis,
-        }
-    }
-}
-
 /// Parses two heights, mm.
 fn range(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<Option<f64>> = text.split(',').map(|length| mm(length).ok()).collect();
@@ -151,50 +107,9 @@ fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// Plotted quantities on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum QuantityName {
-    /// Heights of the layers, mm
-    Heights,
-    /// Tilt of the layers, degrees
-    Tilt,
-    /// Deviation of the body from its plan, mm (run logs only)
-    Error,
-    /// Temperature of the nozzle, C (run logs only)
-    Temperature,
-}
-
-impl From<QuantityName> for PlotKind {
-    fn from(name: QuantityName) -> Self {
-        match name {
-            QuantityName::Heights => Self::Heights,
-            QuantityName::Tilt => Self::Tilt,
-            QuantityName::Error => Self::Error,
-            QuantityName::Temperature => Self::Temperature,
-        }
-    }
-}
-
-/// Horizontal axes of plots on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum AlongName {
-    /// Length of the body
-    Path,
-    /// Time by the board's clock, or for a plan the planned time
-    Time,
-}
-
-impl From<AlongName> for XAxis {
-    fn from(name: AlongName) -> Self {
-        match name {
-            AlongName::Path => Self::Path,
-            AlongName::Time => Self::Time,
-        }
-    }
-}
-
 /// Formats of the output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
 enum ViewFormat {
     Html,
     Svg,
@@ -204,12 +119,7 @@ enum ViewFormat {
 
 impl ViewFormat {
     fn ending(self) -> &'static str {
-        match self {
-            Self::Html => "html",
-            Self::Svg => "svg",
-            Self::Png => "png",
-            Self::Pdf => "pdf",
-        }
+        self.into()
     }
 }
 
@@ -295,9 +205,7 @@ impl ViewArgs {
 
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
-            let quantities: Vec<PlotKind> = self.plot.iter().map(|name| PlotKind::from(*name)).collect();
-            let options =
-                plot::PlotOptions { quantities: &quantities, along: self.x_axis.into(), title: !self.no_title };
+            let options = plot::PlotOptions { quantities: &self.plot, along: self.x_axis, title: !self.no_title };
             let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
@@ -307,8 +215,8 @@ impl ViewArgs {
         let picture = picture::svg(
             subjects,
             &picture::PictureOptions {
-                look: self.viewpoint.unwrap_or(LookName::Corner).into(),
-                palette: self.palette.map(Palette::from).unwrap_or_default(),
+                look: self.viewpoint.unwrap_or(Viewpoint::Corner),
+                palette: self.palette.unwrap_or_default(),
                 range: self.range,
                 title: !self.no_title,
                 axes: self.axes,

@@ -16,7 +16,6 @@ use super::summary::error_text;
 use super::table2::Cell;
 use super::tables::parameters;
 use super::texts::{capital, p_text};
-use growbot_client::plan::planner_name;
 
 const STYLE: &str = include_str!("page.css");
 
@@ -222,7 +221,7 @@ fn table2(page: &mut String, of: &Reproduction) {
                 let _ = write!(
                     page,
                     "<tr><td></td><td class=\"l\">{}</td><td class=\"l\">{}</td>",
-                    planner_name(planner),
+                    planner.name(),
                     slicing.label(&of.experiments.robots[robot])
                 );
                 for cell in cells {
@@ -295,7 +294,7 @@ fn tests(page: &mut String, of: &Reproduction) {
                  class=\"l\">{}</td>{}<td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>",
                 if is_first { "first" } else { "" },
                 if is_first { capital(&question.what) } else { String::new() },
-                planner_name(question.planner),
+                question.planner.name(),
                 question.slicing,
                 question.paper.map_or_else(String::new, |p| format!("<td>{p:.4}</td>")),
                 p_cell(question.kruskal_wallis),
@@ -341,7 +340,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
                  &plusmn; {}</td><td>{}</td><td>{} &plusmn; {}</td><td>{}</td></tr>",
                 if index == 0 { "first" } else { "" },
                 if index == 0 { format!("{distance} R") } else { String::new() },
-                planner_name(set.condition.planner),
+                set.condition.planner.name(),
                 set.condition.loop_name(),
                 error_text(position.mean),
                 error_text(position.sd),

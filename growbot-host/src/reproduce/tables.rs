@@ -9,7 +9,6 @@ use super::paper::{self, GROUPS, PaperRobot, ROBOTS};
 use super::reproduction::{Reproduction, ResultFile};
 use super::statistics::{MeanComparison, SampleSummary};
 use super::table2::Cell;
-use growbot_client::plan::planner_name;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
@@ -237,7 +236,7 @@ fn growth_row(experiment: &'static str, growth: &ExperimentGrowth, robot: &Robot
         robot: ROBOTS[growth.robot].name,
         group_radii: GROUPS[growth.group],
         repetition: growth.repetition,
-        planner: planner_name(growth.condition.planner),
+        planner: growth.condition.planner.name(),
         slicing: growth.condition.slicing.name(),
         step_mm: growth.condition.slicing.step(robot),
         loop_name: growth.condition.loop_name(),
@@ -277,7 +276,7 @@ fn summary_rows(of: &Reproduction) -> impl Iterator<Item = SummaryRow> {
                 experiment,
                 robot: ROBOTS[set.robot].name,
                 group_radii: GROUPS[set.group],
-                planner: planner_name(condition.planner),
+                planner: condition.planner.name(),
                 slicing: condition.slicing.name(),
                 step_mm: condition.slicing.step(&of.experiments.robots[set.robot]),
                 loop_name: condition.loop_name(),
@@ -300,7 +299,7 @@ fn table2_row(cell: &Cell) -> Table2Row {
     Table2Row {
         robot: ROBOTS[cell.robot].name,
         group_radii: GROUPS[cell.group],
-        planner: planner_name(cell.planner),
+        planner: cell.planner.name(),
         slicing: cell.slicing.name(),
         n: cell.ours.n,
         mean: cell.ours.mean,
@@ -326,7 +325,7 @@ fn test_row(question: &SignificanceTest) -> TestRow<'_> {
     TestRow {
         what: &question.what,
         slicing: &question.slicing,
-        planner: planner_name(question.planner),
+        planner: question.planner.name(),
         groups: question.groups,
         n: question.n,
         kruskal_wallis_h: question.kruskal_wallis.map(|test| test.statistic),

@@ -4,10 +4,12 @@ use growbot_client::run_log::{GrowthResult, OutcomeKind};
 use growbot_core::link::message::State;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr};
 
 /// State of a job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, EnumString, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum JobState {
     /// The board has the job or is receiving it, and heats, homes, grows or pauses.
     Active,
@@ -21,19 +23,7 @@ pub enum JobState {
 
 impl JobState {
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Active => "active",
-            Self::Interrupted => "interrupted",
-            Self::Done => "done",
-            Self::Failed => "failed",
-        }
-    }
-
-    pub(super) fn from_name(name: &str) -> Self {
-        [Self::Active, Self::Interrupted, Self::Done]
-            .into_iter()
-            .find(|state| state.name() == name)
-            .unwrap_or(Self::Failed)
+        self.into()
     }
 
     /// Returns the state of a job after a growth with this outcome.

@@ -360,7 +360,7 @@ pub(super) fn of_row(row: &Row) -> rusqlite::Result<Job> {
         id: row.get(0)?,
         robot: row.get(1)?,
         name: row.get(2)?,
-        state: JobState::from_name(&row.get::<_, String>(3)?),
+        state: row.get::<_, String>(3)?.parse().unwrap_or(JobState::Failed),
         plan_id: row.get(4)?,
         layers: row.get(5)?,
         laid: row.get(6)?,
@@ -390,7 +390,23 @@ fn written_time(compact: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::commands::RobotCommand as C;
+    use super::super::notification::NotificationChannel;
     use super::*;
+
+    #[test]
+    fn names_in_the_database_and_in_urls() {
+        use JobState::{Active, Done, Failed, Interrupted};
+        for (state, name) in [(Active, "active"), (Interrupted, "interrupted"), (Done, "done"), (Failed, "failed")] {
+            assert_eq!((state.name(), name.parse()), (name, Ok(state)));
+        }
+        assert_eq!(NotificationChannel::Webhook.name(), "webhook");
+        assert_eq!(NotificationChannel::Command.name(), "command");
+        let commands =
+            [C::Pause, C::Continue, C::Stop, C::EmergencyStop, C::ClearFault, C::Cancel, C::WithdrawStop].map(C::name);
+        let names = ["pause", "continue", "stop", "emergency-stop", "clear-fault", "cancel", "withdraw-stop"];
+        assert_eq!(commands, names);
+    }
 
     /// Creates a database with one job and this version of the tables.
     fn of_version(version: i64) -> (tempfile::TempDir, ServicePaths) {

@@ -10,6 +10,7 @@ use growbot_client::sanitize::json_line;
 use growbot_core::link::message::Fault;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
 /// Maximum number of queued notices for each channel. If there are more, the oldest notices are dropped.
 pub(super) const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
@@ -17,8 +18,9 @@ pub(super) const MAX_QUEUED_PER_CHANNEL: u32 = 1000;
 const VERSION: u32 = 1;
 
 /// Event that a notice reports.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, IntoStaticStr, VariantArray)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum NotificationEvent {
     /// All layers are laid.
     Finish,
@@ -44,38 +46,17 @@ pub enum NotificationEvent {
 
 impl NotificationEvent {
     /// All events.
-    pub const ALL: [Self; 10] = [
-        Self::Finish,
-        Self::Fault,
-        Self::Pause,
-        Self::FilamentRunout,
-        Self::Interrupted,
-        Self::Parked,
-        Self::EmergencyStop,
-        Self::Disconnected,
-        Self::BoardRestart,
-        Self::ServiceRestart,
-    ];
+    pub const ALL: [Self; 10] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the event's name in notices and settings.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Finish => "finish",
-            Self::Fault => "fault",
-            Self::Pause => "pause",
-            Self::FilamentRunout => "filament-runout",
-            Self::Interrupted => "interrupted",
-            Self::Parked => "parked",
-            Self::EmergencyStop => "emergency-stop",
-            Self::Disconnected => "disconnected",
-            Self::BoardRestart => "board-restart",
-            Self::ServiceRestart => "service-restart",
-        }
+        self.into()
     }
 }
 
 /// Channel on which notices are sent.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub(super) enum NotificationChannel {
     Webhook,
     Command,
@@ -83,10 +64,7 @@ pub(super) enum NotificationChannel {
 
 impl NotificationChannel {
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Webhook => "webhook",
-            Self::Command => "command",
-        }
+        self.into()
     }
 }
 

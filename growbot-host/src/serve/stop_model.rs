@@ -16,6 +16,7 @@ use axum::http::HeaderMap;
 use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
+use strum::VariantArray;
 
 use super::access::Access;
 use super::audit::{Audit, CommandSource};
@@ -46,7 +47,7 @@ const CONNECT_LIMIT: Duration = Duration::from_secs(20);
 pub(super) const ROBOT: &str = "growbot-a2";
 
 /// An order of a person, or an event of the board, its line or the service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub(super) enum Step {
     Grow,
     Resume,
@@ -70,27 +71,7 @@ pub(super) enum Step {
 }
 
 impl Step {
-    const ALL: [Self; 19] = [
-        Self::Grow,
-        Self::Resume,
-        Self::Continue,
-        Self::Preheat,
-        Self::Pause,
-        Self::Stop,
-        Self::EmergencyStop,
-        Self::Cancel,
-        Self::ClearFault,
-        Self::WithdrawStop,
-        Self::BoardLosesHost,
-        Self::BoardParks,
-        Self::BoardFails,
-        Self::BoardLosesPower,
-        Self::LineLost,
-        Self::LineSilent,
-        Self::LineBack,
-        Self::ServiceRestarts,
-        Self::DiskFails,
-    ];
+    const ALL: [Self; 19] = *Self::VARIANTS.as_array().unwrap();
 }
 
 /// State of the robot in which a test case begins.

@@ -184,7 +184,7 @@ pub async fn send_command(live: &LiveGrowth, name: &str, age: &OrderAge) -> Resp
     let Some(orders) = &live.orders else {
         return (StatusCode::FORBIDDEN, "this page is read-only: start growbot with --control").into_response();
     };
-    let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return not_found().await };
+    let Ok(order) = name.parse::<Command>() else { return not_found().await };
     let stops_or_pauses = matches!(order, Command::Pause | Command::Stop | Command::EmergencyStop);
     if let Err(late) = age.check()
         && !stops_or_pauses

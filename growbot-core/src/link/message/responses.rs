@@ -3,6 +3,7 @@
 use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use super::layer_batch::LayerBatch;
 use super::requests::HostName;
@@ -246,7 +247,8 @@ pub struct InterruptedLayer {
 }
 
 /// Reason why a board pauses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum PauseCause {
     /// The board has laid all layers that it has received. The field also has this value while the board does not
     /// pause.
@@ -262,13 +264,8 @@ pub enum PauseCause {
 
 impl PauseCause {
     /// Returns the code of the cause, as programs print it.
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::LayersExhausted => "layers-exhausted",
-            Self::Requested => "requested",
-            Self::HostSilent => "host-silent",
-            Self::FilamentOut => "filament-out",
-        }
+    pub fn code(self) -> &'static str {
+        self.into()
     }
 
     /// Returns a description of the cause and, if a person has to end the pause, what to do.

@@ -11,6 +11,7 @@ use growbot_client::sanitize::{json_line, one_line};
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use strum::IntoStaticStr;
 use time::OffsetDateTime;
 
 use crate::cli::Failure;
@@ -25,8 +26,9 @@ const WIDTH: usize = 80;
 const INDENT: usize = 24;
 
 /// Outcome of a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "lowercase")]
 pub enum StepOutcome {
     /// The step passed.
     Passed,
@@ -37,19 +39,14 @@ pub enum StepOutcome {
     /// The robot does not have the part.
     Absent,
     /// The step was interrupted, was not done, or must be repeated.
+    #[strum(serialize = "not done")]
     NotDone,
 }
 
 impl StepOutcome {
     /// Returns the name of the outcome for the terminal.
     fn name(self) -> &'static str {
-        match self {
-            Self::Passed => "passed",
-            Self::Failed => "failed",
-            Self::Skipped => "skipped",
-            Self::Absent => "absent",
-            Self::NotDone => "not done",
-        }
+        self.into()
     }
 }
 
