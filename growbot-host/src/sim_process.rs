@@ -20,9 +20,7 @@ pub enum SimProcessError {
     #[error("cannot start the process of a simulated robot: {0}")]
     Process(#[from] io::Error),
     /// The process has ended at once or does not respond.
-    #[error(
-        "the simulated robot sim:{0} did not start: see the cause with `growbot power on --foreground --port sim:{0}`"
-    )]
+    #[error("the simulated robot sim:{0} did not start")]
     NotStarted(String),
     /// The process does not end.
     #[error("the process of the simulated robot sim:{0} does not exit: end this process by hand (kill)")]

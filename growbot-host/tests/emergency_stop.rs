@@ -131,11 +131,11 @@ struct Broken(Rc<Cell<u32>>);
 impl Port for Broken {
     fn send(&mut self, _: &[u8]) -> Result<(), PortError> {
         self.0.set(self.0.get() + 1);
-        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+        Err(PortError::Lost("nowhere".to_string(), std::io::Error::other("it is broken")))
     }
 
     fn receive(&mut self, _: &mut [u8], _: Duration) -> Result<usize, PortError> {
-        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+        Err(PortError::Lost("nowhere".to_string(), std::io::Error::other("it is broken")))
     }
 
     fn now(&self) -> Duration {

@@ -167,7 +167,7 @@ struct Line(Rc<RefCell<Sim>>, Rc<Cell<bool>>);
 
 impl Line {
     fn is_whole(&self) -> Result<(), PortError> {
-        if self.1.get() { Err(PortError::Lost("sim".to_string(), "cut".to_string())) } else { Ok(()) }
+        if self.1.get() { Err(PortError::Lost("sim".to_string(), std::io::Error::other("cut"))) } else { Ok(()) }
     }
 }
 

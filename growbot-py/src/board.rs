@@ -3,7 +3,6 @@
 //! A thread owns the connection to the board and receives requests as messages. Python threads can therefore run, and
 //! Ctrl-C has an effect, while a body grows.
 
-use std::fmt::Display;
 use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -15,7 +14,7 @@ use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
 use growbot_client::growth::{Command, CommandQueue, GrowthError, GrowthOptions, Job, OnParked, grow_job};
 use growbot_client::run_log::{
-    BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, RunLog, RunLogError, RunOrigin, to_run_events,
+    BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, RunLog, RunOrigin, to_run_events,
 };
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
@@ -29,6 +28,7 @@ use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
 use crate::preconditions::{check_growable, scene_for_growth};
 use crate::py_plan::PyPlan;
+use crate::remedies;
 use crate::robot::robot_of;
 use crate::run::json_of;
 use crate::scene::PyScene;
@@ -102,8 +102,12 @@ struct BoardWorker {
     link: Option<BoardLink>,
 }
 
-fn board_error(error: impl Display) -> Error {
-    Error::new(ErrorKind::Board, error)
+fn board_error(error: impl std::error::Error + 'static) -> Error {
+    Error::of(ErrorKind::Board, &error)
+}
+
+fn closed() -> Error {
+    Error::new(ErrorKind::Board, "the board's port is closed: connect again with growbot.connect")
 }
 
 impl BoardWorker {
@@ -132,7 +136,7 @@ impl BoardWorker {
         if self.link.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.link.as_mut().ok_or_else(|| board_error("the board's port is closed: connect again with growbot.connect"))
+        self.link.as_mut().ok_or_else(closed)
     }
 
     fn hello(&mut self) -> Result<String, Error> {
@@ -202,16 +206,7 @@ impl BoardWorker {
             Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
             Some(file) => RunLog::create(file, plan, &job, fed_back, origin),
         };
-        let mut log = begun.map_err(|error| match error {
-            error @ RunLogError::Exists { .. } => Error::new(
-                ErrorKind::File,
-                format!(
-                    "{}; or set overwrite=True",
-                    error.to_string().split("; --log without").next().unwrap_or_default()
-                ),
-            ),
-            error => Error::new(ErrorKind::File, error),
-        })?;
+        let mut log = begun.map_err(|error| Error::of(ErrorKind::File, &error))?;
         let mut tip = plan.start.frame();
         let options = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         let grown = grow_with_ground_truth(
@@ -229,8 +224,8 @@ impl BoardWorker {
             |on_event| grow_job(&mut link.client, &job, options, commands, on_event),
         );
         let seed = (simulated && conditions.disturbance() != Disturbance::default()).then_some(*seed);
-        let nothing = |outcome, error: &dyn ToString| GrowthResult {
-            error: Some(error.to_string()),
+        let nothing = |outcome, error: &(dyn std::error::Error + 'static)| GrowthResult {
+            error: Some(remedies::message(error)),
             ..GrowthResult::nothing_grown(outcome, plan, seed, simulated)
         };
         match grown {
@@ -295,7 +290,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl PyBoard {
     fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
-        let closed = || board_error("the board is disconnected: connect again with growbot.connect");
+        let disconnected = "the board is disconnected: connect again with growbot.connect";
+        let closed = || Error::new(ErrorKind::Board, disconnected);
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
@@ -313,7 +309,7 @@ impl PyBoard {
                 Ok(response) => return response,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(board_error("the board's port is closed: connect again with growbot.connect"));
+                    return Err(closed());
                 }
             }
         }
@@ -343,7 +339,8 @@ impl PyBoard {
             BoardWorker { robot, port, name, take_over, link: None }.serve(&receiver);
         });
         let thread = thread.map_err(|error| {
-            board_error(format!("cannot start a thread for the board's port ({error}): end other programs"))
+            let message = format!("cannot start a thread for the board's port ({error}): end other programs");
+            Error::new(ErrorKind::Board, message)
         })?;
         let board = Self {
             requests: Mutex::new(Some(sender)),
@@ -467,10 +464,7 @@ impl Growth {
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(
-                        None,
-                        Some(board_error("the board's port is closed: connect again with growbot.connect")),
-                    )?;
+                    self.end(None, Some(closed()))?;
                 }
             }
             if let Err(error) = py.check_signals() {

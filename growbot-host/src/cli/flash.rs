@@ -185,7 +185,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
                     "{error}; the image is flashed without a seal, so the board cannot check whether it is intact"
                 );
             }
-            Err(error) => return Err(Failure::bad_input(error)),
+            Err(error) => return Err(Failure::before_start(&error)),
         }
     }
     if args.seal_only {

@@ -23,6 +23,7 @@ use super::disturbance::DisturbanceArgs;
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
 use super::interrupt::stop_on_interrupt;
 use super::plan_source::{PlanSourceArgs, ResolvedPlan};
+use super::remedies;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
@@ -122,7 +123,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
     let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        growbot_host::warning!("{}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
     let refused = |why: String| {
         if args.json {
@@ -194,7 +195,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         imperfection: port.is_simulated().then_some(&imperfection),
         ignores_scene: scene.is_some() && args.ignore_scene,
     };
-    let log = args.begin_log(&plan, &job, noise, origin).map_err(Failure::bad_input)?;
+    let log = args.begin_log(&plan, &job, noise, origin)?;
     let seed = (disturbance.has_disturbance() || disturbance.has_sensor_noise()).then_some(disturbance.seed);
     let seed = seed.filter(|_| port.is_simulated());
     let simulated = port.is_simulated();

@@ -1,6 +1,6 @@
 //! Growth on the command line: progress, log, result and exit code.
 
-use std::fmt::Display;
+use std::error::Error;
 
 use clap::ValueEnum;
 use growbot_client::clearance_guard::Detour;
@@ -19,6 +19,7 @@ use growbot_host::watch::WatchPage;
 use growbot_scene::scene::Scene;
 use time::OffsetDateTime;
 
+use super::remedies;
 use super::terminal_commands::{TerminalCommands, waiting_hint};
 use super::{Failure, growth_table, simulated_prefix};
 
@@ -155,9 +156,9 @@ impl GrowthMonitor<'_> {
     }
 
     /// Returns the result of a growth that has not started, or whose outcome is not known.
-    fn failed_result(&self, outcome: OutcomeKind, error: &dyn Display) -> GrowthResult {
+    fn failed_result(&self, outcome: OutcomeKind, error: &(dyn Error + 'static)) -> GrowthResult {
         let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
-        GrowthResult { error: Some(error.to_string()), ..nothing }
+        GrowthResult { error: Some(remedies::message(error)), ..nothing }
     }
 
     /// Ends log and page. An incomplete log does not prevent the printing of the result, which states the missing
@@ -181,7 +182,7 @@ impl GrowthMonitor<'_> {
     fn result(mut self, grown: &GrowthReport, emergency: bool) -> Result<(), Failure> {
         let mut result = GrowthResult::new(grown, (self.robot, self.plan), self.scene, self.seed, self.simulated);
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         let logged = self.end(&mut result);
         let printed = match self.print {
@@ -216,9 +217,9 @@ fn off_text(simulated: bool) -> &'static str {
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {
-            Failure::request_failed(format_args!("{error}; the robot is simulated"))
+            Failure::request_failed(format_args!("{}; the robot is simulated", remedies::message(&error)))
         }
-        error => Failure::request_failed(error),
+        error => Failure::during_request(&error),
     }
 }
 
@@ -232,9 +233,11 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
         ))),
         Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
-        Outcome::Fault(fault) => {
-            Err(Failure::request_failed(format!("fault {}: {}; {off}", fault.code(), fault.explanation())))
-        }
+        Outcome::Fault(fault) => Err(Failure::request_failed(format!(
+            "fault {}: {}; {off}",
+            fault.code(),
+            remedies::fault_explanation(fault)
+        ))),
         Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
         Outcome::Parked => Err(Failure::request_failed(format!(
             "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"

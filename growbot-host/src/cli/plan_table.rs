@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::remedies;
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
 use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type, planner_name};
 use growbot_core::angle::degrees;
@@ -71,7 +72,10 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         text += &format!("  margin    {margin:.2} mm\n");
     }
     for warning in &plan.warnings {
-        text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
+        text += &format!(
+            "\n{}",
+            wrapped("", &format!("warning ({}): {}", warning.code, remedies::warning_message(warning)), 2)
+        );
     }
     text
 }

@@ -18,6 +18,7 @@ use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::plan_or_run::PlanOrRun as Opened;
+use super::remedies;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
@@ -134,7 +135,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
     }
     let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
     let log = match &record {
-        Some(record) => RunLog::resume(file, record, port.text()).map_err(Failure::bad_input)?,
+        Some(record) => RunLog::resume(file, record, port.text())?,
         None => RunLog::disabled(),
     };
     let cut = match args.interrupted_layer {
@@ -234,7 +235,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
         return Err(Failure::request_failed(format!(
             "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
             fault.code(),
-            fault.explanation()
+            remedies::fault_explanation(fault)
         )));
     }
     Ok(())

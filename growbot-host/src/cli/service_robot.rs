@@ -250,7 +250,7 @@ impl ServiceRobot {
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
             ResultFormat::Table => {
-                let record = RecordedRun::read(&log, &job.id).map_err(Failure::bad_input)?;
+                let record = RecordedRun::read(&log, &job.id)?;
                 print(&replay::text_of(&record)?)?;
             }
             ResultFormat::Nothing => {}

@@ -6,6 +6,7 @@ use growbot_core::link::message::{Empty, PassiveRequest};
 use growbot_host::output::print;
 use growbot_host::settings::InvalidFiles;
 
+use super::remedies;
 use super::service_robot::find_service_robot;
 use super::{Failure, RequiredPortArg, RobotArg};
 
@@ -40,8 +41,9 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
-            "{error}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or \
-             cut its power",
+            "{}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or cut its \
+             power",
+            remedies::message(&error),
             port.text()
         )),
     })?;

@@ -78,7 +78,7 @@ pub enum AnswerError {
         name: String,
     },
     /// A robot with this value is not valid.
-    #[error(transparent)]
+    #[error("{0}")]
     Robot(#[from] RobotFileError),
 }
 

@@ -68,7 +68,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A plan lacks a quantity that only a growth has.
-    #[error("{name} is not the log of a growth and has no {what}: give a run log, as `growbot grow --log` writes it")]
+    #[error("{name} is not the log of a growth and has no {what}: give a run log")]
     NotMeasured {
         /// Name of the plan.
         name: String,
@@ -76,7 +76,7 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A run log contains no temperatures.
-    #[error("{name} has no temperature: remove temperature from --plot")]
+    #[error("{name} has no temperature")]
     NoTemperatures {
         /// Name of the log.
         name: String,

@@ -191,7 +191,7 @@ impl Port for Emulator {
             BoardLine::Real { stream, .. } => stream.receive(buffer, timeout),
             BoardLine::Virtual(stepped) => {
                 let received = stepped.borrow_mut().receive(buffer, timeout);
-                received.map_err(|error| PortError::Lost(NAME.to_string(), error.to_string()))
+                received.map_err(|error| PortError::Lost(NAME.to_string(), error))
             }
         };
         received.map_err(|error| self.explain_disconnect(error))
@@ -629,7 +629,7 @@ impl SimulatedTip for SharedFollowed {
         followed.sync().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
-            return Err(PortError::Lost("the emulated tip".to_string(), what));
+            return Err(PortError::Lost("the emulated tip".to_string(), io::Error::other(what)));
         }
         Ok(LaidBody { body: followed.tip.body(), feed_steps: followed.tip.feed_steps() })
     }

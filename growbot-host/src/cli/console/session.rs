@@ -30,6 +30,7 @@ use super::commands::{BoardRequest, ConsoleCommand, complete, help, hint, parse}
 use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
 use crate::cli::interrupt::stop_on_interrupt;
+use crate::cli::remedies;
 use crate::cli::status::BoardReport;
 use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table};
 
@@ -184,9 +185,10 @@ impl ConsoleSession {
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
-                "the state of the {}robot is unknown ({error}): run `growbot status`, and if that fails cut the \
-                 robot's power",
-                self.port.kind()
+                "the state of the {}robot is unknown ({}): run `growbot status`, and if that fails cut the robot's \
+                 power",
+                self.port.kind(),
+                remedies::message(&error)
             ),
         };
         let left_out = left_out.text();
@@ -221,8 +223,9 @@ impl ConsoleSession {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(Failure::request_failed(format!(
-                "{error}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the \
-                 robot's power"
+                "{}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the robot's \
+                 power",
+                remedies::message(&error)
             ))),
         }
     }
@@ -290,7 +293,7 @@ impl ConsoleSession {
         self.orders.clear();
         let result = GrowthResult::new(&grown, (&self.robot, &plan), None, None, is_simulated);
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
         growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, is_simulated)

@@ -40,6 +40,7 @@ use ratatui::DefaultTerminal;
 use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, help, parse};
 use super::script::{is_active, still_active_text};
+use crate::cli::remedies;
 use crate::cli::{Failure, SelectedPort};
 use body::TrackedBody;
 use keys::Action;
@@ -282,7 +283,7 @@ impl TuiApp {
         let body =
             TrackedBody::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
         for warning in &plan.warnings {
-            self.model.log_error(&format!("{}: {}", warning.code, warning.message));
+            self.model.log_error(&format!("{}: {}", warning.code, remedies::warning_message(warning)));
         }
         if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
             self.model.log_error(
