@@ -36,10 +36,7 @@ pub enum InputError {
         max: u64,
     },
     /// The input is a named pipe, a device or a socket, and reading it might wait for ever.
-    #[error(
-        "cannot read {name}: it is {what} and may never end; give a file, or send it to standard input (-), as in \
-         `growbot COMMAND - < FILE`"
-    )]
+    #[error("cannot read {name}: it is {what} and may never end; give a file")]
     NotAFile {
         /// Name of the input.
         name: String,

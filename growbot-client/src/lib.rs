@@ -42,6 +42,7 @@ pub mod plan_deviation;
 pub mod plan_file;
 pub mod port;
 pub mod pose_text;
+pub mod remedy;
 pub mod robot_file;
 pub mod run_clock;
 pub mod run_log;

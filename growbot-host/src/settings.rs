@@ -93,7 +93,7 @@ pub enum SettingsError {
         name: String,
     },
     /// A file cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Input(#[from] InputError),
     /// Another user can have written a file.
     #[error("the settings file {file} is not used, because another user may have written it: {error}")]
@@ -115,7 +115,7 @@ pub enum SettingsError {
         user_file: String,
     },
     /// A file is not TOML, or contains an unknown setting.
-    #[error(transparent)]
+    #[error("{0}")]
     Toml(#[from] RobotFileError),
     /// A value is empty.
     #[error("{file}: {key} is empty: give a value, or remove the line")]

@@ -3,7 +3,6 @@
 //! A thread owns the connection to the board and receives requests as messages. Python threads can therefore run, and
 //! Ctrl-C has an effect, while a body grows.
 
-use std::fmt::Display;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
@@ -13,9 +12,7 @@ use growbot_client::client::Client;
 use growbot_client::growth::{
     Beginning, Command, CommandQueue, GrowthBoard, GrowthRequest, LogTarget, OnParked, Override,
 };
-use growbot_client::run_log::{
-    BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, RunLogError, to_run_events,
-};
+use growbot_client::run_log::{BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, to_run_events};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::ErrorModel;
@@ -122,8 +119,12 @@ struct BoardWorker {
     link: Option<BoardLink>,
 }
 
-fn board_error(error: impl Display) -> Error {
-    Error::new(ErrorKind::Board, error)
+fn board_error(error: impl std::error::Error + 'static) -> Error {
+    Error::of(ErrorKind::Board, &error)
+}
+
+fn closed() -> Error {
+    Error::new(ErrorKind::Board, "the board's port is closed: connect again with growbot.connect")
 }
 
 impl BoardWorker {
@@ -152,7 +153,7 @@ impl BoardWorker {
         if self.link.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.link.as_mut().ok_or_else(|| board_error("the board's port is closed: connect again with growbot.connect"))
+        self.link.as_mut().ok_or_else(closed)
     }
 
     fn hello(&mut self) -> Result<String, Error> {
@@ -197,16 +198,7 @@ impl BoardWorker {
         }
         let (port, link) = (self.name.clone(), self.link()?);
         let job = request.job();
-        let mut log = request.open_log(&task.log, &job, &port).map_err(|error| match error {
-            error @ RunLogError::Exists { .. } => Error::new(
-                ErrorKind::File,
-                format!(
-                    "{}; or set overwrite=True",
-                    error.to_string().split("; --log without").next().unwrap_or_default()
-                ),
-            ),
-            error => Error::new(ErrorKind::File, error),
-        })?;
+        let mut log = request.open_log(&task.log, &job, &port).map_err(|error| Error::of(ErrorKind::File, &error))?;
         let mut tip = plan.start.frame();
         let board = GrowthBoard {
             client: &mut link.client,
@@ -273,7 +265,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl PyBoard {
     fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
-        let closed = || board_error("the board is disconnected: connect again with growbot.connect");
+        let disconnected = "the board is disconnected: connect again with growbot.connect";
+        let closed = || Error::new(ErrorKind::Board, disconnected);
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
@@ -291,7 +284,7 @@ impl PyBoard {
                 Ok(response) => return response,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(board_error("the board's port is closed: connect again with growbot.connect"));
+                    return Err(closed());
                 }
             }
         }
@@ -321,7 +314,8 @@ impl PyBoard {
             BoardWorker { robot, port, name, take_over, link: None }.serve(&receiver);
         });
         let thread = thread.map_err(|error| {
-            board_error(format!("cannot start a thread for the board's port ({error}): end other programs"))
+            let message = format!("cannot start a thread for the board's port ({error}): end other programs");
+            Error::new(ErrorKind::Board, message)
         })?;
         let board = Self {
             requests: Mutex::new(Some(sender)),
@@ -444,10 +438,7 @@ impl Growth {
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(
-                        None,
-                        Some(board_error("the board's port is closed: connect again with growbot.connect")),
-                    )?;
+                    self.end(None, Some(closed()))?;
                 }
             }
             if let Err(error) = py.check_signals() {

@@ -332,7 +332,7 @@ impl PyPlan {
         let file = arguments::path("file", file)?;
         let (text, name) = arguments::text_of_file(&file)?;
         let read = cls.py().detach(|| plan_file::read(&text, &name, None));
-        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::File, error))?;
+        let (robot, plan) = read.map_err(|error| Error::of(ErrorKind::File, &error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 
@@ -342,7 +342,7 @@ impl PyPlan {
     fn from_json(cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let read = cls.py().detach(|| plan_file::read(&json, "json", None));
-        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::Input, error))?;
+        let (robot, plan) = read.map_err(|error| Error::of(ErrorKind::Input, &error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 

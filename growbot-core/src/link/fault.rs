@@ -159,8 +159,7 @@ impl Fault {
                  grinds"
             }
             Self::DriverFault => {
-                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
-                 `growbot status` shows more for drivers with a UART"
+                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires"
             }
             Self::SupplyLow => {
                 "the supply's voltage fell below supply.min_v, or could not be measured: check the supply and its \

@@ -7,6 +7,8 @@ mod columns;
 
 use std::io::Read;
 
+pub use columns::HeaderError;
+use columns::{BatchColumns, Column};
 use csv::{ByteRecord, Reader, ReaderBuilder};
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::PlanFile;
@@ -16,14 +18,11 @@ use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::{Pose, PoseError, Position};
 use growbot_core::robot::Robot;
+use growbot_pictures::figures::shortest;
 use nalgebra::Vector3;
 use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
-
-pub use columns::HeaderError;
-use columns::{BatchColumns, Column};
-use growbot_pictures::figures::shortest;
 
 /// Errors that end a batch early.
 #[derive(Debug, thiserror::Error)]
@@ -63,12 +62,9 @@ pub enum QueryError {
         /// Text of the field.
         text: String,
     },
-    /// The planner does not exist.
-    #[error("planner: {reason}")]
-    Planner {
-        /// Error message, which lists the planners that exist.
-        reason: String,
-    },
+    /// The planner does not exist. The error lists the planners that exist.
+    #[error("planner: {0}")]
+    Planner(#[source] ValueError),
     /// Only one of the two angles is given.
     #[error(
         "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
@@ -90,21 +86,18 @@ pub enum QueryError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// The path is longer than allowed.
-    #[error(transparent)]
+    #[error("{0}")]
     TooLong(#[from] PathTooLong),
 }
 
 /// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error(
-    "the shortest path found is {found:.1} mm long, but --max-length is {} mm: raise --max-length, or choose a smaller \
-     radius or another goal", CompactNumber(.max)
-)]
+#[error("the shortest path found is {found:.1} mm long, but the maximum length is {} mm", CompactNumber(.max))]
 pub struct PathTooLong {
     /// Length of the path, mm.
-    found: f64,
+    pub found: f64,
     /// Maximum length, mm.
-    max: f64,
+    pub max: f64,
 }
 
 /// Returns the plan if it is not longer than `max_length`, mm.
@@ -131,8 +124,8 @@ pub struct BatchResult {
 impl BatchResult {
     /// Returns the result as a row of CSV with the columns of [`ANSWERS`], with its newline. Numbers have full
     /// precision, and codes of warnings are separated by spaces. The row of a query that failed has only `id` and
-    /// `error`.
-    pub fn to_row(&self) -> String {
+    /// `error`, which is the text that `message` returns.
+    pub fn to_row(&self, message: fn(&QueryError) -> String) -> String {
         let mut fields = vec![self.id.clone()];
         match &self.outcome {
             Ok(plan) => {
@@ -153,7 +146,7 @@ impl BatchResult {
             Err(error) => {
                 let empty = ANSWERS.split(',').count() - 2;
                 fields.extend(std::iter::repeat_n(String::new(), empty));
-                fields.push(error.to_string());
+                fields.push(message(error));
             }
         }
         let mut writer = csv::Writer::from_writer(Vec::new());
@@ -162,8 +155,9 @@ impl BatchResult {
         writer.into_inner().ok().and_then(|row| String::from_utf8(row).ok()).unwrap_or_default()
     }
 
-    /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`.
-    pub fn to_line(&self, robot: &Robot) -> String {
+    /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`, which
+    /// is the text that `message` returns.
+    pub fn to_line(&self, robot: &Robot, message: fn(&QueryError) -> String) -> String {
         #[derive(Serialize)]
         struct FailedQuery<'a> {
             id: &'a str,
@@ -172,7 +166,7 @@ impl BatchResult {
         match &self.outcome {
             Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::with_robot(plan, robot) }.to_line(),
             Err(error) => {
-                let failed = FailedQuery { id: &self.id, error: error.to_string() };
+                let failed = FailedQuery { id: &self.id, error: message(error) };
                 sanitize::json_line(&failed)
             }
         }
@@ -308,7 +302,7 @@ fn text_of(field: Option<&[u8]>) -> &str {
 /// Returns the planner with this name, as in plan files.
 fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
     let name: StrDeserializer<ValueError> = name.into_deserializer();
-    Planner::deserialize(name).map_err(|error| QueryError::Planner { reason: error.to_string() })
+    Planner::deserialize(name).map_err(QueryError::Planner)
 }
 
 #[cfg(test)]
@@ -372,7 +366,8 @@ mod tests {
     fn an_output_line_has_the_plan_and_its_id_or_the_error() {
         let answers = answers(&format!("{HEADER}\n7,0,0,0,0,90,0,0,500,0,90\n8,0\n"));
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
+        let (plan, error) =
+            (answers[0].to_line(&robot, ToString::to_string), answers[1].to_line(&robot, ToString::to_string));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
         assert_eq!(
             error,
@@ -403,7 +398,8 @@ mod tests {
     #[test]
     fn rows_have_exact_numbers_and_as_many_fields_as_the_header() {
         let answers = answers("id,to_x_mm,to_y_mm,to_z_mm\n\"a, b\",200,1e-14,400.1\nc,0,0,x\n");
-        let rows: String = ANSWERS.to_owned() + &answers[0].to_row() + &answers[1].to_row();
+        let rows: String =
+            ANSWERS.to_owned() + &answers[0].to_row(ToString::to_string) + &answers[1].to_row(ToString::to_string);
         let mut reader = ReaderBuilder::new().from_reader(rows.as_bytes());
         let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         let plan = answers[0].outcome.as_ref().unwrap();

@@ -8,7 +8,7 @@ use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes, refuse_terminal};
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
-use growbot_pictures::export::mesh::{MeshError, MeshResolution};
+use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 use growbot_pictures::view::{self, NamedScene};
@@ -210,7 +210,7 @@ impl ExportArgs {
                     laid: None,
                     scene: scene.as_ref().map(|(file, loaded)| NamedScene { file, scene: &loaded.scene }),
                 };
-                let around = scene_view(&view).map_err(Failure::bad_input)?;
+                let around = scene_view(&view)?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
             ExportFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
@@ -230,11 +230,5 @@ impl ExportArgs {
                 ))),
             },
         }
-    }
-}
-
-impl From<MeshError> for Failure {
-    fn from(error: MeshError) -> Self {
-        Self::bad_input(error)
     }
 }

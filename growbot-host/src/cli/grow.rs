@@ -22,7 +22,7 @@ use super::plan_source::{PlanSourceArgs, ResolvedPlan};
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
-use super::{Connection, Failure, PortArg, SelectedPort};
+use super::{Connection, Failure, PortArg, SelectedPort, remedies};
 
 /// Grow a body: from a plan, or directly to a pose
 ///
@@ -117,7 +117,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.resolve()?, args.print()?);
     let ResolvedPlan { robot, plan, scene, clearance_error: unclear } = args.goal.open(args.json)?;
     for warning in &plan.warnings {
-        growbot_host::warning!("{}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
     let disturbance = &args.disturbance;
     let assumed = if port.is_simulated() {
@@ -166,7 +166,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let shown = scene.as_ref().map(|loaded| NamedScene { file: &file, scene: &loaded.scene });
     let subject = Subject { name: &name, robot: &robot, plan: &plan, run: None, laid: None, scene: shown };
     let watch = args.watching.begin(&subject, &job, &[], &orders)?;
-    let log = request.open_log(&args.log_target(), &job, port.text()).map_err(Failure::bad_input)?;
+    let log = request.open_log(&args.log_target(), &job, port.text())?;
     let following = GrowthMonitor {
         request,
         log,
@@ -256,7 +256,9 @@ impl GrowArgs {
             GrowthRefusal::Warnings { .. } => {
                 format!("{refusal}: change the plan, or ignore the warnings with --force")
             }
-            GrowthRefusal::Scene(_) => format!("{refusal}; or grow without checking the scene (--ignore-scene)"),
+            GrowthRefusal::Scene(error) => {
+                format!("{}; or grow without checking the scene (--ignore-scene)", remedies::message(*error))
+            }
             GrowthRefusal::Clearance(_) => format!(
                 "{refusal}: plan with a larger --margin or another --radius (`growbot plan --scene`), use a better \
                  sensor, or ignore the scene with --ignore-scene"

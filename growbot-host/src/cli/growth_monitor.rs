@@ -17,7 +17,7 @@ use growbot_host::watch::WatchPage;
 use time::OffsetDateTime;
 
 use super::terminal_commands::{TerminalCommands, waiting_hint};
-use super::{Failure, growth_table, simulated_prefix};
+use super::{Failure, growth_table, remedies, simulated_prefix};
 
 /// Behaviour of the board when it loses contact with its host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -133,7 +133,7 @@ impl GrowthMonitor<'_> {
     ) -> Result<(), Failure> {
         let simulated = self.request.simulated;
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         let is_json = self.print == ResultFormat::Json;
         let printed = match &grown {
@@ -173,9 +173,9 @@ fn off_text(simulated: bool) -> &'static str {
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {
-            Failure::request_failed(format_args!("{error}; the robot is simulated"))
+            Failure::request_failed(format_args!("{}; the robot is simulated", remedies::message(&error)))
         }
-        error => Failure::request_failed(error),
+        error => Failure::during_request(&error),
     }
 }
 
@@ -189,9 +189,11 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
         ))),
         Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
-        Outcome::Fault(fault) => {
-            Err(Failure::request_failed(format!("fault {}: {}; {off}", fault.code(), fault.explanation())))
-        }
+        Outcome::Fault(fault) => Err(Failure::request_failed(format!(
+            "fault {}: {}; {off}",
+            fault.code(),
+            remedies::fault_explanation(fault)
+        ))),
         Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
         Outcome::Parked => Err(Failure::request_failed(format!(
             "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"

@@ -29,6 +29,7 @@ mod plan_or_run;
 mod plan_source;
 mod plan_table;
 mod power;
+mod remedies;
 mod replay;
 mod reproduce;
 mod resume;
@@ -54,6 +55,7 @@ mod watch_options;
 mod workspace;
 mod workspace_in_scene;
 
+use std::error::Error;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -67,13 +69,20 @@ use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_client::robot_file::{self, RobotFileError};
-use growbot_client::run_log::RecordedRun;
+use growbot_client::run_log::{ReadRunLogError, RecordedRun, RunLogError};
+use growbot_client::scene_planning::SceneCheckError;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
+use growbot_host::crash::ImageError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsError};
 use growbot_host::sim_process::SimProcessError;
+use growbot_host::watch::WatchError;
+use growbot_pictures::drawing::png::PngError;
+use growbot_pictures::export::mesh::MeshError;
+use growbot_pictures::view::ViewError;
+use growbot_scene::scene_file::SceneError;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
 use growbot_sim::simulated_tip::SimulatedTip;
@@ -224,6 +233,16 @@ impl Failure {
         Self { code: 1, kind: Severity::Error, message: Some(message.to_string()) }
     }
 
+    /// Returns the failure for an error that occurred before the job started.
+    pub fn before_start(error: &(dyn Error + 'static)) -> Self {
+        Self::bad_input(remedies::message(error))
+    }
+
+    /// Returns the failure for an error of a valid request.
+    pub fn during_request(error: &(dyn Error + 'static)) -> Self {
+        Self::request_failed(remedies::message(error))
+    }
+
     /// Returns the result of a command whose standard output was closed by its reader, for example `head`. Its exit
     /// code is 0.
     fn stdout_closed() -> Self {
@@ -272,7 +291,7 @@ impl From<OutputError> for Failure {
     fn from(error: OutputError) -> Self {
         match error {
             OutputError::Closed => Self::stdout_closed(),
-            error => Self::bad_input(error),
+            error => Self::before_start(&error),
         }
     }
 }
@@ -282,7 +301,7 @@ macro_rules! bad_input {
     ($($error:ty),*) => {
         $(impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                Self::bad_input(error)
+                Self::before_start(&error)
             }
         })*
     };
@@ -291,21 +310,30 @@ macro_rules! bad_input {
 bad_input!(
     BatchError,
     FileError,
+    ImageError,
     InputError,
+    MeshError,
     OpenError,
     PlanFileError,
+    PngError,
     PortError,
+    ReadRunLogError,
+    RunLogError,
+    SceneCheckError,
+    SceneError,
     SimDaemonError,
     RobotFileError,
     SettingsError,
-    SimProcessError
+    SimProcessError,
+    ViewError,
+    WatchError
 );
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::request_failed(error),
-            error => Self::bad_input(error),
+            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::during_request(&error),
+            error => Self::before_start(&error),
         }
     }
 }

@@ -13,6 +13,8 @@ use growbot_pictures::duration::duration_text;
 use growbot_pictures::figures::direction_text;
 use time::{Duration, OffsetDateTime};
 
+use super::remedies;
+
 /// Columns of a terminal.
 const WIDTH: usize = 80;
 
@@ -71,7 +73,10 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         text += &format!("  margin    {margin:.2} mm\n");
     }
     for warning in &plan.warnings {
-        text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
+        text += &format!(
+            "\n{}",
+            wrapped("", &format!("warning ({}): {}", warning.code, remedies::warning_message(warning)), 2)
+        );
     }
     text
 }

@@ -21,7 +21,7 @@ use super::plan_or_run::PlanOrRun as Opened;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
-use super::{Failure, PortArg, SelectedPort};
+use super::{Failure, PortArg, SelectedPort, remedies};
 
 /// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -144,7 +144,7 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         ask(&board)?;
     }
     let target = if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled };
-    let log = request.open_log(&target, &job, port.text()).map_err(Failure::bad_input)?;
+    let log = request.open_log(&target, &job, port.text())?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.simulated_suffix());
@@ -238,7 +238,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
         return Err(Failure::request_failed(format!(
             "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
             fault.code(),
-            fault.explanation()
+            remedies::fault_explanation(fault)
         )));
     }
     Ok(())

@@ -13,14 +13,13 @@ use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::serve::PREFIX;
 use growbot_host::serve::api::MaintenanceRequest;
 use growbot_host::serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
 use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::GrowRequest;
 use growbot_host::serve::job::{Job, JobState};
 use growbot_host::serve::page_urls::PageUrls;
-use growbot_host::serve::{RobotState, RobotStatus};
+use growbot_host::serve::{PREFIX, RobotState, RobotStatus};
 use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
@@ -254,7 +253,7 @@ impl ServiceRobot {
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
             ResultFormat::Table => {
-                let record = RecordedRun::read(&log, &job.id).map_err(Failure::bad_input)?;
+                let record = RecordedRun::read(&log, &job.id)?;
                 print(&replay::text_of(&record)?)?;
             }
             ResultFormat::Nothing => {}

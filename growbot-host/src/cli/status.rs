@@ -23,7 +23,7 @@ use time::OffsetDateTime;
 use super::flash::built_images;
 use super::growth_table::made;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg};
+use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Show the identity, state and sensors of the robot's board
 ///
@@ -52,7 +52,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
         return owned.status(args.json);
     }
     let robot = args.robot.load()?;
-    let given = args.elf.as_deref().map(FirmwareImage::open).transpose().map_err(Failure::bad_input)?;
+    let given = args.elf.as_deref().map(FirmwareImage::open).transpose()?;
     let mut client = port.client(&robot)?;
     let mut report = BoardReport::of(&mut client, port.is_simulated())?;
     report.look_up_in(given)?;
@@ -143,6 +143,15 @@ impl BoardReport {
         }
         if let Some(crash) = self.crash() {
             text += &crash.text();
+            text += &match (crash.image, crash.record.image) {
+                (Some(_), _) => String::new(),
+                (None, Some(crc)) => {
+                    format!("             for functions and lines, give the image with CRC {crc:08x} with --elf FILE\n")
+                }
+                (None, None) => {
+                    "             for functions and lines, give the flashed ELF image with --elf FILE\n".to_owned()
+                }
+            };
         }
         text
     }
@@ -344,7 +353,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
     let mut text = format!("robot        {}, firmware {}{simulated}\n", described(hello), version(hello));
     text += &format!("state        {}\n", status.state.name());
     if let Some(fault) = status.fault {
-        text += &format!("fault        {}: {}\n", fault.code(), fault.explanation());
+        text += &format!("fault        {}: {}\n", fault.code(), remedies::fault_explanation(fault));
     }
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");

@@ -150,9 +150,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     let contents = match format {
         ViewFormat::Html => args.page(&subjects)?.into_bytes(),
         ViewFormat::Svg => args.picture(&subjects, &opened)?.into_bytes(),
-        ViewFormat::Png => {
-            png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH)).map_err(Failure::bad_input)?
-        }
+        ViewFormat::Png => png(&args.picture(&subjects, &opened)?, args.width.unwrap_or(WIDTH))?,
         ViewFormat::Pdf => svg_to_pdf(&args.picture(&subjects, &opened)?).map_err(Failure::bad_input)?,
     };
     if !write_to(&output, &contents)? {
@@ -200,7 +198,7 @@ impl ViewArgs {
             [one, ..] => page::render(one),
             [] => return Err(Failure::bad_input("no file given: give a plan or a run log")),
         };
-        page.map_err(Failure::bad_input)
+        Ok(page?)
     }
 
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
@@ -210,7 +208,7 @@ impl ViewArgs {
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
                 subjects.iter().zip(&logs).map(|(subject, log)| PlotInput { subject, log: log.as_deref() }).collect();
-            return plot::svg(&plotted, &options).map_err(Failure::bad_input);
+            return Ok(plot::svg(&plotted, &options)?);
         }
         let picture = picture::svg(
             subjects,
@@ -222,7 +220,7 @@ impl ViewArgs {
                 axes: self.axes,
             },
         );
-        picture.map_err(Failure::bad_input)
+        Ok(picture?)
     }
 
     /// Checks that the options are compatible.

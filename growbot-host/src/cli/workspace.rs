@@ -157,7 +157,7 @@ fn draw(args: &WorkspaceArgs, question: &WorkspaceQuery) -> Result<(), Failure> 
     if let Some(path) = &args.output {
         let svg = svg(question, &answer);
         let bytes = match format_from_extension(path, &FORMATS)? {
-            Some("png") => png(&svg, WIDTH).map_err(Failure::bad_input)?,
+            Some("png") => png(&svg, WIDTH)?,
             Some("pdf") => svg_to_pdf(&svg).map_err(Failure::bad_input)?,
             _ => svg.into_bytes(),
         };

@@ -47,7 +47,6 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
-
 pub use scene_view::SceneView;
 
 /// Greatest number of layers of a body that a view shows: some 150 m. Browsers fail with longer bodies.
@@ -68,7 +67,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A plan lacks a quantity that only a growth has.
-    #[error("{name} is not the log of a growth and has no {what}: give a run log, as `growbot grow --log` writes it")]
+    #[error("{name} is not the log of a growth and has no {what}: give a run log")]
     NotMeasured {
         /// Name of the plan.
         name: String,
@@ -76,7 +75,7 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A run log contains no temperatures.
-    #[error("{name} has no temperature: remove temperature from --plot")]
+    #[error("{name} has no temperature")]
     NoTemperatures {
         /// Name of the log.
         name: String,

@@ -283,7 +283,7 @@ impl GroundTruth for SharedFollowed {
         followed.sync().map_err(|error| QemuError::Io("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
-            return Err(PortError::Lost("the emulated tip".to_string(), what));
+            return Err(PortError::Lost("the emulated tip".to_string(), io::Error::other(what)));
         }
         Ok(LaidBody { body: followed.tip.body(), feed_steps: followed.tip.feed_steps() })
     }

@@ -187,7 +187,7 @@ impl Port for Emulator {
             BoardLine::Real { stream, .. } => stream.receive(buffer, timeout),
             BoardLine::Virtual(stepped) => {
                 let received = stepped.borrow_mut().receive(buffer, timeout);
-                received.map_err(|error| PortError::Lost(NAME.to_string(), error.to_string()))
+                received.map_err(|error| PortError::Lost(NAME.to_string(), error))
             }
         };
         received.map_err(|error| self.explain_disconnect(error))

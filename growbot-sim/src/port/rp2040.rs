@@ -12,6 +12,7 @@ mod node_process;
 
 use std::cell::{RefCell, RefMut};
 use std::collections::VecDeque;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
@@ -366,10 +367,8 @@ impl Port for Rp2040Emulator {
         let deadline = self.now_ns + timeout.as_nanos() as u64;
         while self.from_board.is_empty() && self.now_ns < deadline {
             if self.lost_power {
-                return Err(PortError::Lost(
-                    "the emulated board".to_owned(),
-                    "the emulated board has no power".to_owned(),
-                ));
+                let cause = io::Error::new(io::ErrorKind::NotConnected, "the emulated board has no power");
+                return Err(PortError::Lost("the emulated board".to_owned(), cause));
             }
             self.exchange(deadline)?;
         }

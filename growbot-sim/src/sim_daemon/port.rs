@@ -2,7 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::rc::Rc;
 use std::time::Duration;
@@ -95,23 +95,24 @@ impl DaemonPort {
     }
 
     fn request(&mut self, ask: &Request, limit: Duration) -> Result<Response, PortError> {
-        let answer = self.round_trip(ask, limit).map_err(|why| PortError::Lost(self.name.clone(), why))?;
+        let answer = self.round_trip(ask, limit).map_err(|error| PortError::Lost(self.name.clone(), error))?;
         if let Response::Done { now_us } | Response::Bytes { now_us, .. } = &answer {
             self.now = Duration::from_micros(*now_us);
         }
         Ok(answer)
     }
 
-    fn round_trip(&mut self, ask: &Request, limit: Duration) -> Result<Response, String> {
-        let mut line = serde_json::to_vec(ask).map_err(|error| error.to_string())?;
+    fn round_trip(&mut self, ask: &Request, limit: Duration) -> io::Result<Response> {
+        let switched_off = || io::Error::new(io::ErrorKind::ConnectionReset, "the simulated board was switched off");
+        let mut line = serde_json::to_vec(ask)?;
         line.push(b'\n');
         let stream = self.reader.get_mut();
         let sent = stream.set_read_timeout(Some(limit)).and_then(|()| stream.write_all(&line));
-        sent.map_err(|_| "the simulated board was switched off".to_owned())?;
+        sent.map_err(|_| switched_off())?;
         let mut answer = String::new();
         match self.reader.read_line(&mut answer) {
-            Ok(0) | Err(_) => Err("the simulated board was switched off".to_owned()),
-            Ok(_) => serde_json::from_str(&answer).map_err(|error| error.to_string()),
+            Ok(0) | Err(_) => Err(switched_off()),
+            Ok(_) => Ok(serde_json::from_str(&answer)?),
         }
     }
 }

@@ -1,10 +1,9 @@
 //! The directory with the state of a simulated robot.
 
-use std::env;
 use std::fs::{self, File};
-use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
+use std::{env, io};
 
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use rustix::fs::{FlockOperation, flock};
@@ -95,7 +94,7 @@ impl StateDir {
         match fs::read(&path) {
             Ok(bytes) => match Robot::decode(&bytes) {
                 Ok(robot) => Ok(Some(robot)),
-                Err(error) => Err(self.failed("read", path, io::Error::other(error.to_string()))),
+                Err(error) => Err(self.failed("read", path, io::Error::other(error))),
             },
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(self.failed("read", path, error)),
@@ -125,7 +124,7 @@ impl StateDir {
     fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimDaemonError> {
         let path = self.file(name);
         let written = growbot_client::atomic_file::write_atomic(&path, bytes);
-        written.map_err(|error| self.failed("write", path, io::Error::other(error.to_string())))
+        written.map_err(|error| self.failed("write", path, io::Error::other(error)))
     }
 
     fn check_same_robot(&self, known: &Robot, other: &Robot) -> Result<(), SimDaemonError> {

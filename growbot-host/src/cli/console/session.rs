@@ -32,7 +32,7 @@ use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
 use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::status::BoardReport;
-use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table};
+use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.
 const LOOK: Duration = Duration::from_millis(100);
@@ -185,9 +185,10 @@ impl ConsoleSession {
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
-                "the state of the {}robot is unknown ({error}): run `growbot status`, and if that fails cut the \
-                 robot's power",
-                self.port.kind()
+                "the state of the {}robot is unknown ({}): run `growbot status`, and if that fails cut the robot's \
+                 power",
+                self.port.kind(),
+                remedies::message(&error)
             ),
         };
         let left_out = left_out.text();
@@ -222,8 +223,9 @@ impl ConsoleSession {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(Failure::request_failed(format!(
-                "{error}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the \
-                 robot's power"
+                "{}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the robot's \
+                 power",
+                remedies::message(&error)
             ))),
         }
     }
@@ -311,7 +313,7 @@ impl ConsoleSession {
         let grown = grown.map_err(|error| growth_monitor::growth_failure(error, simulated))?;
         self.orders.clear();
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
         growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, simulated)

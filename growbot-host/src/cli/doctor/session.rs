@@ -14,7 +14,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
 use super::report::{RecordedAnswer, now};
-use crate::cli::Failure;
+use crate::cli::{Failure, remedies};
 
 /// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);
@@ -101,7 +101,7 @@ impl DoctorSession {
     /// Stops the board and returns an error, if a stop was requested.
     fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.stop_requested() {
-            return Err(Failure::request_failed(self.client.stop()?.message(self.simulated)));
+            return Err(Failure::request_failed(remedies::stop_message(self.client.stop()?, self.simulated)));
         }
         Ok(())
     }
@@ -145,7 +145,7 @@ impl DoctorSession {
         self.stop_if_interrupted()?;
         match self.client.maintain(task, &self.orders.permit()) {
             Ok(()) => Ok(None),
-            Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
+            Err(error @ ClientError::Refused { .. }) => Ok(Some(remedies::message(&error))),
             Err(error) => Err(lost(error)),
         }
     }
@@ -154,7 +154,7 @@ impl DoctorSession {
     pub fn clear(&mut self) -> Result<Option<String>, Failure> {
         match self.client.clear_fault(&self.orders.permit()) {
             Ok(()) => Ok(None),
-            Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
+            Err(error @ ClientError::Refused { .. }) => Ok(Some(remedies::message(&error))),
             Err(error) => Err(lost(error)),
         }
     }
@@ -199,7 +199,7 @@ impl DoctorSession {
 
 /// Returns the code and the explanation of a fault.
 pub fn describe(fault: Fault) -> String {
-    format!("{}: {}", fault.code(), fault.explanation())
+    format!("{}: {}", fault.code(), remedies::fault_explanation(fault))
 }
 
 /// Converts an error during a step. The message warns that the robot may be heating if the board does not respond.
@@ -207,7 +207,8 @@ fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::request_failed(format!(
-            "{error}; the robot may be heating: run `growbot status`, and if that fails cut the robot's power"
+            "{}; the robot may be heating: run `growbot status`, and if that fails cut the robot's power",
+            remedies::message(&error)
         )),
     }
 }

@@ -72,17 +72,15 @@ pub fn write(file: &Path, format: BodyFormat, grown: &BodyToWrite) -> Result<(),
     let kind = BodyKind::Laid.name();
     let body = || ExportedBody::laid(robot, &plan.start, laid.layers);
     let subject = Subject { name, robot, plan, run: None, laid: Some(laid), scene };
-    let picture = || picture::svg(&[&subject], &PictureOptions::default()).map_err(Failure::bad_input);
+    let picture = || picture::svg(&[&subject], &PictureOptions::default());
     let bytes = match format {
         BodyFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
         BodyFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
-        BodyFormat::Glb => {
-            glb::write(&[(kind, &body())], scene_view(&subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
-        }
-        BodyFormat::Html => page::render(&subject).map_err(Failure::bad_input)?.into_bytes(),
+        BodyFormat::Glb => glb::write(&[(kind, &body())], scene_view(&subject)?.as_ref(), RESOLUTION)?,
+        BodyFormat::Html => page::render(&subject)?.into_bytes(),
         BodyFormat::Svg => picture()?.into_bytes(),
         BodyFormat::Pdf => svg_to_pdf(&picture()?).map_err(Failure::bad_input)?,
-        BodyFormat::Png => png(&picture()?, WIDTH).map_err(Failure::bad_input)?,
+        BodyFormat::Png => png(&picture()?, WIDTH)?,
     };
     write_atomic(file, &bytes)?;
     growbot_host::note!("body, {kind}, written to {}, {} bytes", file.display(), bytes.len());

@@ -27,10 +27,10 @@ use self::body_file::{BodyFormat, BodyToWrite};
 use self::disturbances::DisturbanceReport;
 use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
-use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::plan_source::{PlanSourceArgs, ResolvedPlan};
 use super::units::mm;
+use super::{Failure, remedies};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///
@@ -192,7 +192,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
 
 fn warn(warnings: &[Warning]) {
     for warning in warnings {
-        growbot_host::warning!("{}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
 }
 

@@ -19,6 +19,7 @@ use super::body::ScreenPoint;
 use super::keys::KEYS;
 use super::model::{ConsoleModel, explanation};
 use crate::cli::console::commands::hint;
+use crate::cli::remedies;
 
 /// Smallest screen that has room for pictures: columns and rows.
 const MIN_SIZE: (u16, u16) = (72, 20);
@@ -171,7 +172,7 @@ fn problem_text(model: &ConsoleModel) -> Option<String> {
         return Some(format!("NO RESPONSE: {why}"));
     }
     let fault = model.status.as_ref()?.fault?;
-    Some(format!("{}: {}", fault.code(), fault.explanation()))
+    Some(format!("{}: {}", fault.code(), remedies::fault_explanation(fault)))
 }
 
 /// Returns the number of rows that a text takes when it is wrapped to `width` columns, at most 3.
@@ -452,7 +453,7 @@ mod tests {
             let mut model = growing();
             model.apply_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
             let text = drawn(&model, 80, 24).concat().replace(' ', "");
-            assert!(text.contains(&fault.explanation().replace(' ', "")), "{}", fault.code());
+            assert!(text.contains(&remedies::fault_explanation(fault).replace(' ', "")), "{}", fault.code());
         }
         for state in State::ALL {
             let mut model = model();
