@@ -75,7 +75,7 @@ pub struct GrowthRequest<'a> {
     pub simulated: bool,
 }
 
-/// Reason why a growth is refused before its board is asked. The message names no remedy, because it depends on the
+/// Reason why a growth is refused before anything is sent to its board. The message names no remedy, because it depends on the
 /// program: each adds its own.
 #[derive(Debug, thiserror::Error)]
 pub enum GrowthRefusal<'a> {
