@@ -14,7 +14,7 @@ use growbot_client::port::time_since_boot;
 use growbot_client::robot_file;
 use growbot_client::run_log::RunLog;
 use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
-use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status};
+use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status, celsius};
 use growbot_core::robot::Robot;
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::port::{self, PortName};
@@ -329,7 +329,6 @@ impl RobotWorker {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.lock_state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
         let age_s = self.status_age_s(&known, pace);
