@@ -16,8 +16,8 @@
 //! - [`maintenance`]: presets of materials, and maintenance commands;
 //! - [`run_log`]: the log of a growth, with its events and its result; [`run_clock`]: the time since a growth began;
 //!   [`forecast`]: the expected finish time of a growth;
-//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`]: bounded reading, atomic writing, text without control
-//!   characters, and suggestions for mistyped names.
+//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`]: bounded reading, atomic writing, text without
+//!   control characters, suggestions for mistyped names, and the user's directories.
 //!
 //! The feature `schema` derives JSON Schemas of plans, run logs and results.
 //!
@@ -51,5 +51,6 @@ pub mod scene_planning;
 pub mod self_collision;
 pub mod stop_signal;
 pub mod suggest;
+pub mod user_dirs;
 pub mod warning;
 pub mod waypoints;

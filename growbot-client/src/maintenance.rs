@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use growbot_core::link::message::MaintenanceTask;
+use growbot_core::link::message::{MaintenanceTask, celsius};
 use growbot_core::robot::Robot;
 
 use crate::pose_text::parse_number;
@@ -151,7 +151,7 @@ pub fn task_message(task: MaintenanceTask) -> String {
         MaintenanceTask::Preheat { target_centi_c } => format!(
             "the nozzle heats to {} C; in maintenance the heater switches off by itself after 10 minutes without \
              commands",
-            f64::from(target_centi_c) / 100.0
+            celsius(target_centi_c)
         ),
         MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
         MaintenanceTask::DryRun => "the head and the feed can now be moved with the heater off".to_owned(),

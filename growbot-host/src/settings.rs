@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use growbot_client::input::{self, InputError};
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_client::suggest::did_you_mean;
+use growbot_client::user_dirs::config_dir;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
@@ -369,31 +370,14 @@ pub fn nearest() -> Option<PathBuf> {
     here.ancestors().map(|directory| directory.join(FILE_NAME)).find(|file| file.is_file())
 }
 
-/// Returns the path of the file in the user's configuration, even if it does not exist: `growbot/growbot.toml` in
-/// `$XDG_CONFIG_HOME`, or in `~/.config`.
+/// Returns the path of the file in the user's configuration, even if it does not exist.
 pub fn user_file() -> Option<PathBuf> {
-    user_file_in(env::var_os("XDG_CONFIG_HOME"), env::var_os("HOME"))
-}
-
-fn user_file_in(configuration: Option<OsString>, home: Option<OsString>) -> Option<PathBuf> {
-    // The XDG base directory specification requires that relative paths are ignored.
-    let absolute = |name: Option<OsString>| name.map(PathBuf::from).filter(|path| path.is_absolute());
-    let directory = absolute(configuration).or_else(|| Some(absolute(home)?.join(".config")))?;
-    Some(directory.join("growbot").join(FILE_NAME))
+    Some(config_dir()?.join(FILE_NAME))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_users_file_is_in_the_configuration_directory() {
-        let of = |configuration: &str, home: &str| user_file_in(Some(configuration.into()), Some(home.into()));
-        assert_eq!(of("/conf", "/home/me"), Some("/conf/growbot/growbot.toml".into()));
-        assert_eq!(of("", "/home/me"), Some("/home/me/.config/growbot/growbot.toml".into()));
-        assert_eq!(of("relative", "/home/me"), Some("/home/me/.config/growbot/growbot.toml".into()));
-        assert_eq!(user_file_in(None, None), None);
-    }
 
     #[test]
     fn robot_names_are_valid_in_urls() {

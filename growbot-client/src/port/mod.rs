@@ -87,32 +87,6 @@ impl<P: Port> Port for Rc<RefCell<P>> {
     }
 }
 
-impl Port for Box<dyn Port> {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.as_mut().send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.as_mut().receive(buffer, timeout)
-    }
-
-    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
-        self.as_mut().send_emergency_stop()
-    }
-
-    fn now(&self) -> Duration {
-        self.as_ref().now()
-    }
-
-    fn has_comparable_clock(&self) -> bool {
-        self.as_ref().has_comparable_clock()
-    }
-
-    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.as_mut().emergency_port()
-    }
-}
-
 /// Returns the real time since the host was started, including the time in which it slept.
 pub fn time_since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);

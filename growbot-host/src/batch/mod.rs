@@ -7,23 +7,23 @@ mod columns;
 
 use std::io::Read;
 
-pub use columns::HeaderError;
 use columns::{BatchColumns, Column};
 use csv::{ByteRecord, Reader, ReaderBuilder};
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::PlanFile;
-use growbot_client::pose_text::{parse_number, pose_of_numbers};
+use growbot_client::pose_text::pose_of_numbers;
 use growbot_client::sanitize;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::{PlanError, Planner};
-use growbot_core::pose::{Pose, PoseError, Position};
+use growbot_core::pose::{Pose, PoseError};
 use growbot_core::robot::Robot;
 use growbot_pictures::figures::shortest;
-use nalgebra::Vector3;
 use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
 
+use crate::via_csv::{LineError, goal_of, number};
+pub use columns::HeaderError;
 /// Errors that end a batch early.
 #[derive(Debug, thiserror::Error)]
 pub enum BatchError {
@@ -54,25 +54,12 @@ pub enum QueryError {
         /// Position of the first invalid byte in the field, from 0.
         position: usize,
     },
-    /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
-    NotANumber {
-        /// Name of the column.
-        column: &'static str,
-        /// Text of the field.
-        text: String,
-    },
+    /// A field is not a number, or only one of two angles is given.
+    #[error(transparent)]
+    Field(#[from] LineError),
     /// The planner does not exist. The error lists the planners that exist.
     #[error("planner: {0}")]
     Planner(#[source] ValueError),
-    /// Only one of the two angles is given.
-    #[error(
-        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
-    )]
-    HalfADirection {
-        /// Name of the column that is empty.
-        column: &'static str,
-    },
     /// The numbers are not a valid pose.
     #[error("{which}: {error}")]
     Pose {
@@ -259,20 +246,13 @@ impl<R: Read> Batch<R> {
     }
 
     fn goal(&self) -> Result<Goal, QueryError> {
-        let wrong = |error| QueryError::Pose { which: "to", error };
-        let [x, y, z] = self.numbers(self.columns.to)?;
-        let Some(columns) = self.columns.direction else {
-            return Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?));
-        };
-        match columns.map(|column| self.text(column).is_empty()) {
-            [true, true] => Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?)),
-            [true, false] => Err(QueryError::HalfADirection { column: columns[0].name }),
-            [false, true] => Err(QueryError::HalfADirection { column: columns[1].name }),
-            [false, false] => {
-                let [heading, pitch] = self.numbers(columns)?;
-                Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch]).map_err(wrong)?))
-            }
-        }
+        let [x, y, z] = self.columns.to.map(|column| self.field(column));
+        let direction = self.columns.direction.map(|columns| columns.map(|column| self.field(column)));
+        let [heading, pitch] = direction.unwrap_or_default();
+        goal_of([x, y, z, heading, pitch]).map_err(|error| match error {
+            LineError::Pose(error) => QueryError::Pose { which: "to", error },
+            error => error.into(),
+        })
     }
 
     fn numbers<const N: usize>(&self, columns: [Column; N]) -> Result<[f64; N], QueryError> {
@@ -284,8 +264,12 @@ impl<R: Read> Batch<R> {
     }
 
     fn number(&self, column: Column) -> Result<f64, QueryError> {
-        let text = self.text(column);
-        parse_number(text).ok_or_else(|| QueryError::NotANumber { column: column.name, text: text.to_owned() })
+        Ok(number(self.field(column))?)
+    }
+
+    /// Returns the name of a column and the text of its field.
+    fn field(&self, column: Column) -> (&'static str, &str) {
+        (column.name, self.text(column))
     }
 
     /// Returns the text of a field without surrounding spaces.

@@ -47,6 +47,7 @@ mod status;
 mod stop;
 mod terminal_commands;
 mod tune;
+mod typed_answer;
 mod uf2_drive;
 mod units;
 mod usage;

@@ -1,7 +1,7 @@
 //! `growbot resume`: continues an unfinished body.
 
 use std::fs;
-use std::io::{self, BufRead, IsTerminal, Read, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
@@ -20,6 +20,7 @@ use super::interrupt::stop_on_interrupt;
 use super::plan_or_run::PlanOrRun as Opened;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
+use super::typed_answer::read_answer;
 use super::watch_options::WatchArgs;
 use super::{Failure, PortArg, SelectedPort, remedies};
 
@@ -69,9 +70,6 @@ Examples:
 
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, invalid arguments or input.";
-
-/// Maximum length of an answer, bytes.
-const LONGEST_ANSWER: u64 = 4096;
 
 /// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -257,9 +255,8 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
     }
     eprint!("Heat the nozzle, find the index mark of the head and resume the growth? [y/N] ");
     let _ = io::stderr().flush();
-    let mut answer = String::new();
-    io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;
-    match answer.trim() {
+    let answer = read_answer().map_err(Failure::bad_input)?;
+    match answer.unwrap_or_default().trim() {
         "y" | "Y" | "yes" => Ok(()),
         _ => Err(Failure::request_failed("not resumed: nothing was heated or moved")),
     }

@@ -10,7 +10,7 @@ use growbot_client::run_log::{InterruptedLayerJson, utc_text};
 use growbot_client::sanitize::json_line;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State,
+    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, celsius,
 };
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::crash::{CrashReport, FirmwareImage};
@@ -264,10 +264,6 @@ pub fn text_of_record(record: &FaultRecord) -> String {
         text += &format!("             the {}'s driver {}\n", motor.name(), problem.explanation());
     }
     text
-}
-
-fn celsius(centi: i32) -> f64 {
-    f64::from(centi) / 100.0
 }
 
 fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {

@@ -14,7 +14,7 @@ use growbot_client::port::time_since_boot;
 use growbot_client::robot_file;
 use growbot_client::run_log::RunLog;
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{Cancel, Fault, PassiveRequest, State, Status};
+use growbot_core::link::message::{Cancel, Fault, PassiveRequest, State, Status, celsius};
 use growbot_core::robot::Robot;
 use growbot_sim::port::{self, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
@@ -196,7 +196,6 @@ impl RobotWorker {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.lock_state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
         let pause = status.filter(pauses).map(|status| status.pause_cause);

@@ -5,7 +5,7 @@ use growbot_client::run_clock::RunClock;
 use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
-use growbot_core::link::message::{Fault, PauseCause, State, Status};
+use growbot_core::link::message::{Fault, PauseCause, State, Status, celsius};
 use serde::Serialize;
 
 /// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
@@ -248,7 +248,6 @@ impl GrowthTracker {
         (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
         self.clock.set_uptime(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
             self.readings.push(TemperaturePoint(now, celsius(temperature), status.target_centi_c.map(celsius)));
         }

@@ -1,10 +1,11 @@
 //! The directory with the state of a simulated robot.
 
 use std::fs::{self, File};
+use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
-use std::{env, io};
 
+use growbot_client::user_dirs;
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use rustix::fs::{FlockOperation, flock};
 
@@ -27,12 +28,10 @@ impl StateDir {
     /// # Errors
     /// [`SimDaemonError::NoHome`].
     pub fn of(name: &str) -> Result<Self, SimDaemonError> {
-        let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
         let directory = if name.contains('/') {
             PathBuf::from(name)
         } else {
-            let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")));
-            state.ok_or(SimDaemonError::NoHome)?.join("growbot/robots").join(name)
+            user_dirs::state_dir().ok_or(SimDaemonError::NoHome)?.join("robots").join(name)
         };
         Ok(Self { name: name.to_owned(), directory })
     }

@@ -204,6 +204,11 @@ pub struct BoardInfo {
     pub owner: Option<HostName>,
 }
 
+/// Converts hundredths of a degree Celsius, the unit of temperatures in messages, to degrees Celsius.
+pub fn celsius(centi_c: i32) -> f64 {
+    f64::from(centi_c) / 100.0
+}
+
 /// Status of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Status {

@@ -9,6 +9,7 @@ use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
+use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
@@ -46,7 +47,7 @@ impl DoctorSession {
     /// Prints a question and waits for the answer. `None` if the step is skipped.
     pub fn ask(&mut self, question: &str, wanted: AnswerKind) -> Result<Option<OperatorAnswer>, Failure> {
         loop {
-            for line in wrapped(question) {
+            for line in wrap(question, TERMINAL_WIDTH, "", "").lines() {
                 ask_line(format_args!("{line}"));
             }
             ask_line(format_args!("  [{}]:", wanted.choices()));
@@ -83,9 +84,7 @@ impl DoctorSession {
             match self.answers.within(LOOK) {
                 Ok(line) => return Ok(line),
                 Err(AnswerReadError::EndOfInput) => break,
-                Err(AnswerReadError::Unreadable(why)) => {
-                    return Err(Failure::bad_input(format!("cannot read the answers from standard input: {why}")));
-                }
+                Err(AnswerReadError::Unreadable(why)) => return Err(Failure::bad_input(why)),
                 Err(AnswerReadError::Timeout) if look.is_multiple_of(GREET) => {
                     self.client.status().map_err(lost)?;
                 }
@@ -211,19 +210,4 @@ fn lost(error: ClientError) -> Failure {
             remedies::message(&error)
         )),
     }
-}
-
-/// Wraps a question into lines of at most 80 columns.
-fn wrapped(question: &str) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in question.split(' ') {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= 80 => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }

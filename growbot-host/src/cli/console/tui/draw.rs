@@ -3,7 +3,7 @@
 use growbot_client::forecast::Forecast;
 use growbot_client::sanitize::is_control;
 use growbot_core::layer::Layer;
-use growbot_core::link::message::{State, Status};
+use growbot_core::link::message::{State, Status, celsius};
 use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use ratatui::Frame;
@@ -131,7 +131,6 @@ fn progress(model: &ConsoleModel, status: &Status) -> String {
 
 fn heater_line(model: &ConsoleModel) -> Line<'static> {
     let Some(status) = &model.status else { return Line::default() };
-    let celsius = |centi: i32| f64::from(centi) / 100.0;
     let nozzle = status.temperature_centi_c.map_or("no reading".to_owned(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_owned(), |target| {
         format!("target {:.1} C, {:.0} % power", celsius(target), f64::from(status.duty) / 655.35)
