@@ -3,6 +3,7 @@
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
+use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{
     CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job,
 };
@@ -10,10 +11,8 @@ use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Disturbance;
-use growbot_core::simulation::ErrorModel;
+use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
-use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
@@ -56,7 +55,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> GrowthReport {
     let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
     let grow =
         |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &CommandQueue::default(), on_event);
-    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The firmware in the emulator grows a body with the same steps as the controller in a simulation on the desktop.
 
 use growbot_client::client::Client;
+use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
@@ -8,9 +9,9 @@ use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
-use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::sim::Sim;
+use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_tests::firmware;
 
 /// Grows a path and returns the result.
@@ -23,7 +24,7 @@ fn grow_on(opened: (Box<dyn Port>, Box<dyn SimulatedTip>), robot: &Robot, path: 
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
         grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| (), grow).unwrap()
 }
 
 #[test]

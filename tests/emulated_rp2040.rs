@@ -8,6 +8,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
+use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
@@ -17,10 +18,10 @@ use growbot_core::path::{Segment, end, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::robot::{BoardDescription, BoardKind, DriverSettings, PinOverrides, Robot};
-use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::rp2040::{HostLink, Rp2040Emulator};
 use growbot_sim::port::sim::Sim;
+use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::Variation;
 use growbot_tests::{firmware, pico_firmware};
 
@@ -62,7 +63,7 @@ fn grow_as(
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
         grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap()
+    grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| (), grow).unwrap()
 }
 
 /// Grows a path on the simulated board. Also returns the time on the board's clock at the end.

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::feedback::Feedback;
+use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, GrowthOptions, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job};
 use growbot_client::port::Port;
 use growbot_client::robot_file;
@@ -16,7 +17,6 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::{FilamentMotion, Robot};
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
-use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 
@@ -91,7 +91,7 @@ fn corrected_layers_reach_the_pico_in_time() {
             on_event(event);
         })
     };
-    let grown = grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| (), grow).unwrap();
+    let grown = grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| (), grow).unwrap();
 
     assert_eq!((grown.outcome, grown.measured_by), (Outcome::Done, MeasuredBy::Tip));
     let fed_back = grown.feedback.as_ref().unwrap();

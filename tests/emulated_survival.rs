@@ -128,7 +128,7 @@ fn over_a_bad_line(board: &Board, job: &Job, undisturbed: &ReferenceGrowth, seed
     let (drop, flip) = (random.uniform_between(0.0, 0.1), random.uniform_between(0.0, 1e-3));
     let few = drop / 10.0;
     let spec = FaultSpec { drop, flip, dup: few, reorder: few, truncate: few, seed, ..FaultSpec::default() };
-    let wire = Rc::new(RefCell::new(FaultyPort::new(Rc::clone(board), spec)));
+    let wire = Rc::new(RefCell::new(FaultyPort::new(Box::new(Rc::clone(board)), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "the emulated board");
     let never = CommandQueue::default();
     let laid_before = board.borrow().tip_handle().laid().map_err(|error| error.to_string())?.body.len();

@@ -16,6 +16,7 @@ mod emulated_rp2040_image;
 mod emulated_rp2040_planning;
 mod emulated_rp2040_power;
 mod emulated_survival;
+mod enum_names;
 mod fault_campaign;
 mod feedback_cost;
 mod firmware_images;

@@ -7,6 +7,8 @@ use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
+use std::os::fd::AsFd;
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
@@ -90,16 +92,9 @@ fn note_input_beside(file: File, name: &str, stdout: Option<(u64, u64)>) -> Resu
 
 /// Returns the identity (device, inode) of the file that standard output is redirected to. `None` unless it is a
 /// regular file.
-#[cfg(unix)]
 fn place_of_stdout() -> Option<(u64, u64)> {
-    use std::os::fd::AsFd;
     let stdout = File::from(io::stdout().as_fd().try_clone_to_owned().ok()?);
     stdout.metadata().ok().as_ref().and_then(place_of)
-}
-
-#[cfg(not(unix))]
-fn place_of_stdout() -> Option<(u64, u64)> {
-    None
 }
 
 /// Returns an error if the file at this path is an input of this program. Links, relative paths and descriptors of an
@@ -118,15 +113,8 @@ pub fn refuse_inputs(path: &Path) -> Result<(), FileError> {
 
 /// Returns the device and inode of a file, which are the same under each of its names. `None` unless it is a regular
 /// file.
-#[cfg(unix)]
 fn place_of(file: &Metadata) -> Option<(u64, u64)> {
-    use std::os::unix::fs::MetadataExt;
     file.is_file().then(|| (file.dev(), file.ino()))
-}
-
-#[cfg(not(unix))]
-fn place_of(_: &Metadata) -> Option<(u64, u64)> {
-    None
 }
 
 /// Returns the element of `formats` that equals a file's extension, in lower or upper case. `None` for a name without
@@ -378,7 +366,6 @@ mod tests {
         assert!(names(directory.path()).is_empty());
     }
 
-    #[cfg(unix)]
     #[test]
     fn an_input_file_is_not_overwritten_under_any_path() {
         let directory = tempfile::tempdir().unwrap();
@@ -399,7 +386,6 @@ mod tests {
         write_atomic(&path("other"), b"new").unwrap();
     }
 
-    #[cfg(unix)]
     #[test]
     fn an_input_that_is_also_standard_output_is_refused() {
         let directory = tempfile::tempdir().unwrap();
@@ -448,7 +434,6 @@ mod tests {
         assert!(DisplacedFile::move_aside("/dev/null".as_ref()).unwrap().is_none());
     }
 
-    #[cfg(unix)]
     #[test]
     fn symlinks_are_followed_and_devices_are_written_directly() {
         let directory = tempfile::tempdir().unwrap();

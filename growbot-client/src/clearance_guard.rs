@@ -32,7 +32,7 @@ use serde::{Deserialize, Serialize};
 
 pub use crate::margin::CLEARANCE_SIGMAS;
 use crate::plan::{Goal, Plan, PlanOptions};
-use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, describe_clearance};
+use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, ScenePlanError, describe_clearance};
 
 /// Maximum number of detours of one growth. The number is limited because each detour bends the body more.
 pub const MAX_DETOURS: usize = 12;
@@ -86,6 +86,20 @@ impl std::fmt::Display for ClearanceViolation {
 }
 
 impl std::error::Error for ClearanceViolation {}
+
+/// Reason why no detour was found.
+#[derive(Debug, Clone, thiserror::Error)]
+enum NoDetourError {
+    /// The body has already taken all detours that a growth may take.
+    #[error("the body has already taken {MAX_DETOURS} detours, the maximum")]
+    TooMany,
+    /// No path was found.
+    #[error("{0}")]
+    Plan(#[from] ScenePlanError),
+    /// The detour would be too near to an obstacle.
+    #[error("on the detour found, too, {0}")]
+    TooNear(#[from] ClearanceViolation),
+}
 
 /// A new path of the remaining layers, because the previous path would be too near to an obstacle.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -141,7 +155,7 @@ pub struct ClearanceGuard<'a> {
     /// Factor by which `deviations` are multiplied, because measured directions differ more than expected.
     larger: f64,
     /// Number of laid layers at the latest search that found no detour, and the reason. `None` without such a search.
-    no_detour: Option<(usize, String)>,
+    no_detour: Option<(usize, NoDetourError)>,
 }
 
 impl<'a> ClearanceGuard<'a> {
@@ -191,11 +205,11 @@ impl<'a> ClearanceGuard<'a> {
             self.no_detour = None;
             return Ok(None);
         };
-        let refused = |why: String| ClearanceViolation { no_detour: Some(why), ..too_near.clone() };
+        let refused = |why: &NoDetourError| ClearanceViolation { no_detour: Some(why.to_string()), ..too_near.clone() };
         if let Some((at, why)) = &self.no_detour
             && self.body.len() < at + SEARCH_AGAIN
         {
-            return Err(refused(why.clone()));
+            return Err(refused(why));
         }
         match self.detour(tracker, under_way) {
             Ok((followed, length_mm, clearance_mm)) => {
@@ -205,8 +219,9 @@ impl<'a> ClearanceGuard<'a> {
                 Ok(Some(Detour { from, length_mm, clearance_mm, instead_of: too_near }))
             }
             Err(why) => {
-                self.no_detour = Some((self.body.len(), why.clone()));
-                Err(refused(why))
+                let violation = refused(&why);
+                self.no_detour = Some((self.body.len(), why));
+                Err(violation)
             }
         }
     }
@@ -299,13 +314,11 @@ impl<'a> ClearanceGuard<'a> {
         }
     }
 
-    /// Plans a detour. Returns a tracker that follows it, its length (mm) and its proven clearance (mm). The error
-    /// contains the reason if no detour is found.
-    fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), String> {
+    /// Plans a detour. Returns a tracker that follows it, its length (mm) and its proven clearance (mm).
+    fn detour(&mut self, tracker: &Tracker<'a>, under_way: &[Layer]) -> Result<(Tracker<'a>, f64, f64), NoDetourError> {
         let around = self.scene;
-        let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else {
-            return Err(format!("the body has already taken {MAX_DETOURS} detours, the maximum"));
-        };
+        let mut why = NoDetourError::TooMany;
+        let Some(slot) = around.detours.iter().find(|slot| slot.get().is_none()) else { return Err(why) };
         let estimate = tracker.estimate();
         let start = Pose::from_frame(tracker.reference_start());
         let goals: Vec<Goal> = tracker.remaining_goals().map(Goal::from).collect();
@@ -313,7 +326,6 @@ impl<'a> ClearanceGuard<'a> {
         let search = PlanOptions { radius: around.radius, planner: Planner::Shortest, avoid_self_collision: true };
         let most = self.max_deviation();
         let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
-        let mut why = String::new();
         for share in CLEARANCES {
             let through = SceneOptions {
                 file: "",
@@ -328,7 +340,7 @@ impl<'a> ClearanceGuard<'a> {
             let plan = match scene_planning::plan(around.robot, &start, &goals, &search, &through) {
                 Ok(plan) => plan,
                 Err(error) => {
-                    why = error.to_string();
+                    why = error.into();
                     continue;
                 }
             };
@@ -337,7 +349,7 @@ impl<'a> ClearanceGuard<'a> {
                     let clearance = plan.scene.as_ref().map_or(0.0, |scene| scene.clearance);
                     return Ok((followed, plan.requirements.length, clearance));
                 }
-                Err(too_near) => why = format!("on the detour found, too, {too_near}"),
+                Err(too_near) => why = too_near.into(),
             }
         }
         Err(why)

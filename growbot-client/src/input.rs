@@ -2,6 +2,8 @@
 
 use std::fs::{self, File, Metadata};
 use std::io::{self, Read};
+use std::os::fd::AsFd;
+use std::os::unix::fs::FileTypeExt;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -36,10 +38,7 @@ pub enum InputError {
         max: u64,
     },
     /// The input is a named pipe, a device or a socket, and reading it might wait for ever.
-    #[error(
-        "cannot read {name}: it is {what} and may never end; give a file, or send it to standard input (-), as in \
-         `growbot COMMAND - < FILE`"
-    )]
+    #[error("cannot read {name}: it is {what} and may never end; give a file")]
     NotAFile {
         /// Name of the input.
         name: String,
@@ -108,9 +107,7 @@ pub fn open(path: &Path) -> Result<Box<dyn Read>, InputError> {
 }
 
 /// Returns the kind of file at a path, such as "a socket", if reading the file might wait for ever. `None` otherwise.
-#[cfg(unix)]
 fn never_ending(path: &Path, metadata: &Metadata) -> Option<&'static str> {
-    use std::os::unix::fs::FileTypeExt;
     let kind = metadata.file_type();
     if kind.is_fifo() {
         // The shell's own pipes have no name in any directory.
@@ -123,31 +120,15 @@ fn never_ending(path: &Path, metadata: &Metadata) -> Option<&'static str> {
     kind.is_socket().then_some("a socket")
 }
 
-#[cfg(not(unix))]
-fn never_ending(_: &Path, _: &Metadata) -> Option<&'static str> {
-    None
-}
-
 /// Records the file that is redirected to standard input as an input of this program, so that it is not overwritten.
 ///
 /// # Errors
 /// Like [`note_input`].
-#[cfg(unix)]
 pub fn note_standard_input() -> Result<(), FileError> {
-    use std::os::fd::AsFd;
     match io::stdin().as_fd().try_clone_to_owned() {
         Ok(same) => note_input(File::from(same), "standard input"),
         Err(_) => Ok(()),
     }
-}
-
-/// Does nothing, because standard input cannot be identified on this system.
-///
-/// # Errors
-/// None.
-#[cfg(not(unix))]
-pub fn note_standard_input() -> Result<(), FileError> {
-    Ok(())
 }
 
 /// Reader that fails at a line longer than [`MAX_TEXT_BYTES`]. The whole stream may have any length. The limit prevents
@@ -248,7 +229,6 @@ mod tests {
         assert_eq!(error.kind(), io::ErrorKind::InvalidData);
     }
 
-    #[cfg(unix)]
     #[test]
     fn endless_inputs_are_refused_before_opening() {
         let directory = tempfile::tempdir().unwrap();

@@ -11,12 +11,13 @@
 //! - [`port`]: the serial or TCP connection to a board; [`client`]: requests to the board and their responses;
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
 //! - [`growth`]: one growth from the first layer to the last; [`feedback`]: new plans of the remaining layers from
-//!   measurements; [`arrival`]: the errors of the tip at the goal;
+//!   measurements; [`arrival`]: the errors of the tip at the goal; [`ground_truth`]: the body that a simulated tip has
+//!   really laid;
 //! - [`maintenance`]: presets of materials, and maintenance commands;
 //! - [`run_log`]: the log of a growth, with its events and its result; [`run_clock`]: the time since a growth began;
 //!   [`forecast`]: the expected finish time of a growth;
-//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`]: bounded reading, atomic writing, text without control
-//!   characters, and suggestions for mistyped names.
+//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`]: bounded reading, atomic writing, text without
+//!   control characters, suggestions for mistyped names, and the user's directories.
 //!
 //! The feature `schema` derives JSON Schemas of plans, run logs and results.
 //!
@@ -31,6 +32,7 @@ pub mod crash;
 pub mod degrees;
 pub mod feedback;
 pub mod forecast;
+pub mod ground_truth;
 pub mod growth;
 pub mod input;
 pub mod maintenance;
@@ -40,6 +42,7 @@ pub mod plan_deviation;
 pub mod plan_file;
 pub mod port;
 pub mod pose_text;
+pub mod remedy;
 pub mod robot_file;
 pub mod run_clock;
 pub mod run_log;
@@ -48,5 +51,6 @@ pub mod scene_planning;
 pub mod self_collision;
 pub mod stop_signal;
 pub mod suggest;
+pub mod user_dirs;
 pub mod warning;
 pub mod waypoints;

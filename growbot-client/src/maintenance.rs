@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use growbot_core::link::message::MaintenanceTask;
+use growbot_core::link::message::{MaintenanceTask, celsius};
 use growbot_core::robot::Robot;
 
 use crate::pose_text::parse_number;
@@ -15,6 +15,46 @@ use crate::suggest::did_you_mean;
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct MaterialPresets {
     by_name: BTreeMap<String, MaterialPreset>,
+}
+
+/// Error in the arguments of a maintenance command.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum MaintenanceError {
+    /// The argument is neither a number nor a known material.
+    #[error(
+        "{name:?} is neither a number nor a material of the robot file{meant}: give a number, or add \
+         [materials.{name}] to a robot file"
+    )]
+    UnknownMaterial {
+        /// The argument.
+        name: String,
+        /// Suggestion of a material with a similar name. Empty if there is none.
+        meant: String,
+    },
+    /// The command takes no arguments.
+    #[error("`{command}` takes no arguments: remove {arguments:?}")]
+    NoArguments {
+        /// Name of the command.
+        command: String,
+        /// Given arguments.
+        arguments: String,
+    },
+    /// The argument is not a number.
+    #[error("{text:?} is not a number: give a number, for example `{command} 10`")]
+    NotANumber {
+        /// Name of the command.
+        command: String,
+        /// The argument.
+        text: String,
+    },
+    /// The command moves filament in one direction only, and its length is negative.
+    #[error("`{command}` cannot move {mm} mm: give a length of 0 or more, or use `jog`, which also moves backwards")]
+    Backwards {
+        /// Name of the command.
+        command: String,
+        /// Length, mm.
+        mm: f64,
+    },
 }
 
 /// Maintenance commands: name, arguments and description of each.
@@ -39,13 +79,10 @@ impl MaterialPresets {
         Ok(Self { by_name: robot_file::materials(&text, &file)? })
     }
 
-    fn find(&self, name: &str) -> Result<MaterialPreset, String> {
+    fn find(&self, name: &str) -> Result<MaterialPreset, MaintenanceError> {
         self.by_name.get(name).copied().ok_or_else(|| {
             let meant = did_you_mean(name, self.by_name.keys().map(String::as_str));
-            format!(
-                "{name:?} is neither a number nor a material of the robot file{meant}: give a number, or add \
-                 [materials.{name}] to a robot file, and give that file with --robot"
-            )
+            MaintenanceError::UnknownMaterial { name: name.to_owned(), meant }
         })
     }
 
@@ -53,24 +90,24 @@ impl MaterialPresets {
     /// arguments. `None` if `word` is not a command.
     ///
     /// # Errors
-    /// A message for the user if the arguments are wrong.
-    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, String>> {
+    /// [`MaintenanceError`].
+    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, MaintenanceError>> {
         let rest = rest.trim();
-        let alone = |task| {
-            if rest.is_empty() { Ok(task) } else { Err(format!("`{word}` takes no arguments: remove {rest:?}")) }
+        let command = || word.to_owned();
+        let alone = |task| match rest {
+            "" => Ok(task),
+            _ => Err(MaintenanceError::NoArguments { command: command(), arguments: rest.to_owned() }),
         };
         let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
         let number = || {
-            parse_number(rest)
-                .ok_or_else(|| format!("{rest:?} is not a number: give a number, for example `{word} 10`"))
+            let wrong = || MaintenanceError::NotANumber { command: command(), text: rest.to_owned() };
+            parse_number(rest).ok_or_else(wrong)
         };
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
         let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
             ("", _) => Ok(of(&MaterialPreset::default())),
             (_, Some(number)) if number >= 0.0 => Ok(number),
-            (_, Some(number)) => Err(format!(
-                "`{word}` cannot move {number} mm: give a length of 0 or more, or use `jog`, which also moves backwards"
-            )),
+            (_, Some(mm)) => Err(MaintenanceError::Backwards { command: command(), mm }),
             (name, None) => self.find(name).map(|preset| of(&preset)),
         };
         Some(match word {
@@ -86,7 +123,7 @@ impl MaterialPresets {
         })
     }
 
-    fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, String> {
+    fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, MaintenanceError> {
         let growth = robot.description().heater.target_c;
         let celsius = match (text, parse_number(text).filter(|celsius| celsius.is_finite())) {
             ("", _) => growth,
@@ -114,7 +151,7 @@ pub fn task_message(task: MaintenanceTask) -> String {
         MaintenanceTask::Preheat { target_centi_c } => format!(
             "the nozzle heats to {} C; in maintenance the heater switches off by itself after 10 minutes without \
              commands",
-            f64::from(target_centi_c) / 100.0
+            celsius(target_centi_c)
         ),
         MaintenanceTask::CoolDown => "heater and steppers are off".to_owned(),
         MaintenanceTask::DryRun => "the head and the feed can now be moved with the heater off".to_owned(),
@@ -162,8 +199,9 @@ mod tests {
             ("jog far", "is not a number"),
             ("home 3", "takes no arguments"),
         ] {
-            assert!(task(line).unwrap_err().contains(part), "{line}: {:?}", task(line));
+            assert!(task(line).unwrap_err().to_string().contains(part), "{line}: {:?}", task(line));
         }
+        assert_eq!(task("load -3"), Err(MaintenanceError::Backwards { command: "load".to_owned(), mm: -3.0 }));
         for line in ["rotate nan", "jog inf", "preheat nan", "load nan"] {
             assert!(task(line).is_err(), "{line}: {:?}", task(line));
         }

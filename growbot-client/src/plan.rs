@@ -250,14 +250,6 @@ impl Plan {
     }
 }
 
-/// Returns the name of the planner in `--planner` and in files.
-pub const fn planner_name(planner: Planner) -> &'static str {
-    match planner {
-        Planner::TwoPlane => "two-plane",
-        Planner::Shortest => "shortest",
-    }
-}
-
 /// Returns the path type, a letter for each segment: C for an arc, S for a straight line, H for a helicoidal arc.
 pub fn path_type(path: &[Segment]) -> String {
     let letter = |segment: &Segment| match segment {

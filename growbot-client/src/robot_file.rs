@@ -45,7 +45,7 @@ pub enum RobotFileError {
         name: String,
     },
     /// The file cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Input(#[from] InputError),
     /// The file is not TOML, or has unknown or invalid keys.
     #[error("{file}, line {line}, column {column}: {reason}")]

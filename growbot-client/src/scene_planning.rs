@@ -77,7 +77,7 @@ pub enum NoPathError {
     /// The start is too near to an obstacle.
     #[error(
         "the start is {}, but the centreline needs {} mm (half the tube plus the margin): choose another start, or \
-         lower the margin (--margin)", place(.distance), CompactNumber(.need)
+         lower the margin", place(.distance), CompactNumber(.need)
     )]
     Start {
         /// Distance of the start from the nearest obstacle, mm. Negative inside.
@@ -88,7 +88,7 @@ pub enum NoPathError {
     /// The goal is too near to an obstacle.
     #[error(
         "the goal is {}, but the centreline needs {} mm (half the tube plus the margin): choose another goal, or lower \
-         the margin (--margin)", place(.distance), CompactNumber(.need)
+         the margin", place(.distance), CompactNumber(.need)
     )]
     Goal {
         /// Distance of the goal from the nearest obstacle, mm. Negative inside.
@@ -98,8 +98,8 @@ pub enum NoPathError {
     },
     /// The straight line to the goal is longer than the remaining length of the body.
     #[error(
-        "the goal is {} mm from the start of its leg, but only {} mm of --max-length remain: raise --max-length, or \
-         choose a nearer goal", CompactNumber(.distance), CompactNumber(.left)
+        "the goal is {} mm from the start of its leg, but only {} mm of the maximum length remain",
+        CompactNumber(.distance), CompactNumber(.left)
     )]
     TooFar {
         /// Distance of the goal from the start of its leg, mm.
@@ -110,7 +110,7 @@ pub enum NoPathError {
     /// Every passage between start and goal is too narrow for the tube and the margin.
     #[error(
         "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
-         centreline needs on each side; make a passage of the scene wider, or lower the margin (--margin)",
+         centreline needs on each side; make a passage of the scene wider, or lower the margin",
         CompactNumber(.need)
     )]
     Separated {
@@ -120,7 +120,7 @@ pub enum NoPathError {
     /// The search has tried all paths at its finest resolution, and none of them reaches the goal.
     #[error(
         "no path exists at the resolution of this search (arcs and lines of {} mm, bends in {rolls} directions, cells \
-         of {} mm): give a smaller --radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
+         of {} mm): give a smaller radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
     )]
     AtResolution {
         /// Length of an arc or a line that the search appends to a path, mm.
@@ -132,12 +132,12 @@ pub enum NoPathError {
     },
     /// The only path of the two-plane planner is too near to an obstacle.
     #[error(
-        "no path of the planner two-plane is clear of the scene and of the body itself within --max-length, and this \
-         planner does not search for others: use the planner shortest, which does"
+        "no path of the planner two-plane is clear of the scene and of the body itself within the maximum length, and \
+         this planner does not search for others: use the planner shortest, which does"
     )]
     TwoPlaneBlocked,
     /// The search ended without a path because its effort or its time was used up.
-    #[error("no path was found with this effort and time limit, but a path may exist: raise --effort or --time-limit")]
+    #[error("no path was found with this effort and time limit, but a path may exist")]
     NotFound,
 }
 
@@ -176,7 +176,7 @@ pub enum ScenePlanError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// No path through the scene was found.
-    #[error(transparent)]
+    #[error("{0}")]
     NoPath(#[from] NoPathError),
 }
 
@@ -184,10 +184,7 @@ pub enum ScenePlanError {
 #[derive(Debug, thiserror::Error)]
 pub enum SceneCheckError {
     /// The scene cannot be read.
-    #[error(
-        "the plan leads through a scene: {0}; put the scene file next to the plan, or pass the scene file with --scene \
-         to `grow` or `simulate`"
-    )]
+    #[error("the plan leads through a scene: {0}; put the scene file next to the plan")]
     Scene(#[from] SceneError),
     /// The scene's file is not the one for which the plan was made.
     #[error(
@@ -205,7 +202,7 @@ pub enum SceneCheckError {
     /// The body would come nearer to an obstacle than the scene's margin.
     #[error(
         "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan \
-         through the scene (`growbot plan --scene`), or lower the margin (margin_mm of the scene, --margin)",
+         through the scene",
         describe_clearance(*found), margin = CompactNumber(margin)
     )]
     MarginViolated {

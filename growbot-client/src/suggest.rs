@@ -34,20 +34,8 @@ pub fn did_you_mean<'a>(text: &str, known: impl IntoIterator<Item = &'a str>) ->
 /// Returns the number of insertions, deletions and replacements that turn one name into another (Levenshtein's
 /// distance). Only the first 64 letters of each name count.
 fn edits(from: &str, to: &str) -> usize {
-    let to: Vec<char> = to.chars().take(64).collect();
-    let mut row: Vec<usize> = (0..=to.len()).collect();
-    for (i, a) in from.chars().take(64).enumerate() {
-        let mut diagonal = i;
-        let mut left = i + 1;
-        let mut next = vec![left];
-        for (b, above) in to.iter().zip(row.iter().skip(1)) {
-            left = (diagonal + usize::from(a != *b)).min(left + 1).min(above + 1);
-            diagonal = *above;
-            next.push(left);
-        }
-        row = next;
-    }
-    row.last().copied().unwrap_or_default()
+    let [from, to] = [from, to].map(|name| name.chars().take(64).collect::<String>());
+    strsim::levenshtein(&from, &to)
 }
 
 #[cfg(test)]

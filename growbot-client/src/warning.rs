@@ -75,8 +75,7 @@ fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
     let Collision { distance: value, at: [from, to] } = closest_self_approach(path, limit, 0.0)?;
     let message = format!(
         "the body runs into itself: at {to:.0} mm of its length its centreline is {value:.1} mm from its centreline at \
-         {from:.0} mm, less than the tube's width of {limit:.1} mm; plan another path (--avoid-self-collision, \
-         another goal or another radius)"
+         {from:.0} mm, less than the tube's width of {limit:.1} mm; plan another path"
     );
     Some(Warning { code: SELF_COLLISION.to_owned(), message, value, limit })
 }

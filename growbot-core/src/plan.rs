@@ -2,6 +2,10 @@
 
 use core::cmp::Ordering;
 
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr};
+
 use crate::compact_number::CompactNumber;
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
@@ -10,14 +14,22 @@ use crate::shortest::{self, Candidates, PathCandidate, PathProblem};
 use crate::two_plane::two_plane;
 
 /// Method of finding a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize, postcard_schema::Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, EnumString, IntoStaticStr)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum Planner {
     /// The paper's planner: two planar Dubins paths ([`crate::two_plane`]).
     TwoPlane,
     /// The search for the shortest path ([`crate::shortest`]).
     Shortest,
+}
+
+impl Planner {
+    /// Returns the name of the planner in `--planner` and in files.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
 }
 
 /// A planned path, and the number of candidates from which it was selected.

@@ -5,7 +5,7 @@ use std::path::Path;
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
 use growbot_client::crash::{Caller, CodeLocation, CrashJson, hex};
-use growbot_client::input::read_bytes;
+use growbot_client::input::{InputError, read_bytes};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
@@ -14,6 +14,30 @@ type DwarfSlice = EndianArcSlice<RunTimeEndian>;
 
 /// Maximum length of an ELF image, bytes. growbot's own images have about 3 MB with debug information.
 const LONGEST_IMAGE: u64 = 64 << 20;
+
+/// Error of opening a firmware image.
+#[derive(Debug, thiserror::Error)]
+#[error("cannot use {file} as the firmware image: {fault}; give the ELF image that the board was flashed with")]
+pub struct ImageError {
+    file: String,
+    /// Reason why the file cannot be used.
+    #[source]
+    pub fault: ImageFault,
+}
+
+/// Reason why a file cannot be used as a firmware image.
+#[derive(Debug, thiserror::Error)]
+pub enum ImageFault {
+    /// The file cannot be read.
+    #[error("{0}")]
+    Unreadable(#[from] InputError),
+    /// The file is not an object file.
+    #[error("{0}")]
+    NoObject(#[from] object::Error),
+    /// The debug information is not valid.
+    #[error("{0}")]
+    DebugInformation(#[from] gimli::Error),
+}
 
 /// A firmware image (ELF file) in which the function and the source line of an address can be looked up.
 pub struct FirmwareImage {
@@ -29,22 +53,20 @@ impl FirmwareImage {
     /// Opens an ELF image.
     ///
     /// # Errors
-    /// The reason why the file is not an image, or has no debug information, as text.
-    pub fn open(path: &Path) -> Result<Self, String> {
-        let wrong = |reason: String| {
-            format!(
-                "cannot use {} as the firmware image: {reason}; give the ELF image that the board was flashed with",
-                path.display()
-            )
-        };
-        let bytes = read_bytes(path, LONGEST_IMAGE).map_err(|error| wrong(error.to_string()))?;
-        let file = object::File::parse(&*bytes).map_err(|error| wrong(error.to_string()))?;
+    /// [`ImageError`].
+    pub fn open(path: &Path) -> Result<Self, ImageError> {
+        Self::read(path).map_err(|fault| ImageError { file: path.display().to_string(), fault })
+    }
+
+    fn read(path: &Path) -> Result<Self, ImageFault> {
+        let bytes = read_bytes(path, LONGEST_IMAGE)?;
+        let file = object::File::parse(&*bytes)?;
         let endian = if file.is_little_endian() { RunTimeEndian::Little } else { RunTimeEndian::Big };
         let dwarf = Dwarf::load(|section| {
             let data = file.section_by_name(section.name()).and_then(|section| section.uncompressed_data().ok());
             Ok::<_, gimli::Error>(EndianArcSlice::new(data.unwrap_or_default().into(), endian))
         });
-        let context = dwarf.and_then(Context::from_dwarf).map_err(|error| wrong(error.to_string()))?;
+        let context = dwarf.and_then(Context::from_dwarf)?;
         let is_code = |section: &object::Section| section.kind() == SectionKind::Text;
         let code =
             file.sections().filter(is_code).map(|it| it.address()..it.address().saturating_add(it.size())).collect();
@@ -155,16 +177,6 @@ impl<'a> CrashReport<'a> {
         for (address, places) in self.calls() {
             text += &format!("             called from {address:08x}{}\n", text_of(&places));
         }
-        if self.image.is_none() {
-            text += &match self.record.image {
-                Some(crc) => {
-                    format!("             for functions and lines, give the image with CRC {crc:08x} with --elf FILE\n")
-                }
-                None => {
-                    "             for functions and lines, give the flashed ELF image with --elf FILE\n".to_string()
-                }
-            };
-        }
         text
     }
 
@@ -183,4 +195,18 @@ fn text_of(places: &[CodeLocation]) -> String {
         _ => format!(" {}", place.function),
     };
     places.iter().map(place).collect::<Vec<_>>().join(" in")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_that_are_not_images_are_refused() {
+        let text = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(text.path(), "no image").unwrap();
+        let fault = |path| FirmwareImage::open(path).err().map(|error| error.fault);
+        assert!(matches!(fault(text.path()), Some(ImageFault::NoObject(_))));
+        assert!(matches!(fault(Path::new("nothing.elf")), Some(ImageFault::Unreadable(InputError::Unreadable { .. }))));
+    }
 }

@@ -18,6 +18,7 @@
 //! - [`output`]: results on standard output
 //! - [`ownership`]: files and folders that no other user can change
 //! - [`messages`]: messages on standard error
+//! - [`text_wrap`]: line breaks in texts
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in all texts and files. Names carry the unit.
 #![forbid(unsafe_code)]
@@ -35,7 +36,9 @@ pub mod robot_questions;
 pub mod schema;
 pub mod serve;
 pub mod settings;
+mod settings_paths;
 pub mod sim_process;
+pub mod text_wrap;
 pub mod via_csv;
 pub mod watch;
 pub mod workspace;

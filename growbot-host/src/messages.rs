@@ -8,12 +8,10 @@ use std::fmt;
 use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
+use clap::ColorChoice;
 use growbot_client::sanitize::one_line;
 
-/// Columns of a line.
-const WIDTH: usize = 80;
-/// Start of the second line of a message and of those after it.
-const INDENT: &str = "    ";
+use crate::text_wrap::{TERMINAL_WIDTH, wrap};
 
 /// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -39,21 +37,10 @@ pub enum Verbosity {
     Verbose,
 }
 
-/// Use of colours in messages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ColorChoice {
-    /// Colours on terminals, unless `NO_COLOR` is set.
-    Auto,
-    /// Colours always.
-    Always,
-    /// No colours.
-    Never,
-}
-
 static LEVEL: AtomicU8 = AtomicU8::new(Verbosity::Normal as u8);
 static COLOURED: AtomicBool = AtomicBool::new(false);
 
-/// Sets the level of messages and their use of colours.
+/// Sets the level of messages and their use of colours. `Auto` colours messages on terminals, unless `NO_COLOR` is set.
 pub fn set(level: Verbosity, colour: ColorChoice) {
     LEVEL.store(level as u8, Ordering::Relaxed);
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);
@@ -143,36 +130,8 @@ pub fn print_prompt(question: fmt::Arguments) {
 /// Formats a message with its label and line breaks.
 fn render(kind: Severity, message: &str, is_coloured: bool) -> String {
     let label = kind.label();
-    let mut text = if is_coloured { format!("{}{label}\u{1b}[0m", kind.colour()) } else { label.to_owned() };
-    let mut columns = label.chars().count();
-    for word in words(message) {
-        let width = word.chars().count();
-        if columns + 1 + width > WIDTH && columns > INDENT.len() {
-            text += &format!("\n{INDENT}{word}");
-            columns = INDENT.len() + width;
-        } else {
-            text += &format!(" {word}");
-            columns += 1 + width;
-        }
-    }
-    text + "\n"
-}
-
-/// Splits a text into words. A part in backquotes is for copying, so it counts as one word, unless it is long.
-fn words(text: &str) -> Vec<String> {
-    let mut words: Vec<String> = Vec::new();
-    let mut is_open = false;
-    for word in text.split(' ').filter(|word| !word.is_empty()) {
-        match words.last_mut() {
-            Some(last) if is_open && last.chars().count() + word.chars().count() < WIDTH / 2 => {
-                last.push(' ');
-                last.push_str(word);
-            }
-            _ => words.push(word.to_owned()),
-        }
-        is_open ^= word.matches('`').count() % 2 == 1;
-    }
-    words
+    let head = if is_coloured { format!("{}{label}\u{1b}[0m ", kind.colour()) } else { format!("{label} ") };
+    wrap(message, TERMINAL_WIDTH, &head, "    ")
 }
 
 #[cfg(test)]
@@ -185,11 +144,11 @@ mod tests {
         let long = "word ".repeat(60);
         for kind in [Severity::Error, Severity::Warning, Severity::Note] {
             let text = render(kind, &long, false);
-            assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
+            assert!(text.lines().all(|line| line.chars().count() <= TERMINAL_WIDTH), "{text}");
             assert!(text.lines().skip(1).all(|line| line.starts_with("    word")), "{text}");
             assert_eq!(text.matches("word").count(), 60);
             // Each line is filled as far as possible.
-            assert!(text.lines().next().unwrap().chars().count() > WIDTH - 5, "{text}");
+            assert!(text.lines().next().unwrap().chars().count() > TERMINAL_WIDTH - 5, "{text}");
         }
         let path = format!("/{}", "x".repeat(100));
         assert_eq!(render(Severity::Error, &format!("cannot read {path}: no"), false).lines().count(), 3);
@@ -200,7 +159,6 @@ mod tests {
         let message = format!("{} `growbot stop --port /dev/ttyACM0` x", "word ".repeat(12));
         let text = render(Severity::Error, &message, false);
         assert!(text.lines().any(|line| line.contains("`growbot stop --port /dev/ttyACM0` x")), "{text}");
-        assert_eq!(words("a ` b"), ["a", "` b"]);
     }
 
     #[test]

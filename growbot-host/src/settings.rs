@@ -13,11 +13,13 @@ use std::path::{Path, PathBuf};
 use growbot_client::input::{self, InputError};
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_client::suggest::did_you_mean;
+use growbot_client::user_dirs::config_dir;
 use schemars::JsonSchema;
 use serde::Deserialize;
 
 use crate::ownership::{self, OwnershipError};
 use crate::serve::config::{NotifyEntry, RobotEntry, ServeEntry};
+use crate::settings_paths::{port_from, robot_from};
 
 /// Name of the settings files.
 pub const FILE_NAME: &str = "growbot.toml";
@@ -92,7 +94,7 @@ pub enum SettingsError {
         name: String,
     },
     /// A file cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Input(#[from] InputError),
     /// Another user can have written a file.
     #[error("the settings file {file} is not used, because another user may have written it: {error}")]
@@ -114,7 +116,7 @@ pub enum SettingsError {
         user_file: String,
     },
     /// A file is not TOML, or contains an unknown setting.
-    #[error(transparent)]
+    #[error("{0}")]
     Toml(#[from] RobotFileError),
     /// A value is empty.
     #[error("{file}: {key} is empty: give a value, or remove the line")]
@@ -202,26 +204,6 @@ pub fn check_environment() -> Result<(), SettingsError> {
     names.sort();
     let unknown = names.into_iter().find(|name| name.starts_with(PREFIX) && !VARIABLES.contains(&name.as_str()));
     unknown.map_or(Ok(()), |name| Err(SettingsError::UnknownVariable { name }))
-}
-
-/// Returns the robot that a settings file names: a built-in name, or a path, which is resolved from the file's
-/// directory.
-pub fn robot_from(robot: &str, directory: &Path) -> String {
-    if robot_file::is_built_in(robot) { robot.to_owned() } else { resolve_path(directory, robot) }
-}
-
-/// Returns the port that a settings file names. A path in it is resolved from the file's directory.
-pub fn port_from(port: &str, directory: &Path) -> String {
-    match port.split_once(':') {
-        Some((board @ ("emulator" | "rp2040"), image)) => format!("{board}:{}", resolve_path(directory, image)),
-        Some(("sim", name)) if name.contains('/') => format!("sim:{}", resolve_path(directory, name)),
-        _ => port.to_owned(),
-    }
-}
-
-/// Resolves a path relative to this directory.
-fn resolve_path(directory: &Path, path: &str) -> String {
-    directory.join(path).to_string_lossy().into_owned()
 }
 
 impl Setting {
@@ -388,31 +370,14 @@ pub fn nearest() -> Option<PathBuf> {
     here.ancestors().map(|directory| directory.join(FILE_NAME)).find(|file| file.is_file())
 }
 
-/// Returns the path of the file in the user's configuration, even if it does not exist: `growbot/growbot.toml` in
-/// `$XDG_CONFIG_HOME`, or in `~/.config`.
+/// Returns the path of the file in the user's configuration, even if it does not exist.
 pub fn user_file() -> Option<PathBuf> {
-    user_file_in(env::var_os("XDG_CONFIG_HOME"), env::var_os("HOME"))
-}
-
-fn user_file_in(configuration: Option<OsString>, home: Option<OsString>) -> Option<PathBuf> {
-    // The XDG base directory specification requires that relative paths are ignored.
-    let absolute = |name: Option<OsString>| name.map(PathBuf::from).filter(|path| path.is_absolute());
-    let directory = absolute(configuration).or_else(|| Some(absolute(home)?.join(".config")))?;
-    Some(directory.join("growbot").join(FILE_NAME))
+    Some(config_dir()?.join(FILE_NAME))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_users_file_is_in_the_configuration_directory() {
-        let of = |configuration: &str, home: &str| user_file_in(Some(configuration.into()), Some(home.into()));
-        assert_eq!(of("/conf", "/home/me"), Some("/conf/growbot/growbot.toml".into()));
-        assert_eq!(of("", "/home/me"), Some("/home/me/.config/growbot/growbot.toml".into()));
-        assert_eq!(of("relative", "/home/me"), Some("/home/me/.config/growbot/growbot.toml".into()));
-        assert_eq!(user_file_in(None, None), None);
-    }
 
     #[test]
     fn robot_names_are_valid_in_urls() {

@@ -1,12 +1,11 @@
 //! Start and stop of the background process of a persistent simulated robot (`sim:NAME`).
 
-use std::env;
-use std::io;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use std::{env, io};
 
 use growbot_sim::sim_daemon::{DaemonPort, StateDir};
 
@@ -20,9 +19,7 @@ pub enum SimProcessError {
     #[error("cannot start the process of a simulated robot: {0}")]
     Process(#[from] io::Error),
     /// The process has ended at once or does not respond.
-    #[error(
-        "the simulated robot sim:{0} did not start: see the cause with `growbot power on --foreground --port sim:{0}`"
-    )]
+    #[error("the simulated robot sim:{0} did not start")]
     NotStarted(String),
     /// The process does not end.
     #[error("the process of the simulated robot sim:{0} does not exit: end this process by hand (kill)")]

@@ -155,22 +155,27 @@ fn goal(record: &StringRecord, columns: &[Option<usize>; 5], expected: usize) ->
     if found != expected {
         return Err(LineError::Fields { found, expected });
     }
-    let mut numbers = [None; 5];
-    for ((number, place), [column, _]) in numbers.iter_mut().zip(columns).zip(COLUMNS) {
-        let text = place.and_then(|place| record.get(place)).unwrap_or_default().trim();
-        let is_angle = ["heading", "pitch"].contains(&column);
-        if !(is_angle && text.is_empty()) {
-            let no_number = || LineError::NotANumber { column, text: text.to_owned() };
-            *number = Some(parse_number(text).ok_or_else(no_number)?);
-        }
+    let text = |place: Option<usize>| place.and_then(|place| record.get(place)).unwrap_or_default().trim();
+    let [x, y, z, heading, pitch] = *columns;
+    goal_of([("x", text(x)), ("y", text(y)), ("z", text(z)), ("heading", text(heading)), ("pitch", text(pitch))])
+}
+
+/// Returns the goal in five fields x, y, z, heading and pitch, each with the name of its column. If both angles are
+/// empty, the goal is a position.
+pub(crate) fn goal_of(fields: [(&'static str, &str); 5]) -> Result<Goal, LineError> {
+    let [x, y, z, heading, pitch] = fields;
+    let (x, y, z) = (number(x)?, number(y)?, number(z)?);
+    match [heading.1, pitch.1].map(str::is_empty) {
+        [true, true] => Ok(Goal::Position(Position::new(Vector3::new(x, y, z))?)),
+        [true, false] => Err(LineError::IncompleteDirection { column: heading.0 }),
+        [false, true] => Err(LineError::IncompleteDirection { column: pitch.0 }),
+        [false, false] => Ok(Goal::Pose(pose_of_numbers([x, y, z, number(heading)?, number(pitch)?])?)),
     }
-    let [x, y, z] = [numbers[0], numbers[1], numbers[2]].map(Option::unwrap_or_default);
-    match (numbers[3], numbers[4]) {
-        (Some(heading), Some(pitch)) => Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch])?)),
-        (None, None) => Ok(Goal::Position(Position::new(Vector3::new(x, y, z))?)),
-        (None, Some(_)) => Err(LineError::IncompleteDirection { column: "heading" }),
-        (Some(_), None) => Err(LineError::IncompleteDirection { column: "pitch" }),
-    }
+}
+
+/// Parses a field with the name of its column.
+pub(crate) fn number((column, text): (&'static str, &str)) -> Result<f64, LineError> {
+    parse_number(text).ok_or_else(|| LineError::NotANumber { column, text: text.to_owned() })
 }
 
 #[cfg(test)]

@@ -2,10 +2,6 @@
 //! cut in the middle of a frame, and by a second Ctrl-C. The stop must reach the board within 1 s (six attempts) after
 //! the line works. Otherwise the host must print that the power has to be cut.
 
-use crate::emergency;
-use crate::fake_board::FakeBoard;
-use crate::running;
-
 use std::cell::{Cell, RefCell};
 use std::fs::OpenOptions;
 use std::net::TcpListener;
@@ -13,6 +9,7 @@ use std::rc::Rc;
 use std::thread;
 use std::time::Duration;
 
+use emergency::{Bench, Growing, until, without_privilege};
 use growbot_client::client::{Client, ClientError, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::{Port, PortError};
 use growbot_client::robot_file;
@@ -21,11 +18,12 @@ use growbot_core::link::frame::{FrameHeader, encode};
 use growbot_core::link::message::State;
 use growbot_core::random::Rng;
 use growbot_sim::port::sim::Sim;
+use running::{Ran, growbot};
 use rustix::fs::{FlockOperation, fcntl_lock};
 use serialport::{SerialPort, TTYPort};
 
-use emergency::{Bench, Growing, until, without_privilege};
-use running::{Ran, growbot};
+use crate::fake_board::FakeBoard;
+use crate::{emergency, running};
 
 /// Number of emergency stops that the host sends per second.
 const A_SECOND: u32 = 6;
@@ -131,11 +129,11 @@ struct Broken(Rc<Cell<u32>>);
 impl Port for Broken {
     fn send(&mut self, _: &[u8]) -> Result<(), PortError> {
         self.0.set(self.0.get() + 1);
-        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+        Err(PortError::Lost("nowhere".to_string(), std::io::Error::other("it is broken")))
     }
 
     fn receive(&mut self, _: &mut [u8], _: Duration) -> Result<usize, PortError> {
-        Err(PortError::Lost("nowhere".to_string(), "it is broken".to_string()))
+        Err(PortError::Lost("nowhere".to_string(), std::io::Error::other("it is broken")))
     }
 
     fn now(&self) -> Duration {

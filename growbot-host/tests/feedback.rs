@@ -1,8 +1,6 @@
 //! Tests of growths with feedback on simulated robots that lay layers imperfectly. The growths must reach their goals
 //! nevertheless, also over bad lines and after interruptions.
 
-use crate::running;
-
 use std::cell::{Cell, RefCell};
 use std::fs;
 use std::rc::Rc;
@@ -23,13 +21,13 @@ use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, R
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::Disturbance;
-use growbot_core::simulation::ErrorModel;
+use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::port::sim::Sim;
+use running::growbot;
 use serde_json::Value;
 
-use running::growbot;
+use crate::running;
 
 /// Runs `growbot grow` to a nearby pose with these additional options, and returns the result in JSON.
 fn grown(more: &[&str]) -> Value {
@@ -151,7 +149,7 @@ fn invalid_requests_are_refused_before_the_job() {
         (vec!["--noise", "95"], "the value is 95 percent: give 0 to 90"),
         (
             vec!["--bias", "2", "--port", "tcp:localhost:1"],
-            "its tip is not simulated: remove the noise and bias options",
+            "the robot is not simulated: remove the noise and bias options",
         ),
         (vec!["--odometry-noise", "2", "--port", "tcp:localhost:1"], "add --feedback"),
         (vec!["--robot", "growbot-a2", "--feedback"], "robot growbot-a2 has no sensor that measures layers"),
@@ -167,7 +165,7 @@ struct Line(Rc<RefCell<Sim>>, Rc<Cell<bool>>);
 
 impl Line {
     fn is_whole(&self) -> Result<(), PortError> {
-        if self.1.get() { Err(PortError::Lost("sim".to_string(), "cut".to_string())) } else { Ok(()) }
+        if self.1.get() { Err(PortError::Lost("sim".to_string(), std::io::Error::other("cut"))) } else { Ok(()) }
     }
 }
 

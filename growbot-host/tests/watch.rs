@@ -124,7 +124,7 @@ fn commands_need_control_access() {
     let (address, path) = parts(&looking);
     let (status, why) = ask(address, "POST", &format!("{path}commands/stop"), &[]);
     assert_eq!(status, 403);
-    assert!(why.contains("--control"), "{why}");
+    assert!(why.contains("may control the robot"), "{why}");
     assert!(ask(address, "GET", &path, &[]).1.contains("\"live\":{\"control\":false}"));
 }
 

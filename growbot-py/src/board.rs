@@ -3,31 +3,27 @@
 //! A thread owns the connection to the board and receives requests as messages. Python threads can therefore run, and
 //! Ctrl-C has an effect, while a body grows.
 
-use std::fmt::Display;
-use std::path::PathBuf;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
-use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
-use growbot_client::feedback::Feedback;
-use growbot_client::growth::{Command, CommandQueue, GrowthError, GrowthOptions, Job, OnParked, grow_job};
-use growbot_client::run_log::{
-    BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, RunLog, RunLogError, RunOrigin, to_run_events,
+use growbot_client::growth::{
+    Beginning, Command, CommandQueue, GrowthBoard, GrowthRequest, LogTarget, OnParked, Override,
 };
+use growbot_client::run_log::{BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, to_run_events};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
-use growbot_core::simulation::{Disturbance, ErrorModel};
-use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
+use growbot_core::simulation::ErrorModel;
 use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
+use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
 use crate::conditions::Conditions;
 use crate::error::{Error, ErrorKind};
-use crate::preconditions::{check_growable, scene_for_growth};
+use crate::preconditions::{check_conditions, refused, scene_for_growth};
 use crate::py_plan::PyPlan;
 use crate::robot::robot_of;
 use crate::run::json_of;
@@ -55,13 +51,34 @@ struct GrowTask {
     conditions: Conditions,
     /// Scene of the growth, from which the corrections of feedback stay clear. `None` without a scene.
     scene: Option<PyScene>,
-    /// True if there is a scene, of the plan or of the call, and the growth ignores it.
-    ignores_scene: bool,
+    overrides: Vec<Override>,
     seed: u64,
-    log: Option<PathBuf>,
-    replace: bool,
+    log: LogTarget,
     events: EventSender,
     commands: Arc<CommandQueue>,
+}
+
+impl GrowTask {
+    /// Returns the growth that this task requests, on a robot that is simulated or not.
+    fn request(&self, simulated: bool) -> GrowthRequest<'_> {
+        let Self { plan: PyPlan { inner: plan, robot }, conditions, scene, overrides, seed, .. } = self;
+        let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
+        GrowthRequest {
+            robot,
+            plan,
+            beginning: Beginning::FirstLayer,
+            scene: scene.as_ref().map(|scene| &*scene.loaded),
+            scene_error: None,
+            overrides,
+            feedback: conditions.feedback().then_some(noise),
+            imperfection: ErrorModel {
+                disturbance: conditions.disturbance(),
+                noise: conditions.sensor_noise(),
+                seed: *seed,
+            },
+            simulated,
+        }
+    }
 }
 
 /// A message from the thread of a growth to Python.
@@ -102,8 +119,12 @@ struct BoardWorker {
     link: Option<BoardLink>,
 }
 
-fn board_error(error: impl Display) -> Error {
-    Error::new(ErrorKind::Board, error)
+fn board_error(error: impl std::error::Error + 'static) -> Error {
+    Error::of(ErrorKind::Board, &error)
+}
+
+fn closed() -> Error {
+    Error::new(ErrorKind::Board, "the board's port is closed: connect again with growbot.connect")
 }
 
 impl BoardWorker {
@@ -132,7 +153,7 @@ impl BoardWorker {
         if self.link.is_none() {
             self.open(&TipSettings::default())?;
         }
-        self.link.as_mut().ok_or_else(|| board_error("the board's port is closed: connect again with growbot.connect"))
+        self.link.as_mut().ok_or_else(closed)
     }
 
     fn hello(&mut self) -> Result<String, Error> {
@@ -169,89 +190,38 @@ impl BoardWorker {
 
     /// Grows a body. Returns the result, and the error unless the growth is done or was stopped.
     fn grow_body(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
-        let GrowTask { plan: PyPlan { inner: plan, robot }, conditions, scene, seed, commands, .. } = task;
-        let simulated = self.port.is_simulated();
-        let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
-        let known_scene = scene.as_ref().map(|scene| &scene.loaded.scene);
-        let scene = scene.as_ref().map(|scene| SceneContext::new(robot, &scene.loaded, plan.radius));
-        let feedback = conditions.feedback().then(|| {
-            let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
-            scene.iter().fold(feedback, Feedback::with_scene)
-        });
-        if let Some(Err(violation)) = feedback.as_ref().map(Feedback::check_start) {
-            let message =
-                format!("{violation}: plan with a larger margin_mm or another radius_mm, or set ignore_scene=True");
-            return Err(Error::new(ErrorKind::Input, message));
-        }
-        let imperfection =
-            ErrorModel { disturbance: conditions.disturbance(), noise: conditions.sensor_noise(), seed: *seed };
-        if simulated {
+        let GrowTask { plan: PyPlan { inner: plan, robot }, commands, .. } = task;
+        let request = task.request(self.port.is_simulated());
+        if request.simulated {
             self.robot = Arc::clone(robot);
-            self.open(&TipSettings { start: Some(plan.start), imperfection, pace: None })?;
+            self.open(&TipSettings { start: Some(plan.start), imperfection: request.imperfection, pace: None })?;
         }
         let (port, link) = (self.name.clone(), self.link()?);
-        let job = Job::of_plan(robot, plan);
-        let fed_back = conditions.feedback().then_some(noise);
-        let origin = RunOrigin {
-            port: &port,
-            imperfection: simulated.then_some(&imperfection),
-            ignores_scene: task.ignores_scene,
-        };
-        let begun = match &task.log {
-            None => Ok(RunLog::disabled()),
-            Some(file) if task.replace => RunLog::replace(file, plan, &job, fed_back, origin),
-            Some(file) => RunLog::create(file, plan, &job, fed_back, origin),
-        };
-        let mut log = begun.map_err(|error| match error {
-            error @ RunLogError::Exists { .. } => Error::new(
-                ErrorKind::File,
-                format!(
-                    "{}; or set overwrite=True",
-                    error.to_string().split("; --log without").next().unwrap_or_default()
-                ),
-            ),
-            error => Error::new(ErrorKind::File, error),
-        })?;
+        let job = request.job();
+        let mut log = request.open_log(&task.log, &job, &port).map_err(|error| Error::of(ErrorKind::File, &error))?;
         let mut tip = plan.start.frame();
-        let options = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
-        let grown = grow_with_ground_truth(
-            link.simulated_tip.as_mut(),
-            &job,
-            &mut |event| {
-                // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
-                let _ = log.record(event);
-                for event in to_run_events(event, &mut tip) {
-                    if !task.events.send(GrowthMessage::Event(json_of(event))) {
-                        commands.push(Command::Stop);
-                    }
-                }
-            },
-            |on_event| grow_job(&mut link.client, &job, options, commands, on_event),
-        );
-        let seed = (simulated && conditions.disturbance() != Disturbance::default()).then_some(*seed);
-        let nothing = |outcome, error: &dyn ToString| GrowthResult {
-            error: Some(error.to_string()),
-            ..GrowthResult::nothing_grown(outcome, plan, seed, simulated)
+        let board = GrowthBoard {
+            client: &mut link.client,
+            truth: ground_truth(&mut link.simulated_tip),
+            commands,
+            silence: HostSilencePolicy::Pause,
+            parked: OnParked::Wait,
         };
-        match grown {
-            Ok(grown) => {
-                let mut result =
-                    GrowthResult::new(&grown, (robot.as_ref(), plan.as_ref()), known_scene, seed, simulated);
-                let _ = log.end(&result);
-                result.log_lines_missing = Some(log.missing_lines()).filter(|missing| *missing > 0);
-                let error = outcome_error(&result);
-                Ok((result, error))
+        let grown = request.run(&job, board, &mut |event| {
+            // A line that cannot be written is retried later. Lines that are still missing at the end are counted.
+            let _ = log.record(event);
+            for event in to_run_events(event, &mut tip) {
+                if !task.events.send(GrowthMessage::Event(json_of(event))) {
+                    commands.push(Command::Stop);
+                }
             }
-            Err(GrowthError::Interrupted(error)) => {
-                let result = nothing(OutcomeKind::Lost, &error);
-                let _ = log.end(&result);
-                Ok((result, Some(board_error(GrowthError::Interrupted(error)))))
-            }
-            Err(error) => {
-                log.discard();
-                Ok((nothing(OutcomeKind::Refused, &error), Some(board_error(error))))
-            }
-        }
+        });
+        let (result, _) = request.end(&grown, &mut log);
+        let error = match grown {
+            Ok(_) => outcome_error(&result),
+            Err(error) => Some(board_error(error)),
+        };
+        Ok((result, error))
     }
 }
 
@@ -295,7 +265,8 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 impl PyBoard {
     fn send_request(&self, request: WorkerRequest) -> Result<(), Error> {
-        let closed = || board_error("the board is disconnected: connect again with growbot.connect");
+        let disconnected = "the board is disconnected: connect again with growbot.connect";
+        let closed = || Error::new(ErrorKind::Board, disconnected);
         lock(&self.requests).as_ref().ok_or_else(closed)?.send(request).map_err(|_| closed())
     }
 
@@ -313,7 +284,7 @@ impl PyBoard {
                 Ok(response) => return response,
                 Err(RecvTimeoutError::Timeout) => py.check_signals()?,
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(board_error("the board's port is closed: connect again with growbot.connect"));
+                    return Err(closed());
                 }
             }
         }
@@ -343,7 +314,8 @@ impl PyBoard {
             BoardWorker { robot, port, name, take_over, link: None }.serve(&receiver);
         });
         let thread = thread.map_err(|error| {
-            board_error(format!("cannot start a thread for the board's port ({error}): end other programs"))
+            let message = format!("cannot start a thread for the board's port ({error}): end other programs");
+            Error::new(ErrorKind::Board, message)
         })?;
         let board = Self {
             requests: Mutex::new(Some(sender)),
@@ -388,16 +360,22 @@ impl PyBoard {
         ignore_scene: Option<&Bound<PyAny>>,
         scene: Option<&Bound<PyAny>>,
     ) -> Result<Growth, Error> {
+        let py = plan.py();
         let plan = plan.cast::<PyPlan>().map_err(|_| wrong_type("plan", plan, "a growbot.Plan"))?.get().clone();
         let conditions = Conditions::read(conditions)?;
         let seed = seed_of(seed)?;
         let log = log.map(|file| path("log", file)).transpose()?;
-        let replace = overwrite.map_or(Ok(false), |value| flag("overwrite", value))?;
+        let overwrite = overwrite.map_or(Ok(false), |value| flag("overwrite", value))?;
+        let log = match log {
+            None => LogTarget::Disabled,
+            Some(file) if overwrite => LogTarget::Replaced(file),
+            Some(file) => LogTarget::File(file),
+        };
         let force = force.map_or(Ok(false), |value| flag("force", value))?;
-        check_growable(&plan, &conditions, self.simulated, force)?;
+        check_conditions(&conditions)?;
         let ignore_scene = ignore_scene.map_or(Ok(false), |value| flag("ignore_scene", value))?;
-        let ignores_scene = ignore_scene && (scene.is_some() || plan.inner.scene.is_some());
-        let scene = if ignore_scene { None } else { scene_for_growth(&plan, scene)? };
+        let overrides = Override::given([(force, Override::Warnings), (ignore_scene, Override::Scene)]);
+        let (scene, scene_error) = if ignore_scene { (None, None) } else { scene_for_growth(&plan, scene)? };
         let (events, messages) = if self.simulated {
             let (sender, receiver) = mpsc::sync_channel(AHEAD);
             (EventSender::Bounded(sender), receiver)
@@ -407,17 +385,10 @@ impl PyBoard {
         };
         let commands: Arc<CommandQueue> = Arc::default();
         *lock(&self.commands) = Arc::clone(&commands);
-        self.send_request(WorkerRequest::Grow(Box::new(GrowTask {
-            plan,
-            conditions,
-            scene,
-            ignores_scene,
-            seed,
-            log,
-            replace,
-            events,
-            commands: Arc::clone(&commands),
-        })))?;
+        let task = GrowTask { plan, conditions, scene, overrides, seed, log, events, commands: Arc::clone(&commands) };
+        let request = GrowthRequest { scene_error: scene_error.as_ref(), ..task.request(self.simulated) };
+        py.detach(|| request.check()).map_err(|refusal| refused(&refusal))?;
+        self.send_request(WorkerRequest::Grow(Box::new(task)))?;
         Ok(Growth { messages: Mutex::new(Some(messages)), commands, result: Mutex::new(None) })
     }
 
@@ -467,10 +438,7 @@ impl Growth {
                 }
                 Some(Err(RecvTimeoutError::Timeout)) => {}
                 Some(Err(RecvTimeoutError::Disconnected)) => {
-                    self.end(
-                        None,
-                        Some(board_error("the board's port is closed: connect again with growbot.connect")),
-                    )?;
+                    self.end(None, Some(closed()))?;
                 }
             }
             if let Err(error) = py.check_signals() {
@@ -495,7 +463,7 @@ impl Growth {
     #[pyo3(signature = (name))]
     fn send_command(&self, name: &Bound<PyAny>) -> Result<(), Error> {
         let name = word("name", name)?;
-        let command = Command::ALL.into_iter().find(|command| command.name() == name).ok_or_else(|| {
+        let command = name.parse().map_err(|_| {
             let known = Command::ALL.map(Command::name).join(", ");
             Error::with(
                 ErrorKind::Input,

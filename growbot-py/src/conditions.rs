@@ -4,7 +4,7 @@
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_core::angle::radians;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::{DirectionSensor, Disturbance, SimulatedSensors};
+use growbot_core::simulation::{DirectionSensor, Disturbance, MAX_ERROR, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_core::tracking::SensorNoise;
 use growbot_sim::simulation::Simulation;
@@ -16,10 +16,10 @@ use crate::arguments::{flag, within, word, wrong_type};
 use crate::error::{Error, ErrorKind};
 use crate::py_plan::PyPlan;
 
-/// Limits of biases, in percent or degrees, equal to those of the command `growbot`. `UNSIGNED` are the limits of
-/// noises.
-const SIGNED: [f64; 2] = [-90.0, 90.0];
-const UNSIGNED: [f64; 2] = [0.0, 90.0];
+/// Limits of biases, percent or degrees.
+const SIGNED: [f64; 2] = [-MAX_ERROR, MAX_ERROR];
+/// Limits of noise, percent or degrees.
+const UNSIGNED: [f64; 2] = [0.0, MAX_ERROR];
 /// Limits of the layer height for whole slicing (`step_mm`), mm.
 const STEPS_MM: [f64; 2] = [0.01, 1e4];
 /// Maximum number of layers of a simulated body. More layers would take minutes.

@@ -3,15 +3,16 @@
 
 use std::fmt::Display;
 
+use growbot_client::scene_planning::ScenePlanError;
+use growbot_core::compact_number::CompactNumber;
+use growbot_core::plan::PlanError;
+use growbot_core::pose::PoseError;
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 use pyo3::types::PyType;
 
-use growbot_client::scene_planning::ScenePlanError;
-use growbot_core::compact_number::CompactNumber;
-use growbot_core::plan::PlanError;
-use growbot_core::pose::PoseError;
+use crate::remedies;
 
 /// Class of the Python exception.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -77,6 +78,11 @@ impl Error {
     /// Creates an error without a value and a limit.
     pub fn new(kind: ErrorKind, message: impl Display) -> Self {
         Self::Growbot { kind, message: message.to_string(), value: None, limit: None }
+    }
+
+    /// Creates the error for an error of a library.
+    pub fn of(kind: ErrorKind, error: &(dyn std::error::Error + 'static)) -> Self {
+        Self::new(kind, remedies::message(error))
     }
 
     /// Creates an error with a value and the limit that it violates.
@@ -173,7 +179,7 @@ impl From<ScenePlanError> for Error {
             ScenePlanError::Plan(error) => error.into(),
             ScenePlanError::NoPath(error) => {
                 use growbot_client::scene_planning::NoPathError;
-                let message = error.to_string();
+                let message = remedies::message(&error);
                 match error {
                     NoPathError::Start { distance, need } | NoPathError::Goal { distance, need } => {
                         Self::with(ErrorKind::NoPath, message, distance, need)

@@ -30,6 +30,7 @@ mod plan;
 mod pose;
 mod preconditions;
 mod py_plan;
+mod remedies;
 mod robot;
 mod run;
 mod scene;

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::atomic_file::write_atomic;
 use growbot_client::margin::planning_margin_mm;
-use growbot_client::plan::{self as client, Goal, PlanOptions, planner_name};
+use growbot_client::plan::{self as client, Goal, PlanOptions};
 use growbot_client::plan_file::{self, PlanFile, SegmentJson};
 use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::plan::Planner;
@@ -135,8 +135,7 @@ impl PlanWarning {
 fn planner_of(value: Option<&Bound<PyAny>>) -> Result<Planner, Error> {
     let Some(value) = value else { return Ok(Planner::Shortest) };
     let name = word("planner", value)?;
-    let known = [Planner::Shortest, Planner::TwoPlane];
-    known.into_iter().find(|planner| planner_name(*planner) == name).ok_or_else(|| {
+    name.parse().map_err(|_| {
         let message = format!("planner is {name:?}: give \"shortest\" or \"two-plane\"");
         Error::with(ErrorKind::Input, message, name, "shortest, two-plane")
     })
@@ -333,7 +332,7 @@ impl PyPlan {
         let file = arguments::path("file", file)?;
         let (text, name) = arguments::text_of_file(&file)?;
         let read = cls.py().detach(|| plan_file::read(&text, &name, None));
-        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::File, error))?;
+        let (robot, plan) = read.map_err(|error| Error::of(ErrorKind::File, &error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 
@@ -343,7 +342,7 @@ impl PyPlan {
     fn from_json(cls: &Bound<PyType>, json: &Bound<PyAny>) -> Result<Self, Error> {
         let json = text("json", json)?;
         let read = cls.py().detach(|| plan_file::read(&json, "json", None));
-        let (robot, plan) = read.map_err(|error| Error::new(ErrorKind::Input, error))?;
+        let (robot, plan) = read.map_err(|error| Error::of(ErrorKind::Input, &error))?;
         Ok(Self { inner: Arc::new(plan), robot: Arc::new(robot) })
     }
 
@@ -406,7 +405,7 @@ impl PyPlan {
     /// Planner that found the path: "shortest" or "two-plane".
     #[getter]
     fn planner(&self) -> &'static str {
-        planner_name(self.inner.planner)
+        self.inner.planner.name()
     }
 
     /// Radius of the bends, mm.

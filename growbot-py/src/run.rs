@@ -39,9 +39,9 @@ impl PyRunLog {
     fn new(py: Python<'_>, file: &Bound<PyAny>) -> Result<Self, Error> {
         let (bytes, name) = bytes_of_file(&path("file", file)?, MAX_LOG_BYTES)?;
         py.detach(|| {
-            let record = RecordedRun::read(&bytes, &name).map_err(|error| Error::new(ErrorKind::File, error))?;
-            let robot = record.own_robot().map_err(|error| Error::new(ErrorKind::File, error))?;
-            let plan = record.plan(&robot).map_err(|error| Error::new(ErrorKind::File, error))?;
+            let record = RecordedRun::read(&bytes, &name).map_err(|error| Error::of(ErrorKind::File, &error))?;
+            let robot = record.own_robot().map_err(|error| Error::of(ErrorKind::File, &error))?;
+            let plan = record.plan(&robot).map_err(|error| Error::of(ErrorKind::File, &error))?;
             Ok(Self { name, bytes, record, plan: Arc::new(plan), robot: Arc::new(robot) })
         })
     }

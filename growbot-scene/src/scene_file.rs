@@ -140,14 +140,14 @@ pub enum SceneError {
     #[error(transparent)]
     Read(#[from] ReadError),
     /// The file is not TOML, or has other fields than a scene.
-    #[error("{file}, line {line}: {reason}")]
+    #[error("{file}, line {line}: {}", read::one_line(error.message()))]
     Toml {
         /// Path of the file.
         file: String,
         /// Number of the line with the error, from 1.
         line: usize,
-        /// Message of the TOML parser.
-        reason: String,
+        /// Error of the TOML parser.
+        error: Box<toml::de::Error>,
     },
     /// The scene file has a format version that is not supported.
     #[error(
@@ -317,7 +317,7 @@ pub fn parse(text: &str, file: &str) -> Result<SceneFile, SceneError> {
         let at = error.span().map_or(0, |span| span.start).min(text.len());
         let before = text.as_bytes().get(..at).unwrap_or_default();
         let line = before.iter().filter(|byte| **byte == b'\n').count() + 1;
-        SceneError::Toml { file: file.to_owned(), line, reason: read::one_line(error.message()) }
+        SceneError::Toml { file: file.to_owned(), line, error: Box::new(error) }
     })?;
     if written.format != FORMAT {
         return Err(SceneError::UnsupportedFormat { file: file.to_owned(), found: read::one_line(&written.format) });

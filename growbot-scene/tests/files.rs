@@ -1,15 +1,15 @@
 //! Scene files, meshes and clouds. Each file is read correctly, or refused with one message.
 
-use growbot_core::path::Segment;
-use growbot_core::pose::Pose;
-use growbot_scene::clearance::RequiredClearance;
-use growbot_scene::path_clearance::{clearance, is_path_clear};
 use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
+use growbot_core::path::Segment;
+use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
-use growbot_scene::read::{ReadError, geometry};
+use growbot_scene::clearance::RequiredClearance;
+use growbot_scene::path_clearance::{clearance, is_path_clear};
+use growbot_scene::read::{FormatError, ReadError, geometry};
 use growbot_scene::scene_file::{SceneError, load, parse};
 use nalgebra::Vector3;
 use tempfile::TempDir;
@@ -305,7 +305,8 @@ fn unsupported_features_are_refused() {
         .replace("end_header\n", "element tristrips 1\nproperty list int int vertex_indices\nend_header\n")
         + "3 0 1 0\n";
     let (_directory, path) = written("strips.ply", strips);
-    assert!(load(&path).unwrap_err().to_string().contains("strips of triangles"));
+    let SceneError::Read(ReadError::Malformed { error, .. }) = load(&path).unwrap_err() else { panic!() };
+    assert!(matches!(error, FormatError::Strips) && error.to_string().contains("strips of triangles"));
     // A comment may contain any bytes. It must not make the reader lose a face.
     let mut bytes = obj().into_bytes();
     bytes.extend(b"# W\xe4nde\n");

@@ -3,7 +3,7 @@
 //! - [`tip`]: a simulated tip that reacts to the signals of its board;
 //! - [`port`]: boards that drive the simulated tip (the real controller in this process, or the firmware in an
 //!   emulator), and [`port::open`], which opens any port by its name;
-//! - [`ground_truth`]: the layers that a simulated tip has really laid;
+//! - [`simulated_tip`]: the body that a simulated tip has really laid, and manual actions on it;
 //! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores ([`parallel`]);
 //! - [`image_seal`]: seals of firmware images.
 //!
@@ -11,11 +11,11 @@
 //! unit, such as `_deg`, have that unit.
 #![forbid(unsafe_code)]
 
-pub mod ground_truth;
 pub mod image_seal;
 pub mod parallel;
 pub mod port;
 pub mod sim_daemon;
+pub mod simulated_tip;
 pub mod simulation;
 pub mod tip;
 pub mod uf2;

@@ -15,6 +15,34 @@ const PAYLOAD: usize = 256;
 const SECTOR: u32 = 4096;
 /// Magic numbers of a UF2 block: the two words at its start, and the word at its end.
 const MAGIC: [u32; 3] = [0x0A32_4655, 0x9E5D_5157, 0x0AB1_6F30];
+/// Reason why an image cannot be written to the flash of an RP2040, or why a UF2 file is not valid.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Uf2Error {
+    /// The image is not a 32-bit ELF file.
+    #[error("the file is not a 32-bit ELF file ({0})")]
+    NoElf(#[from] object::Error),
+    /// A segment of the image lies outside the file.
+    #[error("a segment of the image lies outside the file")]
+    SegmentOutsideFile,
+    /// A part of the image belongs to this address, which is not in the flash of an RP2040.
+    #[error("a part of the image belongs to address {0:#010x}, which is not in the flash of an RP2040")]
+    OutsideFlash(u32),
+    /// The image has no bytes for flash.
+    #[error("the file contains nothing to write to flash")]
+    Empty,
+    /// The length of the UF2 file, in bytes, is not that of whole blocks.
+    #[error("the file has {0} bytes, which is not a multiple of {BLOCK}")]
+    Length(usize),
+    /// A block of the UF2 file is damaged, or belongs to another processor.
+    #[error("block {block} of {blocks} of the file is damaged, or not for an RP2040")]
+    Block {
+        /// Number of the block, from 0.
+        block: usize,
+        /// Number of blocks of the file.
+        blocks: usize,
+    },
+}
+
 /// Flag of a UF2 block that states the family of its processor.
 const HAS_FAMILY: u32 = 0x2000;
 /// Number of the processor family RP2040 in UF2 files.
@@ -25,8 +53,8 @@ const FLASH: std::ops::Range<u32> = 0x1000_0000..0x1100_0000;
 /// Returns the UF2 file of an ELF image for the RP2040.
 ///
 /// # Errors
-/// A message with the reason why the image is not one for the RP2040.
-pub fn of_image(image: &[u8]) -> Result<Vec<u8>, String> {
+/// [`Uf2Error`] if the image is not one for the RP2040.
+pub fn of_image(image: &[u8]) -> Result<Vec<u8>, Uf2Error> {
     let pages = pages_of(image)?;
     let mut file = Vec::with_capacity(pages.len() * BLOCK);
     for (number, (address, page)) in pages.iter().enumerate() {
@@ -48,11 +76,11 @@ pub fn is_uf2(file: &[u8]) -> bool {
 /// Checks that a UF2 file is complete and for the RP2040. The addresses of its blocks must be consecutive.
 ///
 /// # Errors
-/// Returns a message that describes the problem.
-pub fn check(file: &[u8]) -> Result<(), String> {
+/// [`Uf2Error::Length`] or [`Uf2Error::Block`].
+pub fn check(file: &[u8]) -> Result<(), Uf2Error> {
     let (blocks, rest) = file.as_chunks::<BLOCK>();
     if blocks.is_empty() || !rest.is_empty() {
-        return Err(format!("the file has {} bytes, which is not a multiple of {BLOCK}", file.len()));
+        return Err(Uf2Error::Length(file.len()));
     }
     let mut begin = FLASH.start;
     for (number, block) in blocks.iter().enumerate() {
@@ -65,7 +93,7 @@ pub fn check(file: &[u8]) -> Result<(), String> {
         let [first, second, last] = MAGIC;
         let head = [first, second, HAS_FAMILY, address, PAYLOAD as u32, number as u32, blocks.len() as u32, RP2040];
         if !FLASH.contains(&address) || !(0..).zip(head).all(|(at, is)| word(at) == is) || word(BLOCK / 4 - 1) != last {
-            return Err(format!("block {number} of {} of the file is damaged, or not for an RP2040", blocks.len()));
+            return Err(Uf2Error::Block { block: number, blocks: blocks.len() });
         }
     }
     Ok(())
@@ -74,9 +102,8 @@ pub fn check(file: &[u8]) -> Result<(), String> {
 /// Returns the pages of flash from the start of the sector where an image begins to the image's end, with their
 /// addresses. Bytes that do not belong to the image are 0. The boot ROM derives from a block's number whether its
 /// sector is erased already, so all pages in this range are returned.
-fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
-    let file: ElfFile32 =
-        ElfFile32::parse(image).map_err(|error| format!("the file is not a 32-bit ELF file ({error})"))?;
+fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, Uf2Error> {
+    let file: ElfFile32 = ElfFile32::parse(image)?;
     let mut pages: std::collections::BTreeMap<u32, [u8; PAYLOAD]> = std::collections::BTreeMap::new();
     for header in file.elf_program_headers() {
         let endian: Endianness = file.endian();
@@ -84,13 +111,11 @@ fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
         if header.p_type(endian) != PT_LOAD || header.p_filesz(endian) == 0 {
             continue;
         }
-        let bytes = header.data(endian, image).map_err(|()| "a segment of the image lies outside the file")?;
+        let bytes = header.data(endian, image).map_err(|()| Uf2Error::SegmentOutsideFile)?;
         let from = header.p_paddr(endian);
         let end = u64::from(from) + bytes.len() as u64;
         if !FLASH.contains(&from) || end > u64::from(FLASH.end) {
-            return Err(format!(
-                "a part of the image belongs to address {from:#010x}, which is not in the flash of an RP2040"
-            ));
+            return Err(Uf2Error::OutsideFlash(from));
         }
         for (address, byte) in (from..).zip(bytes) {
             let at = address % PAYLOAD as u32;
@@ -101,7 +126,7 @@ fn pages_of(image: &[u8]) -> Result<Vec<(u32, [u8; PAYLOAD])>, String> {
         }
     }
     let (Some(first), Some(last)) = (pages.keys().next(), pages.keys().next_back()) else {
-        return Err("the file contains nothing to write to flash".to_string());
+        return Err(Uf2Error::Empty);
     };
     let all = (first - first % SECTOR..=*last).step_by(PAYLOAD);
     Ok(all.map(|address| (address, pages.get(&address).copied().unwrap_or([0; PAYLOAD]))).collect())
@@ -186,7 +211,7 @@ mod tests {
         assert_eq!(check(&file), Ok(()));
         let refused = |file: &[u8], part: &str| {
             let error = check(file).unwrap_err();
-            assert!(error.contains(part), "{part}: {error}");
+            assert!(error.to_string().contains(part), "{part}: {error}");
         };
         refused(&[], "0 bytes");
         refused(&file[..file.len() - 1], "not a multiple");
@@ -213,10 +238,10 @@ mod tests {
             (elf(0x1000_0000, &[]), "nothing to write"),
         ] {
             let error = of_image(&image).unwrap_err();
-            assert!(error.contains(part), "{part}: {error}");
+            assert!(error.to_string().contains(part), "{part}: {error}");
         }
         let mut cut = elf(0x1000_0000, &[1; 64]);
         cut.truncate(100);
-        assert!(of_image(&cut).unwrap_err().contains("outside the file"));
+        assert_eq!(of_image(&cut), Err(Uf2Error::SegmentOutsideFile));
     }
 }

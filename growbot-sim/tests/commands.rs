@@ -1,6 +1,7 @@
 //! Commands during a growth on the simulated robot: it pauses, continues and stops, and lays each layer once.
 
 use std::cell::{Cell, RefCell};
+use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -142,7 +143,7 @@ struct Stalled {
 impl Port for Stalled {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         if self.is_stalled.get() {
-            return Err(PortError::Lost("sim".to_string(), "it accepts no more bytes".to_string()));
+            return Err(PortError::Lost("sim".to_string(), io::Error::other("it accepts no more bytes")));
         }
         self.sim.send(bytes)
     }

@@ -132,15 +132,11 @@ impl Subject<'_> {
             None | Some(Outcome::Done) => {}
             Some(outcome) if disturbances.iter().all(|(_, one)| one.is_reset()) => {
                 if attempt.logged.len() == self.as_built.len() {
-                    return Err(format!("{} with all layers in the log", outcome.name()));
+                    return Err(format!("{outcome:?} with all layers in the log"));
                 }
                 let is_fault = attempt.board.borrow().state() == State::Fault;
                 if is_fault != matches!(outcome, Outcome::Fault(_)) {
-                    return Err(format!(
-                        "{}, but the board is {}",
-                        outcome.name(),
-                        attempt.board.borrow().state().name()
-                    ));
+                    return Err(format!("{outcome:?}, but the board is {}", attempt.board.borrow().state().name()));
                 }
             }
             Some(Outcome::Stopped) if has(Disturbance::is_stop) => {}
@@ -150,7 +146,7 @@ impl Subject<'_> {
                 if has(|one| one == Disturbance::OtherFallsSilent)
                     && disturbances.iter().filter(|(_, one)| one.is_other_host()).count() > 1 => {}
             Some(Outcome::Fault(_)) if has(Disturbance::is_reset) => {}
-            Some(outcome) => return Err(format!("ended as {}", outcome.name())),
+            Some(outcome) => return Err(format!("ended as {outcome:?}")),
         }
         self.check_continuation(has(|one| one == Disturbance::PowerLoss), attempt)?;
         Ok(frames)
@@ -183,7 +179,7 @@ impl Subject<'_> {
             let grown = resume_job(&mut client, &self.job, known, OnInterrupted::Redo, self.silence, &orders, on_event)
                 .map_err(|error| format!("resumed: {error}"))?;
             if (grown.outcome, &grown.as_built) != (Outcome::Done, &self.as_built) {
-                return Err(format!("resumed: {} with {} layers", grown.outcome.name(), grown.as_built.len()));
+                return Err(format!("resumed: {:?} with {} layers", grown.outcome, grown.as_built.len()));
             }
         }
         // The board forgets a job that is done, and has none before it has begun one.

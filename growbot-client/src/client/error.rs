@@ -40,7 +40,7 @@ pub enum ClientError {
     #[error(
         "the board's firmware is of another release (the board's messages have schema {board:016x}, those of this \
          program {host:016x}): finish or cancel a body that the board stores with the growbot of that release, then \
-         flash this release (`growbot flash`); stop and estop work with any release"
+         flash this release"
     )]
     Schema {
         /// Schema hash of the board.
@@ -50,8 +50,7 @@ pub enum ClientError {
     },
     /// The board stores the description of another robot.
     #[error(
-        "the board's robot is {board_name} ({board:016x}), not {host_name} ({host:016x}): choose the board's robot \
-         with --robot, or send the board this robot's description (`growbot configure`)"
+        "the board's robot is {board_name} ({board:016x}), not {host_name} ({host:016x}): choose the board's robot"
     )]
     OtherRobot {
         /// Name of the board's robot.
@@ -64,10 +63,7 @@ pub enum ClientError {
         host: u64,
     },
     /// The board has no robot description.
-    #[error(
-        "the board at {port} is not configured: it has no robot description and moves nothing; send a description with \
-         `growbot configure`"
-    )]
+    #[error("the board at {port} is not configured: it has no robot description and moves nothing; send a description")]
     NotConfigured {
         /// Name of the port.
         port: String,
@@ -76,10 +72,7 @@ pub enum ClientError {
     #[error("this robot can be simulated, but no board can drive it: {0}")]
     Description(RobotError),
     /// The board stored a new description but did not restart with it.
-    #[error(
-        "the board at {port} did not restart with the new description within 10 s: reset the board, and check with \
-         `growbot status` whether it has the description"
-    )]
+    #[error("the board at {port} did not restart with the new description within 10 s: reset the board")]
     NotRestarted {
         /// Name of the port.
         port: String,
@@ -87,7 +80,7 @@ pub enum ClientError {
     /// Another host owns the board.
     #[error(
         "the board at {port} is owned by {host}, whose last message arrived {silent_s:.1} s ago: end that program, \
-         wait until 10 s after its last message, or take over the board (--take-over)"
+         wait until 10 s after its last message, or take over the board"
     )]
     Owned {
         /// Name of the port.
@@ -132,7 +125,7 @@ pub enum ClientError {
         kind: u8,
     },
     /// The connection to the board is broken.
-    #[error(transparent)]
+    #[error("{0}")]
     Port(#[from] PortError),
 }
 
@@ -197,7 +190,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
                                again"
             .to_string(),
         Refusal::RobotMismatch { board } => {
-            format!("the board belongs to another robot ({board:016x}): choose the board's robot with --robot")
+            format!("the board belongs to another robot ({board:016x}): choose the board's robot")
         }
         Refusal::PlanMismatch { board: 0 } => "the board stores no plan: send a plan first".to_string(),
         Refusal::PlanMismatch { board } => {
@@ -207,7 +200,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             format!("the board expects byte {expected} of the robot description next: send the description again")
         }
         Refusal::OutOfOrder { expected } => {
-            format!("the board expects layer {expected} next: continue the body from there (`growbot resume`)")
+            format!("the board expects layer {expected} next: continue the body from there")
         }
         Refusal::LayerStoreFull => "the board's layer buffer is full: send the next layers when the robot has laid \
                                     some"
@@ -235,7 +228,7 @@ fn explain(request: &str, refusal: &Refusal) -> String {
         Refusal::EmergencyStop => "the emergency stop is pressed: release it first".to_string(),
         Refusal::OwnedByOtherHost { silent_ms } => format!(
             "another host owns the board, and its last message arrived {silent_ms} ms ago: end that program, or take \
-             over the board (--take-over)"
+             over the board"
         ),
         Refusal::LayerAlreadyBegun { first } => {
             format!("the robot has already started some of these layers: replace layers from layer {first} on")
@@ -281,11 +274,11 @@ fn explain(request: &str, refusal: &Refusal) -> String {
                 .to_string()
         }
         Refusal::NotConfigured => "the board is not configured: it has no robot description and moves nothing; send a \
-                                   description with `growbot configure`"
+                                   description"
             .to_string(),
         Refusal::JobNotDone { plan_id } => format!(
             "the board has an unfinished body (plan {plan_id:016x}), which would be lost: finish the body, or discard \
-             it with `growbot cancel`"
+             it"
         ),
         Refusal::InvalidDescription { error: why } => {
             format!("{}; the board keeps its current description", explain_description(why))

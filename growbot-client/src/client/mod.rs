@@ -23,7 +23,7 @@ use growbot_core::link::message::{Empty, Message};
 pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-pub use self::error::{ClientError, MOVE_FILAMENT};
+pub use self::error::{ClientError, MOVE_FILAMENT, SEND_DESCRIPTION};
 pub use self::exchange::has_commanded_board;
 pub use self::requests::StopOutcome;
 use crate::port::Port;

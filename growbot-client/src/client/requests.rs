@@ -35,7 +35,7 @@ impl StopOutcome {
             Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
             Self::ByEmergencyStop => format!(
                 "emergency stop, because the board did not respond to the stop request: heater and steppers of the \
-                 {kind}robot are off until the emergency stop is cleared (`clear` in `growbot console`)"
+                 {kind}robot are off until the emergency stop is cleared"
             ),
         }
     }

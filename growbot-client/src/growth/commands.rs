@@ -6,14 +6,18 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 use crate::robot_file::MaterialPreset;
 use crate::stop_signal::{Permit, StopLevel};
 
 /// A command of a user during a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, EnumString, IntoStaticStr, VariantArray,
+)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 #[repr(u8)]
 pub enum Command {
     /// Continue after a pause.
@@ -36,29 +40,11 @@ pub enum Command {
 
 impl Command {
     /// All commands.
-    pub const ALL: [Self; 8] = [
-        Self::Continue,
-        Self::Pause,
-        Self::Preheat,
-        Self::Unload,
-        Self::Load,
-        Self::Purge,
-        Self::Stop,
-        Self::EmergencyStop,
-    ];
+    pub const ALL: [Self; 8] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the name of the command in URLs and run logs.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Continue => "continue",
-            Self::Pause => "pause",
-            Self::Preheat => "preheat",
-            Self::Unload => "unload",
-            Self::Load => "load",
-            Self::Purge => "purge",
-            Self::Stop => "stop",
-            Self::EmergencyStop => "emergency-stop",
-        }
+        self.into()
     }
 
     /// Returns the board's maintenance task for this command, with the lengths of the default material preset. `None`

@@ -5,6 +5,7 @@ mod amendment;
 mod commands;
 mod monitor;
 mod report;
+mod request;
 mod start;
 
 use growbot_core::job::{job_layers, plan_id};
@@ -22,6 +23,7 @@ use serde::{Deserialize, Serialize};
 
 pub use self::commands::{Command, CommandQueue};
 pub use self::report::{GrowthReport, MeasuredBy, Outcome, as_built_hash, as_built_or_commanded};
+pub use self::request::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::client::{Client, ClientError};
 use crate::feedback::{EncoderReference, Feedback};
@@ -138,11 +140,11 @@ pub struct Amendment {
 #[derive(Debug, thiserror::Error)]
 pub enum GrowthError {
     /// The growth did not start: nothing was heated or moved.
-    #[error(transparent)]
-    NotStarted(ClientError),
+    #[error("{0}")]
+    NotStarted(#[source] ClientError),
     /// The connection to the board failed during the growth. The board may still be growing.
-    #[error("{0}; the robot may still be growing: run `growbot status`, and if that fails cut the robot's power")]
-    Interrupted(ClientError),
+    #[error("{0}; the robot may still be growing")]
+    Interrupted(#[source] ClientError),
     /// The board does not store an unfinished job with the plan id that was to be resumed.
     #[error("the board has no unfinished body of this plan ({plan_id:016x}): {stored}")]
     NothingToResume {
@@ -152,10 +154,7 @@ pub enum GrowthError {
         stored: String,
     },
     /// The board stores an unfinished job, so it does not begin a new one.
-    #[error(
-        "the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it (`growbot \
-         resume`), or discard it (`growbot cancel`)"
-    )]
+    #[error("the board has an unfinished body of plan {plan_id:016x}, {laid} of {layers} layers laid: resume it")]
     Unfinished {
         /// Plan id of the unfinished job.
         plan_id: u64,

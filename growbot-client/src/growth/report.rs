@@ -7,6 +7,7 @@ use growbot_core::link::message::{Fault, InterruptedLayer};
 use growbot_core::pose::Pose;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use crate::arrival::Arrival;
 use crate::client::ClockDrift;
@@ -30,21 +31,6 @@ pub enum Outcome {
     Interrupted,
     /// The board does not respond. It may still be growing.
     Lost,
-}
-
-impl Outcome {
-    /// Returns the name of the outcome in files.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Done => "done",
-            Self::Stopped => "stopped",
-            Self::ClockDrift(_) => "clock-drift",
-            Self::Fault(_) => "fault",
-            Self::Parked => "parked",
-            Self::Interrupted => "interrupted",
-            Self::Lost => "lost",
-        }
-    }
 }
 
 /// Result of a growth.
@@ -78,9 +64,10 @@ pub struct GrowthReport {
 }
 
 /// Source of the final pose of a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum MeasuredBy {
     /// The true pose of the simulated tip.
     Tip,
@@ -93,11 +80,7 @@ pub enum MeasuredBy {
 impl MeasuredBy {
     /// Returns the name of the source in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Tip => "tip",
-            Self::Estimate => "estimate",
-            Self::Steps => "steps",
-        }
+        self.into()
     }
 }
 

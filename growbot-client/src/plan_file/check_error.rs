@@ -11,10 +11,7 @@ pub(super) const MAX_SEGMENTS: usize = 10_000;
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PlanCheckError {
     /// The plan was made for a robot with another name.
-    #[error(
-        "the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose the plan's robot with \
-         --robot"
-    )]
+    #[error("the plan is for robot {plan:?}, not for {robot:?}: plan again for this robot, or choose the plan's robot")]
     OtherRobot {
         /// Name of the robot in the plan.
         plan: String,
@@ -24,7 +21,7 @@ pub enum PlanCheckError {
     /// The robot's description has changed since the plan was made.
     #[error(
         "the plan is for {robot} with hash {plan}, but this {robot} has hash {here}: the robot description has changed \
-         since the plan was made; plan again, or give the old description with --robot FILE"
+         since the plan was made; plan again, or give the old description"
     )]
     OtherHash {
         /// Name of the robot.
@@ -57,8 +54,8 @@ pub enum PlanCheckError {
     },
     /// An arc has a smaller radius than the robot can bend.
     #[error(
-        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again with a larger \
-         --radius", CompactNumber(.radius)
+        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again",
+        CompactNumber(.radius)
     )]
     TooTight {
         /// Index of the segment, from 0.

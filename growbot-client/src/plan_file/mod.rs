@@ -29,7 +29,7 @@ use crate::warning::NEAR_OBSTACLE;
 #[derive(Debug, thiserror::Error)]
 pub enum PlanFileError {
     /// The file cannot be read.
-    #[error(transparent)]
+    #[error("{0}")]
     Input(#[from] InputError),
     /// The JSON text ends in the middle of the plan.
     #[error(
@@ -42,12 +42,12 @@ pub enum PlanFileError {
         line: usize,
     },
     /// The file is not JSON.
-    #[error("{file} is not JSON ({reason}): give a file that `growbot plan -o` wrote")]
+    #[error("{file} is not JSON ({error})")]
     NotJson {
         /// Name of the plan file.
         file: String,
         /// Error of the JSON parser with its position.
-        reason: String,
+        error: serde_json::Error,
     },
     /// The plan has another version of the format.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: plan again with this version")]
@@ -58,17 +58,17 @@ pub enum PlanFileError {
         found: String,
     },
     /// The text is JSON, but not a plan.
-    #[error("{file} is not a plan ({reason}): give a file that `growbot plan -o` wrote")]
+    #[error("{file} is not a plan ({error})")]
     NoPlan {
         /// Name of the plan file.
         file: String,
         /// Error of the JSON parser with its position.
-        reason: String,
+        error: serde_json::Error,
     },
     /// The plan does not contain the description of its robot, and that robot is not built in.
     #[error(
         "{file} is a plan for robot {robot:?}, but it contains no description of this robot, and the robot is not \
-         built in: give the robot's file with --robot"
+         built in: give the robot's file"
     )]
     UnknownRobot {
         /// Name of the plan file.
@@ -77,10 +77,10 @@ pub enum PlanFileError {
         robot: String,
     },
     /// The robot's description is not valid.
-    #[error(transparent)]
+    #[error("{0}")]
     Robot(#[from] RobotFileError),
     /// The scene of the plan cannot be loaded, has changed, or the plan is not clear of it.
-    #[error(transparent)]
+    #[error("{0}")]
     Scene(#[from] SceneCheckError),
     /// The plan is not consistent, or was made for another robot.
     #[error("{file}: {fault}")]
@@ -88,6 +88,7 @@ pub enum PlanFileError {
         /// Name of the plan file.
         file: String,
         /// Error of the failed check.
+        #[source]
         fault: PlanCheckError,
     },
 }
@@ -108,12 +109,12 @@ impl PlanFile {
         let file = || file.to_owned();
         let classify = |error: serde_json::Error| match error.classify() {
             serde_json::error::Category::Eof => PlanFileError::Truncated { file: file(), line: error.line() },
-            serde_json::error::Category::Data => PlanFileError::NoPlan { file: file(), reason: error.to_string() },
+            serde_json::error::Category::Data => PlanFileError::NoPlan { file: file(), error },
             // For serde_json, a cut inside a number, such as after `100.`, is not an "end of file".
             _ if text.ends_with(['.', '-', '+', 'e', 'E']) && error.to_string().starts_with("invalid number") => {
                 PlanFileError::Truncated { file: file(), line: error.line() }
             }
-            _ => PlanFileError::NotJson { file: file(), reason: error.to_string() },
+            _ => PlanFileError::NotJson { file: file(), error },
         };
         let Version { format } = serde_json::from_str(text).map_err(classify)?;
         if format != FORMAT {

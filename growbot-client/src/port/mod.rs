@@ -9,6 +9,7 @@ pub mod stream;
 
 use std::cell::RefCell;
 use std::error::Error;
+use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -86,32 +87,6 @@ impl<P: Port> Port for Rc<RefCell<P>> {
     }
 }
 
-impl Port for Box<dyn Port> {
-    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
-        self.as_mut().send(bytes)
-    }
-
-    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
-        self.as_mut().receive(buffer, timeout)
-    }
-
-    fn send_emergency_stop(&mut self) -> Result<(), PortError> {
-        self.as_mut().send_emergency_stop()
-    }
-
-    fn now(&self) -> Duration {
-        self.as_ref().now()
-    }
-
-    fn has_comparable_clock(&self) -> bool {
-        self.as_ref().has_comparable_clock()
-    }
-
-    fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {
-        self.as_mut().emergency_port()
-    }
-}
-
 /// Returns the real time since the host was started, including the time in which it slept.
 pub fn time_since_boot() -> Duration {
     let time = clock_gettime(ClockId::Boottime);
@@ -125,10 +100,7 @@ pub enum PortError {
     #[error("port {0} not found or not usable: check the cable and the name{1}")]
     Missing(String, String),
     /// Another program uses the device.
-    #[error(
-        "port {0} is in use by {1}: close that program first (in an emergency, `growbot estop --port {0}` stops the \
-         robot without waiting for that program)"
-    )]
+    #[error("port {0} is in use by {1}: close that program first")]
     Busy(String, String),
     /// Another program has opened the device for exclusive use.
     #[error("port {0} is locked by {1}: end that program")]
@@ -146,7 +118,7 @@ pub enum PortError {
         "lost the connection to {0} ({1}): check the board's power and its connection, and connect again; layers that \
          are already laid are not lost"
     )]
-    Lost(String, String),
+    Lost(String, #[source] io::Error),
     /// A simulated board has failed, for example because its time does not advance.
     #[error(transparent)]
     Simulated(Box<dyn Error + Send + Sync>),

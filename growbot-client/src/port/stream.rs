@@ -111,8 +111,8 @@ impl Stream {
         Self { name, bytes, emergencies: Arc::default(), role: StreamRole::Requests }
     }
 
-    fn lost(&self, error: &io::Error) -> PortError {
-        PortError::Lost(self.name.clone(), error.to_string())
+    fn lost(&self, error: io::Error) -> PortError {
+        PortError::Lost(self.name.clone(), error)
     }
 
     /// Reports whether this stream must block, because another stream is sending an emergency stop on the connection.
@@ -177,7 +177,7 @@ impl Port for Stream {
             Bytes::Serial(serial) => serial.send(bytes, || yields && emergencies.load(Ordering::SeqCst) > 0),
         };
         self.block_if_yielded();
-        sent.map_err(|error| self.lost(&error))
+        sent.map_err(|error| self.lost(error))
     }
 
     fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
@@ -198,10 +198,13 @@ impl Port for Stream {
         };
         self.block_if_yielded();
         match received {
-            Ok(0) => Err(PortError::Lost(self.name.clone(), "the other end closed the connection".to_string())),
+            Ok(0) => {
+                let closed = io::Error::new(io::ErrorKind::UnexpectedEof, "the other end closed the connection");
+                Err(self.lost(closed))
+            }
             Ok(count) => Ok(count),
             Err(error) if is_timeout(&error) => Ok(0),
-            Err(error) => Err(self.lost(&error)),
+            Err(error) => Err(self.lost(error)),
         }
     }
 
@@ -212,7 +215,7 @@ impl Port for Stream {
             Bytes::Tcp(stream) => stream.write_all(&EMERGENCY_STOP),
             Bytes::Serial(serial) => serial.send_ahead(&EMERGENCY_STOP),
         };
-        sent.map_err(|error| self.lost(&error))
+        sent.map_err(|error| self.lost(error))
     }
 
     fn emergency_port(&mut self) -> Option<Box<dyn Port + Send>> {

@@ -8,7 +8,7 @@ use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::link::crash::CrashRecord;
-use growbot_core::link::message::{BoardInfo, Fault, LayerReadings, Status};
+use growbot_core::link::message::{BoardInfo, Fault, LayerReadings, Status, celsius};
 use growbot_core::pose::{Frame, Pose};
 use serde::{Deserialize, Serialize};
 
@@ -170,7 +170,6 @@ pub struct BoardStatus {
 
 impl From<&Status> for BoardStatus {
     fn from(status: &Status) -> Self {
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         Self {
             state: Some(status.state.name().to_owned()),
             fault: status.fault.map(|fault| Fault::code(fault).to_owned()),

@@ -61,9 +61,7 @@ const ENDINGS: [&str; 2] = ["jsonl", "json"];
 #[derive(Debug, thiserror::Error)]
 pub enum RunLogError {
     /// The log's file cannot be created, or an existing log cannot be opened to resume it.
-    #[error(
-        "cannot write the run log {file}: {error}; make it writable, or for a new growth choose another file with --log"
-    )]
+    #[error("cannot write the run log {file}: {error}; make it writable")]
     Begin {
         /// Name of the log's file.
         file: String,
@@ -82,10 +80,7 @@ pub enum RunLogError {
         error: io::Error,
     },
     /// The file exists already.
-    #[error(
-        "the run log {file} already exists and may be the only record of a body: choose another name, or replace it \
-         with --overwrite; --log without a name chooses a new one"
-    )]
+    #[error("the run log {file} already exists and may be the only record of a body: choose another name")]
     Exists {
         /// Name of the log's file.
         file: String,

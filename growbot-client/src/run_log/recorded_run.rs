@@ -37,10 +37,7 @@ pub enum ReadRunLogError {
     #[error("no run log to read: {0}")]
     File(#[from] InputError),
     /// The first line is not the header of a run log.
-    #[error(
-        "{file} is not a run log that this version of growbot reads ({reason}): give a file that `growbot grow --log` \
-         wrote"
-    )]
+    #[error("{file} is not a run log that this version of growbot reads ({reason})")]
     Header {
         /// Name of the log's file.
         file: String,
@@ -48,7 +45,7 @@ pub enum ReadRunLogError {
         reason: String,
     },
     /// The plan in the log is not valid.
-    #[error(transparent)]
+    #[error("{0}")]
     Plan(#[from] PlanFileError),
 }
 

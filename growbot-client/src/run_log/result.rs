@@ -1,7 +1,5 @@
 //! The result of a growth: the last line of a run log, and the output of `grow`, `resume` and `replay` with `--json`.
 
-use std::fmt;
-
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message;
@@ -10,6 +8,7 @@ use growbot_core::robot::Robot;
 use growbot_scene::scene::Scene;
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::Value;
+use strum::{Display, IntoStaticStr};
 
 use super::lenient::lenient;
 use crate::arrival::Arrival;
@@ -97,9 +96,10 @@ pub struct GrowthResult {
 }
 
 /// Outcome of a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Display, IntoStaticStr)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum OutcomeKind {
     /// Every layer is laid.
     Done,
@@ -132,24 +132,7 @@ fn outcome_or_unknown<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Outc
 impl OutcomeKind {
     /// Returns the name of the outcome in files.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Done => "done",
-            Self::Stopped => "stopped",
-            Self::ClockDrift => "clock-drift",
-            Self::Fault => "fault",
-            Self::Parked => "parked",
-            Self::Interrupted => "interrupted",
-            Self::Lost => "lost",
-            Self::Refused => "refused",
-            Self::Unfinished => "unfinished",
-            Self::Unknown => "unknown",
-        }
-    }
-}
-
-impl fmt::Display for OutcomeKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        self.into()
     }
 }
 

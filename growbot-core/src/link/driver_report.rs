@@ -2,9 +2,11 @@
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
 /// A stepper motor of the tip.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Motor {
     /// The motor that turns the head.
     Head,
@@ -13,20 +15,15 @@ pub enum Motor {
 }
 
 impl Motor {
-    /// Both motors.
-    pub const ALL: [Self; 2] = [Self::Head, Self::Feed];
-
     /// Returns the motor's name, as programs print it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Head => "head",
-            Self::Feed => "feed",
-        }
+    pub fn name(self) -> &'static str {
+        self.into()
     }
 }
 
 /// Problem of a stepper driver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum DriverProblem {
     /// The driver does not respond.
     Silent,
@@ -54,35 +51,11 @@ pub enum DriverProblem {
 
 impl DriverProblem {
     /// All problems that a driver can report.
-    pub const ALL: [Self; 11] = [
-        Self::Silent,
-        Self::NotConfigured,
-        Self::Reset,
-        Self::Undervoltage,
-        Self::Hot,
-        Self::OverTemperature,
-        Self::ShortToGround,
-        Self::ShortToSupply,
-        Self::ShutDown,
-        Self::OpenLoad,
-        Self::Stall,
-    ];
+    pub const ALL: [Self; 11] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the code of the problem, as programs print it.
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::Silent => "silent",
-            Self::NotConfigured => "not-configured",
-            Self::Reset => "reset",
-            Self::Undervoltage => "undervoltage",
-            Self::Hot => "hot",
-            Self::OverTemperature => "over-temperature",
-            Self::ShortToGround => "short-to-ground",
-            Self::ShortToSupply => "short-to-supply",
-            Self::ShutDown => "shut-down",
-            Self::OpenLoad => "open-load",
-            Self::Stall => "stall",
-        }
+    pub fn code(self) -> &'static str {
+        self.into()
     }
 
     /// Returns a description of the problem and its remedy.

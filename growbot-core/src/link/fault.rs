@@ -2,9 +2,13 @@
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// A fault of a board. Every fault switches the heater and the steppers off.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, EnumString, IntoStaticStr, VariantArray,
+)]
+#[strum(serialize_all = "kebab-case")]
 pub enum Fault {
     /// The thermistor reads as if its wire were cut.
     ThermistorOpen,
@@ -76,79 +80,11 @@ pub enum Fault {
 
 impl Fault {
     /// All faults.
-    pub const ALL: [Self; 33] = [
-        Self::ThermistorOpen,
-        Self::ThermistorShort,
-        Self::ThermistorSilent,
-        Self::ThermistorFrozen,
-        Self::ThermistorDetached,
-        Self::OverTemperature,
-        Self::UnderTemperature,
-        Self::HeatingTooSlow,
-        Self::TemperatureDrop,
-        Self::HeaterStuckOn,
-        Self::HeaterSwitchWelded,
-        Self::HeaterEnergy,
-        Self::IndexNotFound,
-        Self::IndexMissing,
-        Self::IndexStuck,
-        Self::HeadStepsLost,
-        Self::FilamentOut,
-        Self::FilamentJam,
-        Self::DriverFault,
-        Self::SupplyLow,
-        Self::SupplyHigh,
-        Self::MotionOverdue,
-        Self::StepsStalled,
-        Self::StepRate,
-        Self::Hardware,
-        Self::BrownOut,
-        Self::WatchdogReset,
-        Self::ProcessorFault,
-        Self::StackOverflow,
-        Self::PowerLost,
-        Self::ImageCorrupt,
-        Self::ClockFailed,
-        Self::DebugProbe,
-    ];
+    pub const ALL: [Self; 33] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the code of the fault, as programs print it.
-    pub const fn code(self) -> &'static str {
-        match self {
-            Self::ThermistorOpen => "thermistor-open",
-            Self::ThermistorShort => "thermistor-short",
-            Self::ThermistorSilent => "thermistor-silent",
-            Self::OverTemperature => "over-temperature",
-            Self::UnderTemperature => "under-temperature",
-            Self::HeatingTooSlow => "heating-too-slow",
-            Self::IndexNotFound => "index-not-found",
-            Self::StepRate => "step-rate",
-            Self::Hardware => "hardware",
-            Self::ThermistorFrozen => "thermistor-frozen",
-            Self::ThermistorDetached => "thermistor-detached",
-            Self::TemperatureDrop => "temperature-drop",
-            Self::HeaterStuckOn => "heater-stuck-on",
-            Self::HeaterSwitchWelded => "heater-switch-welded",
-            Self::HeaterEnergy => "heater-energy",
-            Self::IndexMissing => "index-missing",
-            Self::IndexStuck => "index-stuck",
-            Self::HeadStepsLost => "head-steps-lost",
-            Self::FilamentOut => "filament-out",
-            Self::FilamentJam => "filament-jam",
-            Self::DriverFault => "driver-fault",
-            Self::SupplyLow => "supply-low",
-            Self::SupplyHigh => "supply-high",
-            Self::MotionOverdue => "motion-overdue",
-            Self::StepsStalled => "steps-stalled",
-            Self::BrownOut => "brown-out",
-            Self::WatchdogReset => "watchdog-reset",
-            Self::ProcessorFault => "processor-fault",
-            Self::StackOverflow => "stack-overflow",
-            Self::PowerLost => "power-lost",
-            Self::ImageCorrupt => "image-corrupt",
-            Self::ClockFailed => "clock-failed",
-            Self::DebugProbe => "debug-probe",
-        }
+    pub fn code(self) -> &'static str {
+        self.into()
     }
 
     /// Returns a description of the fault and its remedy.
@@ -223,8 +159,7 @@ impl Fault {
                  grinds"
             }
             Self::DriverFault => {
-                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires; \
-                 `growbot status` shows more for drivers with a UART"
+                "a stepper driver reports a fault: check its temperature, its supply and the motor's wires"
             }
             Self::SupplyLow => {
                 "the supply's voltage fell below supply.min_v, or could not be measured: check the supply and its \

@@ -36,22 +36,3 @@ impl ResetCause {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn reset_cause_names_match_the_status_output() {
-        for (cause, name) in [
-            (ResetCause::PowerOn, "power on"),
-            (ResetCause::BrownOut, "brown-out"),
-            (ResetCause::Watchdog, "watchdog"),
-            (ResetCause::ProcessorFault, "processor fault"),
-            (ResetCause::External, "reset from outside"),
-            (ResetCause::StackOverflow, "stack overflow"),
-        ] {
-            assert_eq!(cause.name(), name);
-        }
-    }
-}

@@ -2,9 +2,11 @@
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::{IntoStaticStr, VariantArray};
 
 /// State of a board, which its firmware reports to hosts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case")]
 pub enum State {
     /// The board is inactive. Heater and steppers are off.
     Idle,
@@ -40,39 +42,11 @@ pub enum State {
 
 impl State {
     /// All states.
-    pub const ALL: [Self; 13] = [
-        Self::SelfTest,
-        Self::Idle,
-        Self::Heating,
-        Self::Homing,
-        Self::Growing,
-        Self::Paused,
-        Self::Parked,
-        Self::Done,
-        Self::Stopped,
-        Self::Tuning,
-        Self::Maintenance,
-        Self::Fault,
-        Self::EmergencyStop,
-    ];
+    pub const ALL: [Self; 13] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the state's name, as programs print it.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Idle => "idle",
-            Self::Heating => "heating",
-            Self::Homing => "homing",
-            Self::Growing => "growing",
-            Self::Paused => "paused",
-            Self::Done => "done",
-            Self::Stopped => "stopped",
-            Self::Fault => "fault",
-            Self::SelfTest => "self-test",
-            Self::Parked => "parked",
-            Self::Tuning => "tuning",
-            Self::EmergencyStop => "emergency-stop",
-            Self::Maintenance => "maintenance",
-        }
+    pub fn name(self) -> &'static str {
+        self.into()
     }
 }
 

@@ -6,15 +6,15 @@
 //! | `pico` | RP2040 data sheet, 1.4.3 (functions of the pins); Pico data sheet, 2.1 (pins on the board's edge) |
 //! | `skr-pico` | the terminals as printed on the BTT SKR Pico V1.0 |
 
-use core::fmt;
-
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::{Display, IntoStaticStr, VariantArray};
 
 /// A kind of controller board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, Display, IntoStaticStr)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum BoardKind {
     /// A board with an STM32F405, whose pins are fixed.
     Stm32f405,
@@ -81,7 +81,8 @@ pub struct PinOverrides {
 }
 
 /// A signal of the board, which has a pin: a wire to a driver, a heater, a fan, a sensor or a button.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Display, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "snake_case")]
 pub enum Signal {
     /// STEP input of the head's stepper driver.
     HeadStep,
@@ -123,49 +124,11 @@ pub enum Signal {
 
 impl Signal {
     /// All signals.
-    pub const ALL: [Self; 18] = [
-        Self::HeadStep,
-        Self::HeadDirection,
-        Self::HeadEnable,
-        Self::FeedStep,
-        Self::FeedDirection,
-        Self::FeedEnable,
-        Self::Heater,
-        Self::HeaterEnable,
-        Self::Fan,
-        Self::DriverFault,
-        Self::FilamentPresence,
-        Self::FilamentMotion,
-        Self::Index,
-        Self::EmergencyStop,
-        Self::OrientationData,
-        Self::OrientationClock,
-        Self::Thermistor,
-        Self::Supply,
-    ];
+    pub const ALL: [Self; 18] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the name of the signal in the table `[board.pins]` of a robot file.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::HeadStep => "head_step",
-            Self::HeadDirection => "head_direction",
-            Self::HeadEnable => "head_enable",
-            Self::FeedStep => "feed_step",
-            Self::FeedDirection => "feed_direction",
-            Self::FeedEnable => "feed_enable",
-            Self::Heater => "heater",
-            Self::HeaterEnable => "heater_enable",
-            Self::Fan => "fan",
-            Self::DriverFault => "driver_fault",
-            Self::FilamentPresence => "filament_presence",
-            Self::FilamentMotion => "filament_motion",
-            Self::Index => "index",
-            Self::EmergencyStop => "emergency_stop",
-            Self::OrientationData => "orientation_data",
-            Self::OrientationClock => "orientation_clock",
-            Self::Thermistor => "thermistor",
-            Self::Supply => "supply",
-        }
+        self.into()
     }
 
     /// Reports whether the signal is an input of a stepper driver (STEP, DIR or EN).
@@ -183,12 +146,6 @@ impl Signal {
 
     pub(super) fn is_analog(self) -> bool {
         matches!(self, Self::Thermistor | Self::Supply)
-    }
-}
-
-impl fmt::Display for Signal {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 
@@ -221,11 +178,7 @@ impl PinOverrides {
 impl BoardKind {
     /// Returns the name of the kind in a robot file.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Stm32f405 => "stm32f405",
-            Self::Pico => "pico",
-            Self::SkrPico => "skr-pico",
-        }
+        self.into()
     }
 
     /// Returns the default GPIO pin of a signal. `None` if this kind has no pin for the signal, or if its pins are not
@@ -276,12 +229,6 @@ impl BoardKind {
     /// Reports whether the board has soldered TMC2209 stepper drivers that the firmware configures.
     pub fn has_onboard_drivers(self) -> bool {
         matches!(self, Self::SkrPico)
-    }
-}
-
-impl fmt::Display for BoardKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
     }
 }
 

@@ -8,6 +8,9 @@ use crate::pose::Frame;
 use crate::random::Rng;
 use crate::trigonometry;
 
+/// Greatest error of a layer or a measurement that users can give, percent of its growth or tilt, or degrees.
+pub const MAX_ERROR: f64 = 90.0;
+
 /// The errors of simulated layers: noise, and biases that are the same in each layer. All are zero by default.
 ///
 /// Noise is uniform in both directions, of mean 0, and independent from layer to layer. Noise of the growth changes a

@@ -6,7 +6,7 @@ mod growth;
 mod sag;
 mod sensors;
 
-pub use disturbance::{Disturbance, DisturbedLayer};
+pub use disturbance::{Disturbance, DisturbedLayer, MAX_ERROR};
 pub use error_model::ErrorModel;
 pub use growth::{GrownBody, GrowthTask, grow_closed_loop, grow_closed_loop_while, grow_open_loop};
 pub use sag::{RootStress, SaggingBody};

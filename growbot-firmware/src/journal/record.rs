@@ -13,6 +13,7 @@
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame;
+use strum::VariantArray;
 
 /// Length of a record, bytes.
 pub(super) const RECORD_BYTES: usize = 32;
@@ -32,7 +33,7 @@ pub(super) const BLANK: RecordBytes = [0xff; RECORD_BYTES];
 pub(super) const STRUCK: RecordBytes = [0; RECORD_BYTES];
 
 /// The kind of a record: the low four bits of its first byte.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 #[repr(u8)]
 pub(super) enum RecordKind {
     /// The first record of a sector. It contains the total number of erasures in the journal, including the erasure of
@@ -52,20 +53,6 @@ pub(super) enum RecordKind {
     Amended,
     /// The end of a job that is done or cancelled.
     Ended,
-}
-
-impl RecordKind {
-    /// All kinds of records, in the order of their numbers.
-    const ALL: [Self; 8] = [
-        Self::Sector,
-        Self::Job,
-        Self::Begun,
-        Self::Laid,
-        Self::LaidNextBegun,
-        Self::Interrupted,
-        Self::Amended,
-        Self::Ended,
-    ];
 }
 
 /// A laid layer, as the journal records it.
@@ -116,7 +103,7 @@ impl Record {
             *word = u32::from_le_bytes(*from);
         }
         let [first, job, a, b, c, d, e, _] = words;
-        let kind = *RecordKind::ALL.get((first & 15) as usize)?;
+        let kind = *RecordKind::VARIANTS.get((first & 15) as usize)?;
         Some(Self { kind, count: first >> 4 & LAST_COUNT, index: first >> 8, job, content: [a, b, c, d, e] })
     }
 }
@@ -164,8 +151,14 @@ mod tests {
     use proptest::prelude::*;
 
     fn record() -> impl Strategy<Value = Record> {
-        (0..RecordKind::ALL.len(), 0..=LAST_COUNT, 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>()).prop_map(
-            |(kind, count, index, job, content)| Record { kind: RecordKind::ALL[kind], count, index, job, content },
+        (0..RecordKind::VARIANTS.len(), 0..=LAST_COUNT, 0..=LAST_INDEX, any::<u32>(), any::<[u32; 5]>()).prop_map(
+            |(kind, count, index, job, content)| Record {
+                kind: RecordKind::VARIANTS[kind],
+                count,
+                index,
+                job,
+                content,
+            },
         )
     }
 

@@ -1,9 +1,11 @@
 //! The table of states and events. It alone decides which state an event leads to.
 
 use growbot_core::link::message::State;
+use strum::{IntoStaticStr, VariantArray};
 
 /// The events that a state can react to.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "lowercase")]
 pub enum Event {
     /// A host begins a job, or repeats that request.
     Begin,
@@ -24,10 +26,13 @@ pub enum Event {
     /// A host requests a hot nozzle without a job, or a dry run, in which head and feed move with the heater off.
     Preheat,
     /// A host requests that the nozzle cool down.
+    #[strum(serialize = "cool down")]
     CoolDown,
     /// A host requests a move of the head.
+    #[strum(serialize = "move head")]
     MoveHead,
     /// A host requests a move of filament.
+    #[strum(serialize = "move filament")]
     MoveFilament,
     /// A host requests that everything be switched off.
     Stop,
@@ -36,24 +41,31 @@ pub enum Event {
     /// A host clears a fault or an emergency stop whose cause is gone.
     Clear,
     /// Every sensor gives the reading of a healthy robot at rest.
+    #[strum(serialize = "tested")]
     SelfTestPassed,
     /// The nozzle has settled at its target.
+    #[strum(serialize = "hot")]
     TemperatureReached,
     /// Homing is finished: the head stands at the tip's x axis.
     Homed,
     /// A layer is laid, and no further layer can follow now.
+    #[strum(serialize = "layers exhausted")]
     LayersExhausted,
     /// The nozzle is hot, and the next layer is stored.
+    #[strum(serialize = "layers available")]
     LayersAvailable,
     /// The last layer is laid.
     Finished,
     /// The pause has lasted for the max time in which the heater may be on without growth.
+    #[strum(serialize = "paused too long")]
     PauseTimeout,
     /// The tuning has found the gains of the heater.
     Tuned,
     /// No request for maintenance has arrived for ten minutes.
+    #[strum(serialize = "unattended")]
     MaintenanceTimeout,
     /// The emergency stop is pressed.
+    #[strum(serialize = "emergency stop")]
     EmergencyStop,
     /// A fault was found.
     Fault,
@@ -61,65 +73,11 @@ pub enum Event {
 
 impl Event {
     /// All events, with the requests first.
-    pub const ALL: [Self; 26] = [
-        Self::Begin,
-        Self::Plan,
-        Self::Resume,
-        Self::Layers,
-        Self::Amend,
-        Self::Start,
-        Self::Pause,
-        Self::Tune,
-        Self::Preheat,
-        Self::CoolDown,
-        Self::MoveHead,
-        Self::MoveFilament,
-        Self::Stop,
-        Self::Cancel,
-        Self::Clear,
-        Self::SelfTestPassed,
-        Self::TemperatureReached,
-        Self::Homed,
-        Self::LayersExhausted,
-        Self::LayersAvailable,
-        Self::Finished,
-        Self::PauseTimeout,
-        Self::Tuned,
-        Self::MaintenanceTimeout,
-        Self::EmergencyStop,
-        Self::Fault,
-    ];
+    pub const ALL: [Self; 26] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the name of the event, in lower case.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Begin => "begin",
-            Self::Plan => "plan",
-            Self::Resume => "resume",
-            Self::Layers => "layers",
-            Self::Amend => "amend",
-            Self::Start => "start",
-            Self::Pause => "pause",
-            Self::Tune => "tune",
-            Self::Preheat => "preheat",
-            Self::CoolDown => "cool down",
-            Self::MoveHead => "move head",
-            Self::MoveFilament => "move filament",
-            Self::Stop => "stop",
-            Self::Cancel => "cancel",
-            Self::Clear => "clear",
-            Self::SelfTestPassed => "tested",
-            Self::TemperatureReached => "hot",
-            Self::Homed => "homed",
-            Self::LayersExhausted => "layers exhausted",
-            Self::LayersAvailable => "layers available",
-            Self::Finished => "finished",
-            Self::PauseTimeout => "paused too long",
-            Self::Tuned => "tuned",
-            Self::MaintenanceTimeout => "unattended",
-            Self::EmergencyStop => "emergency stop",
-            Self::Fault => "fault",
-        }
+    pub fn name(self) -> &'static str {
+        self.into()
     }
 }
 

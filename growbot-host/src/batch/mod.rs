@@ -7,23 +7,23 @@ mod columns;
 
 use std::io::Read;
 
+use columns::{BatchColumns, Column};
 use csv::{ByteRecord, Reader, ReaderBuilder};
-use growbot_client::plan::{Goal, Plan, PlanOptions, planner_name};
+use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::plan_file::PlanFile;
-use growbot_client::pose_text::{parse_number, pose_of_numbers};
+use growbot_client::pose_text::pose_of_numbers;
 use growbot_client::sanitize;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::{PlanError, Planner};
-use growbot_core::pose::{Pose, PoseError, Position};
+use growbot_core::pose::{Pose, PoseError};
 use growbot_core::robot::Robot;
-use nalgebra::Vector3;
+use growbot_pictures::table::{NumberFormat, Table, pose_columns};
 use serde::Serialize;
 use serde::de::value::{Error as ValueError, StrDeserializer};
 use serde::de::{Deserialize, IntoDeserializer};
 
+use crate::via_csv::{LineError, goal_of, number};
 pub use columns::HeaderError;
-use columns::{BatchColumns, Column};
-use growbot_pictures::table::{NumberFormat, Table, pose_columns};
 
 /// Errors that end a batch early.
 #[derive(Debug, thiserror::Error)]
@@ -55,28 +55,12 @@ pub enum QueryError {
         /// Position of the first invalid byte in the field, from 0.
         position: usize,
     },
-    /// A field is not a number.
-    #[error("{column} is {text:?}, which is not a number: write a number like -120 or 0.5")]
-    NotANumber {
-        /// Name of the column.
-        column: &'static str,
-        /// Text of the field.
-        text: String,
-    },
-    /// The planner does not exist.
-    #[error("planner: {reason}")]
-    Planner {
-        /// Error message, which lists the planners that exist.
-        reason: String,
-    },
-    /// Only one of the two angles is given.
-    #[error(
-        "{column} is empty, but the other angle is given: write both angles, or leave both empty for any direction"
-    )]
-    HalfADirection {
-        /// Name of the column that is empty.
-        column: &'static str,
-    },
+    /// A field is not a number, or only one of two angles is given.
+    #[error(transparent)]
+    Field(#[from] LineError),
+    /// The planner does not exist. The error lists the planners that exist.
+    #[error("planner: {0}")]
+    Planner(#[source] ValueError),
     /// The numbers are not a valid pose.
     #[error("{which}: {error}")]
     Pose {
@@ -90,21 +74,18 @@ pub enum QueryError {
     #[error(transparent)]
     Plan(#[from] PlanError),
     /// The path is longer than allowed.
-    #[error(transparent)]
+    #[error("{0}")]
     TooLong(#[from] PathTooLong),
 }
 
 /// Error of a path that is longer than allowed.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-#[error(
-    "the shortest path found is {found:.1} mm long, but --max-length is {} mm: raise --max-length, or choose a smaller \
-     radius or another goal", CompactNumber(.max)
-)]
+#[error("the shortest path found is {found:.1} mm long, but the maximum length is {} mm", CompactNumber(.max))]
 pub struct PathTooLong {
     /// Length of the path, mm.
-    found: f64,
+    pub found: f64,
     /// Maximum length, mm.
-    max: f64,
+    pub max: f64,
 }
 
 /// Returns the plan if it is not longer than `max_length`, mm.
@@ -133,13 +114,15 @@ impl BatchResult {
         self.outcome.as_ref().ok()
     }
 
-    /// Returns the result as a row of CSV, with its newline. The row of a query that failed has only `id` and `error`.
-    pub fn to_row(&self) -> String {
-        answers().csv_row(self)
+    /// Returns the result as a row of CSV, with its newline. The row of a query that failed has only `id` and `error`,
+    /// which is the text that `message` returns.
+    pub fn to_row(&self, message: fn(&QueryError) -> String) -> String {
+        answers(message).csv_row(self)
     }
 
-    /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`.
-    pub fn to_line(&self, robot: &Robot) -> String {
+    /// Returns the result as one line of JSON, with its newline: the plan with `"id"`, or `"id"` and `"error"`, which
+    /// is the text that `message` returns.
+    pub fn to_line(&self, robot: &Robot, message: fn(&QueryError) -> String) -> String {
         #[derive(Serialize)]
         struct FailedQuery<'a> {
             id: &'a str,
@@ -148,7 +131,7 @@ impl BatchResult {
         match &self.outcome {
             Ok(plan) => PlanFile { id: Some(self.id.clone()), ..PlanFile::with_robot(plan, robot) }.to_line(),
             Err(error) => {
-                let failed = FailedQuery { id: &self.id, error: error.to_string() };
+                let failed = FailedQuery { id: &self.id, error: message(error) };
                 sanitize::json_line(&failed)
             }
         }
@@ -166,8 +149,9 @@ pub struct Defaults {
     pub max_length: Option<f64>,
 }
 
-/// Returns the table of results. Numbers have full precision, and codes of warnings are separated by spaces.
-pub fn answers() -> Table<'static, BatchResult> {
+/// Returns the table of results. Numbers have full precision, and codes of warnings are separated by spaces. The text
+/// of an error is the one that `message` returns.
+pub fn answers(message: fn(&QueryError) -> String) -> Table<'static, BatchResult> {
     Table::new(NumberFormat::Shortest)
         .column("id", |result: &BatchResult| result.id.clone())
         .columns(pose_columns("to"), |result| {
@@ -176,7 +160,7 @@ pub fn answers() -> Table<'static, BatchResult> {
             [0, 1, 2, 3, 4].map(|index| numbers.map(|numbers| numbers[index]))
         })
         .column("direction_free", |result| result.plan().map(Plan::has_free_direction))
-        .column("planner", |result| result.plan().map(|plan| planner_name(plan.planner)))
+        .column("planner", |result| result.plan().map(|plan| plan.planner.name()))
         .column("radius_mm", |result| result.plan().map(|plan| plan.radius))
         .column("path_type", |result| result.plan().map(Plan::path_type))
         .column("length_mm", |result| result.plan().map(|plan| plan.requirements.length))
@@ -187,7 +171,7 @@ pub fn answers() -> Table<'static, BatchResult> {
             let warnings = result.plan().map(|plan| plan.warnings.iter());
             warnings.map(|all| all.map(|warning| warning.code.as_str()).collect::<Vec<_>>().join(" "))
         })
-        .column("error", |result| result.outcome.as_ref().err().map(ToString::to_string))
+        .column("error", move |result| result.outcome.as_ref().err().map(message))
 }
 
 /// A batch that is being planned.
@@ -261,20 +245,13 @@ impl<R: Read> Batch<R> {
     }
 
     fn goal(&self) -> Result<Goal, QueryError> {
-        let wrong = |error| QueryError::Pose { which: "to", error };
-        let [x, y, z] = self.numbers(self.columns.to)?;
-        let Some(columns) = self.columns.direction else {
-            return Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?));
-        };
-        match columns.map(|column| self.text(column).is_empty()) {
-            [true, true] => Ok(Goal::Position(Position::new(Vector3::new(x, y, z)).map_err(wrong)?)),
-            [true, false] => Err(QueryError::HalfADirection { column: columns[0].name }),
-            [false, true] => Err(QueryError::HalfADirection { column: columns[1].name }),
-            [false, false] => {
-                let [heading, pitch] = self.numbers(columns)?;
-                Ok(Goal::Pose(pose_of_numbers([x, y, z, heading, pitch]).map_err(wrong)?))
-            }
-        }
+        let [x, y, z] = self.columns.to.map(|column| self.field(column));
+        let direction = self.columns.direction.map(|columns| columns.map(|column| self.field(column)));
+        let [heading, pitch] = direction.unwrap_or_default();
+        goal_of([x, y, z, heading, pitch]).map_err(|error| match error {
+            LineError::Pose(error) => QueryError::Pose { which: "to", error },
+            error => error.into(),
+        })
     }
 
     fn numbers<const N: usize>(&self, columns: [Column; N]) -> Result<[f64; N], QueryError> {
@@ -286,8 +263,12 @@ impl<R: Read> Batch<R> {
     }
 
     fn number(&self, column: Column) -> Result<f64, QueryError> {
-        let text = self.text(column);
-        parse_number(text).ok_or_else(|| QueryError::NotANumber { column: column.name, text: text.to_owned() })
+        Ok(number(self.field(column))?)
+    }
+
+    /// Returns the name of a column and the text of its field.
+    fn field(&self, column: Column) -> (&'static str, &str) {
+        (column.name, self.text(column))
     }
 
     /// Returns the text of a field without surrounding spaces.
@@ -304,7 +285,7 @@ fn text_of(field: Option<&[u8]>) -> &str {
 /// Returns the planner with this name, as in plan files.
 fn planner_of_name(name: &str) -> Result<Planner, QueryError> {
     let name: StrDeserializer<ValueError> = name.into_deserializer();
-    Planner::deserialize(name).map_err(|error| QueryError::Planner { reason: error.to_string() })
+    Planner::deserialize(name).map_err(QueryError::Planner)
 }
 
 #[cfg(test)]
@@ -368,7 +349,8 @@ mod tests {
     fn an_output_line_has_the_plan_and_its_id_or_the_error() {
         let answers = answers(&format!("{HEADER}\n7,0,0,0,0,90,0,0,500,0,90\n8,0\n"));
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
-        let (plan, error) = (answers[0].to_line(&robot), answers[1].to_line(&robot));
+        let (plan, error) =
+            (answers[0].to_line(&robot, ToString::to_string), answers[1].to_line(&robot, ToString::to_string));
         assert!(plan.starts_with("{\"id\":\"7\",\"format\":\"growbot-plan/1\"") && plan.ends_with("}\n"));
         assert_eq!(
             error,
@@ -399,7 +381,9 @@ mod tests {
     #[test]
     fn rows_have_exact_numbers_and_as_many_fields_as_the_header() {
         let answers = answers("id,to_x_mm,to_y_mm,to_z_mm\n\"a, b\",200,1e-14,400.1\nc,0,0,x\n");
-        let rows: String = super::answers().csv_header() + &answers[0].to_row() + &answers[1].to_row();
+        let rows: String = super::answers(ToString::to_string).csv_header()
+            + &answers[0].to_row(ToString::to_string)
+            + &answers[1].to_row(ToString::to_string);
         let mut reader = ReaderBuilder::new().from_reader(rows.as_bytes());
         let records: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
         let plan = answers[0].outcome.as_ref().unwrap();

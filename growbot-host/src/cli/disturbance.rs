@@ -3,13 +3,8 @@
 use clap::Args;
 use growbot_client::pose_text::{parse_angle, parse_number};
 use growbot_core::angle::radians;
-use growbot_core::simulation::Disturbance;
+use growbot_core::simulation::{Disturbance, MAX_ERROR};
 use growbot_core::tracking::SensorNoise;
-
-/// Greatest error of a layer, percent of its growth or tilt.
-const MAX_PERCENT: f64 = 90.0;
-/// Greatest error of a layer or of a direction, degrees.
-const MAX_DEG: f64 = 90.0;
 
 /// Errors of simulated layers and sensors.
 #[derive(Debug, Clone, Args)]
@@ -91,22 +86,22 @@ impl DisturbanceArgs {
 
 /// Parses a share that is not negative, percent.
 fn percent(text: &str) -> Result<f64, String> {
-    within(percentage(text)?, 0.0, MAX_PERCENT, "percent")
+    within(percentage(text)?, 0.0, MAX_ERROR, "percent")
 }
 
 /// Parses a share of either sign, percent.
 pub fn signed_percent(text: &str) -> Result<f64, String> {
-    within(percentage(text)?, -MAX_PERCENT, MAX_PERCENT, "percent")
+    within(percentage(text)?, -MAX_ERROR, MAX_ERROR, "percent")
 }
 
 /// Parses an angle that is not negative, degrees.
 fn deg(text: &str) -> Result<f64, String> {
-    within(angle(text)?, 0.0, MAX_DEG, "degrees")
+    within(angle(text)?, 0.0, MAX_ERROR, "degrees")
 }
 
 /// Parses an angle of either sign, degrees.
 fn signed_deg(text: &str) -> Result<f64, String> {
-    within(angle(text)?, -MAX_DEG, MAX_DEG, "degrees")
+    within(angle(text)?, -MAX_ERROR, MAX_ERROR, "degrees")
 }
 
 fn percentage(text: &str) -> Result<f64, String> {

@@ -13,7 +13,7 @@ use growbot_host::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
 use super::service_robot::{owner_in_emergency, robots_in_emergency};
-use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, usage};
+use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, remedies, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
@@ -70,7 +70,7 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     let mut skipped = Vec::new();
     let found = ports_from_files(given, InvalidFiles::Skip(&mut skipped));
     if let (Err(_), [error, ..]) = (&found, &skipped[..]) {
-        return Err(Failure::bad_input(error));
+        return Err(Failure::before_start(error));
     }
     for error in &skipped {
         growbot_host::warning!(
@@ -147,7 +147,7 @@ fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
             Ok(line) => match Client::new(line, port.text()).emergency_stop_within(left(), &mut attempts) {
                 Ok(true) => return Ok(()),
                 Ok(false) => {
-                    let why = why.map_or_else(|| unheard(port), |error| error.to_string());
+                    let why = why.map_or_else(|| unheard(port), |error| remedies::message(&error));
                     return Err(tried(&why, attempts, elapsed()));
                 }
                 Err(error) => error.into(),
@@ -160,7 +160,7 @@ fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
             _ => error,
         };
         if is_over {
-            return Err(tried(&latest.to_string(), attempts, elapsed()));
+            return Err(tried(&remedies::message(&latest), attempts, elapsed()));
         }
         why = Some(latest);
         sleep(EMERGENCY_PAUSE.min(left()));

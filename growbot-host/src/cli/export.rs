@@ -9,7 +9,7 @@ use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes};
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
-use growbot_pictures::export::mesh::{MeshError, MeshResolution};
+use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 
@@ -172,7 +172,7 @@ impl ExportArgs {
                 let beside = beside.map(|beside| ("commanded", beside));
                 let name = if record.is_some() { name } else { robot.name() };
                 let bodies: Vec<(&str, &ExportedBody)> = [(name, &body)].into_iter().chain(beside).collect();
-                let around = scene_view(&subject.subject(name)).map_err(Failure::bad_input)?;
+                let around = scene_view(&subject.subject(name))?;
                 Ok(glb::write(&bodies, around.as_ref(), resolution)?)
             }
             OutputFormat::Csv => Ok(centreline_csv::write(&body, beside.as_ref()).into_bytes()),
@@ -192,11 +192,5 @@ impl ExportArgs {
                 ))),
             },
         }
-    }
-}
-
-impl From<MeshError> for Failure {
-    fn from(error: MeshError) -> Self {
-        Self::bad_input(error)
     }
 }

@@ -3,11 +3,9 @@
 //! Two tools do the work, cargo and probe-rs. Their output goes straight to the terminal, and Ctrl-C reaches them too.
 
 use std::ffi::{OsStr, OsString};
-use std::fmt;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::{fmt, fs, io};
 
 use clap::{Args, ValueEnum};
 use growbot_client::robot_file;
@@ -185,7 +183,7 @@ pub fn run(args: &FlashArgs) -> Result<(), Failure> {
                     "{error}; the image is flashed without a seal, so the board cannot check whether it is intact"
                 );
             }
-            Err(error) => return Err(Failure::bad_input(error)),
+            Err(error) => return Err(Failure::before_start(&error)),
         }
     }
     if args.seal_only {

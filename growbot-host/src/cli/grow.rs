@@ -3,20 +3,16 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_client::clearance_guard::SceneContext;
-use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback, can_measure};
-use growbot_client::growth::{GrowthOptions, Job, grow_job};
-use growbot_client::plan::Plan;
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_client::growth::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use growbot_client::robot_file;
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RunLog, RunLogError, RunOrigin};
-use growbot_client::warning::BLOCKING;
+use growbot_client::run_log::RunLog;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
-use growbot_core::tracking::SensorNoise;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
-use growbot_sim::ground_truth::grow_with_ground_truth;
 use growbot_sim::port::{PortName, TipSettings};
+use growbot_sim::simulated_tip::ground_truth;
 
 use super::disturbance::DisturbanceArgs;
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
@@ -26,7 +22,7 @@ use super::plan_source::PlanSourceArgs;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
-use super::{Connection, Failure, PortArg, SelectedPort};
+use super::{Connection, Failure, PortArg, SelectedPort, remedies};
 
 /// Grow a body: from a plan, or directly to a pose
 ///
@@ -121,29 +117,34 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.resolve()?, args.print()?);
     let (opened, unclear) = args.goal.open(args.json)?;
     let Opened { robot, plan, .. } = &opened;
-    let preventing: Vec<_> = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str())).collect();
     for warning in &plan.warnings {
-        growbot_host::warning!("{}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
-    let refused = |why: String| {
-        if args.json {
-            let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, port.is_simulated());
-            print_refusal(&GrowthResult { error: Some(why.clone()), ..nothing });
-        }
-        Failure::request_failed(why)
+    let disturbance = &args.disturbance;
+    let assumed = if port.is_simulated() {
+        disturbance.sensor_noise()
+    } else {
+        disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)
     };
-    if !preventing.is_empty() && !args.force {
-        let codes: Vec<_> = preventing.iter().map(|warning| warning.code.as_str()).collect();
-        return Err(refused(format!(
-            "not grown because of {}: change the plan, or ignore the warnings with --force",
-            codes.join(", ")
-        )));
-    }
-    if let Some(unclear) = unclear.filter(|_| !args.ignore_scene) {
-        return Err(refused(format!("{unclear}; or grow without checking the scene (--ignore-scene)")));
-    }
-    args.check_options(&port, robot)?;
-    if args.ignore_scene && opened.scene.is_some() {
+    let overrides = Override::given([(args.force, Override::Warnings), (args.ignore_scene, Override::Scene)]);
+    let request = GrowthRequest {
+        robot,
+        plan,
+        beginning: Beginning::FirstLayer,
+        scene: opened.scene(),
+        scene_error: unclear.as_ref(),
+        overrides: &overrides,
+        feedback: args.feedback.then_some(assumed),
+        imperfection: ErrorModel {
+            disturbance: disturbance.disturbance(),
+            noise: disturbance.sensor_noise(),
+            seed: disturbance.seed,
+        },
+        simulated: port.is_simulated(),
+    };
+    request.check().map_err(|refusal| args.refused(&request, &refusal, &port))?;
+    args.note_missing_sensors(robot);
+    if request.ignores_scene() {
         growbot_host::warning!(
             "--ignore-scene is given: neither the plan nor its corrections are checked against the scene"
         );
@@ -157,65 +158,31 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         let time = duration_text(plan.requirements.duration);
         growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
     }
-    let job = Job::of_plan(robot, plan);
-    let disturbance = &args.disturbance;
-    let assumed = if port.is_simulated() {
-        disturbance.sensor_noise()
-    } else {
-        disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)
-    };
-    let noise = args.feedback.then_some(assumed);
-    let around = opened.scene().filter(|_| !args.ignore_scene);
-    let around = around.map(|scene| SceneContext::new(robot, scene, plan.radius));
-    let feedback = noise.map(|noise| {
-        let feedback = Feedback::new(robot, &plan.start, &plan.path, &plan.legs, noise);
-        around.iter().fold(feedback, Feedback::with_scene)
-    });
-    if let Some(Err(too_near)) = feedback.as_ref().map(Feedback::check_start) {
-        return Err(refused(format!(
-            "{too_near}: plan with a larger --margin or another --radius (`growbot plan --scene`), use a better \
-             sensor, or ignore the scene with --ignore-scene"
-        )));
-    }
-    let imperfection = ErrorModel {
-        disturbance: disturbance.disturbance(),
-        noise: disturbance.sensor_noise(),
-        seed: disturbance.seed,
-    };
-    let settings = TipSettings { start: Some(plan.start), imperfection, pace };
+    let settings = TipSettings { start: Some(plan.start), imperfection: request.imperfection, pace };
     let Connection { mut client, mut simulation } = port.connect(robot, &settings)?;
     let orders = stop_on_interrupt(&mut client, &port);
+    let job = request.job();
     let name = format!("{}{}", args.goal.name("growbot grow"), port.simulated_suffix());
     let watch = args.watching.begin(&opened.subject(&name), &job, &[], &orders)?;
-    let origin = RunOrigin {
-        port: port.text(),
-        imperfection: port.is_simulated().then_some(&imperfection),
-        ignores_scene: opened.scene.is_some() && args.ignore_scene,
-    };
-    let log = args.begin_log(plan, &job, noise, origin).map_err(Failure::bad_input)?;
-    let seed = (disturbance.has_disturbance() || disturbance.has_sensor_noise()).then_some(disturbance.seed);
-    let seed = seed.filter(|_| port.is_simulated());
-    let simulated = port.is_simulated();
+    let log = request.open_log(&args.log_target(), &job, port.text())?;
     let following = GrowthMonitor {
-        robot,
-        plan,
-        scene: opened.scene().map(|loaded| &loaded.scene),
+        request,
         log,
         watch,
         print,
         laid: 0,
-        seed,
-        simulated,
         pace: port.pace(pace),
         keyboard: TerminalCommands::of_terminal(&orders),
         page_controls: args.watching.can_control(),
     };
-    let manner = GrowthOptions { silence: args.on_host_silence.into(), feedback, parked: following.when_parked() };
-    following.follow(|on_event| {
-        grow_with_ground_truth(simulation.as_mut(), &job, on_event, |on_event| {
-            grow_job(&mut client, &job, manner, &orders, on_event)
-        })
-    })
+    let board = GrowthBoard {
+        client: &mut client,
+        truth: ground_truth(&mut simulation),
+        commands: &orders,
+        silence: args.on_host_silence.into(),
+        parked: following.when_parked(),
+    };
+    following.follow(&job, board)
 }
 
 impl GrowArgs {
@@ -265,51 +232,58 @@ impl GrowArgs {
         })
     }
 
-    /// Creates the run log that `--log` requests. Without `--log` it writes nothing.
-    fn begin_log(
-        &self,
-        plan: &Plan,
-        job: &Job,
-        noise: Option<SensorNoise>,
-        origin: RunOrigin,
-    ) -> Result<RunLog, RunLogError> {
+    /// Returns the file for the run log that `--log` requests.
+    fn log_target(&self) -> LogTarget {
         match &self.log {
-            None => Ok(RunLog::disabled()),
-            Some(Some(path)) if is_standard_output(path) => RunLog::to_standard_output(plan, job, noise, origin),
-            Some(Some(path)) if self.overwrite => RunLog::replace(path, plan, job, noise, origin),
-            Some(Some(path)) => RunLog::create(path, plan, job, noise, origin),
+            None => LogTarget::Disabled,
+            Some(Some(path)) if is_standard_output(path) => LogTarget::StandardOutput,
+            Some(Some(path)) if self.overwrite => LogTarget::Replaced(path.clone()),
+            Some(Some(path)) => LogTarget::File(path.clone()),
             Some(None) => {
                 let path = RunLog::free_name();
-                let log = RunLog::create(&path, plan, job, noise, origin)?;
                 growbot_host::note!("run log in {}", path.display());
-                Ok(log)
+                LogTarget::File(path)
             }
         }
     }
 
-    /// Returns an error if port or robot do not support the options.
-    fn check_options(&self, port: &SelectedPort, robot: &Robot) -> Result<(), Failure> {
-        if self.disturbance.has_disturbance() && !port.is_simulated() {
-            return Err(Failure::bad_input(format!(
-                "layers cannot be disturbed at {}, because its tip is not simulated: remove the noise and bias \
-                 options, or use --port sim, emulator or rp2040",
+    /// Returns the failure of a growth that is refused, with the remedy. With `--json` prints the line of JSON, unless
+    /// the options contradict the robot.
+    fn refused(&self, request: &GrowthRequest, refusal: &GrowthRefusal, port: &SelectedPort) -> Failure {
+        let words = match refusal {
+            GrowthRefusal::Warnings { .. } => {
+                format!("{refusal}: change the plan, or ignore the warnings with --force")
+            }
+            GrowthRefusal::Scene(error) => {
+                format!("{}; or grow without checking the scene (--ignore-scene)", remedies::message(*error))
+            }
+            GrowthRefusal::Clearance(_) => format!(
+                "{refusal}: plan with a larger --margin or another --radius (`growbot plan --scene`), use a better \
+                 sensor, or ignore the scene with --ignore-scene"
+            ),
+            GrowthRefusal::Disturbance => format!(
+                "{refusal}: remove the noise and bias options, or use --port sim, emulator or rp2040 instead of {}",
                 port.text()
-            )));
+            ),
+            GrowthRefusal::SensorNoise => {
+                format!("{refusal}: add --feedback, or remove --odometry-noise and --direction-noise")
+            }
+            GrowthRefusal::NoSensor { .. } => {
+                format!("{refusal}: give it sensors.filament_motion or sensors.orientation, or remove --feedback")
+            }
+        };
+        if refusal.is_invalid_request() {
+            return Failure::bad_input(words);
         }
-        if self.disturbance.has_sensor_noise() && !port.is_simulated() && !self.feedback {
-            return Err(Failure::bad_input(
-                "only feedback uses the noise of the robot's sensors: add --feedback, or remove --odometry-noise and \
-                 --direction-noise",
-            ));
+        if self.json {
+            print_refusal(&request.refused(words.clone()));
         }
+        Failure::request_failed(words)
+    }
+
+    /// Prints which measurements of the feedback are missing, because the robot has no sensor for them.
+    fn note_missing_sensors(&self, robot: &Robot) {
         let sensors = &robot.description().sensors;
-        if self.feedback && !can_measure(robot) {
-            return Err(Failure::bad_input(format!(
-                "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, \
-                 or remove --feedback",
-                robot.name()
-            )));
-        }
         if self.feedback && sensors.filament_motion.is_none() {
             growbot_host::note!(
                 "without sensors.filament_motion feedback measures only the tip's direction, not its growth"
@@ -318,7 +292,6 @@ impl GrowArgs {
         if self.feedback && !sensors.orientation {
             growbot_host::note!("without sensors.orientation feedback measures only growth, not bends");
         }
-        Ok(())
     }
 }
 

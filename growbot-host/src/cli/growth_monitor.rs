@@ -1,26 +1,23 @@
 //! Growth on the command line: progress, log, result and exit code.
 
-use std::fmt::Display;
-
 use clap::ValueEnum;
 use growbot_client::clearance_guard::Detour;
 use growbot_client::client::ClockDrift;
 use growbot_client::forecast::Forecast;
-use growbot_client::growth::{Command, GrowthError, GrowthReport, JobEvent, OnParked, Outcome};
-use growbot_client::plan::Plan;
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RunLog, RunLogError};
+use growbot_client::growth::{
+    Command, GrowthBoard, GrowthError, GrowthReport, GrowthRequest, Job, JobEvent, OnParked, Outcome,
+};
+use growbot_client::run_log::{GrowthResult, RunLog, RunLogError};
 use growbot_client::sanitize::json_line;
 use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
-use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_host::watch::WatchPage;
-use growbot_scene::scene::Scene;
 use time::OffsetDateTime;
 
 use super::terminal_commands::{TerminalCommands, waiting_hint};
-use super::{Failure, growth_table, simulated_prefix};
+use super::{Failure, growth_table, remedies, simulated_prefix};
 
 /// Behaviour of the board when it loses contact with its host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -60,12 +57,8 @@ impl ResultFormat {
 
 /// A growth under way, with everything that shows it.
 pub struct GrowthMonitor<'a> {
-    /// The robot.
-    pub robot: &'a Robot,
-    /// The plan.
-    pub plan: &'a Plan,
-    /// Scene with which the body is compared at the end. `None` without one.
-    pub scene: Option<&'a Scene>,
+    /// The growth that is requested.
+    pub request: GrowthRequest<'a>,
     /// Log of the growth.
     pub log: RunLog,
     /// Page that follows the growth.
@@ -74,10 +67,6 @@ pub struct GrowthMonitor<'a> {
     pub print: ResultFormat,
     /// Number of layers that were laid before this command started.
     pub laid: usize,
-    /// Seed of the random errors. `None` if nothing is random.
-    pub seed: Option<u64>,
-    /// True if the robot is simulated.
-    pub simulated: bool,
     /// Speed of the robot's clock, in multiples of real time. `None` if it is not known.
     pub pace: Option<f64>,
     /// Keyboard for commands of the user.
@@ -93,20 +82,17 @@ impl GrowthMonitor<'_> {
         if self.keyboard.is_there() || self.page_controls { OnParked::Wait } else { OnParked::End }
     }
 
-    /// Shows a growth while it runs, and prints its result.
-    pub fn follow(
-        mut self,
-        grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<GrowthReport, GrowthError>,
-    ) -> Result<(), Failure> {
-        let period_s = self.robot.description().layer.period_s;
+    /// Runs the growth of `job` on a board, shows it, and prints its result.
+    pub fn follow(mut self, job: &Job, board: GrowthBoard) -> Result<(), Failure> {
+        let period_s = self.request.robot.description().layer.period_s;
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
         self.log.set_forecast(forecast);
         if let Some(watch) = &self.watch {
             watch.set_pace(self.pace);
         }
-        let mut show = GrowthProgress::new(self.plan.requirements.layers, self.laid as u64, forecast);
+        let mut show = GrowthProgress::new(self.request.plan.requirements.layers, self.laid as u64, forecast);
         let mut logging = LogHealth::default();
-        let grown = grow(&mut |event| {
+        let grown = self.request.run(job, board, &mut |event| {
             show.ingest(event);
             if let JobEvent::State(state) = event {
                 self.keyboard.set_state(*state);
@@ -121,83 +107,54 @@ impl GrowthMonitor<'_> {
             logging.update(written, self.log.missing_lines(), self.watch.as_ref(), |words| show.warn(words));
         });
         show.end();
-        match grown {
-            Ok(grown) => self.result(&grown, show.emergency),
-            Err(GrowthError::Interrupted(error)) => {
-                let mut result = self.failed_result(OutcomeKind::Lost, &error);
-                let logged = self.end(&mut result);
-                // The loss of the robot is printed even if the result cannot be.
-                if self.print == ResultFormat::Json
-                    && let Err(error) = print(&json_line(&result))
-                {
-                    Failure::from(error).print();
-                }
-                if let Err(failure) = logged {
-                    failure.print();
-                }
-                Err(growth_failure(GrowthError::Interrupted(error), self.simulated))
-            }
-            Err(error) => {
-                std::mem::take(&mut self.log).discard();
-                let result = self.failed_result(OutcomeKind::Refused, &error);
-                if self.print == ResultFormat::Json && error.is_refusal() {
-                    print_refusal(&result);
-                }
-                if let Some(watch) = self.watch.take() {
-                    watch.end(result);
-                }
-                Err(match error {
-                    GrowthError::NotStarted(error) => error.into(),
-                    error => growth_failure(error, self.simulated),
-                })
-            }
-        }
-    }
-
-    /// Returns the result of a growth that has not started, or whose outcome is not known.
-    fn failed_result(&self, outcome: OutcomeKind, error: &dyn Display) -> GrowthResult {
-        let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed, self.simulated);
-        GrowthResult { error: Some(error.to_string()), ..nothing }
-    }
-
-    /// Ends log and page. An incomplete log does not prevent the printing of the result, which states the missing
-    /// lines.
-    fn end(&mut self, result: &mut GrowthResult) -> Result<(), Failure> {
-        let written = self.log.end(result);
-        let missing = self.log.missing_lines();
-        result.log_lines_missing = (missing > 0).then_some(missing);
+        let (result, logged) = self.request.end(&grown, &mut self.log);
         if let Some(watch) = self.watch.take() {
             watch.end(result.clone());
         }
-        match (written, missing) {
+        let missing = result.log_lines_missing.unwrap_or(0);
+        let logged = match (logged, missing) {
             (Ok(()), 0) => Ok(()),
-            (written, _) => Err(Failure::request_failed(format_args!(
+            (logged, _) => Err(Failure::request_failed(format_args!(
                 "the run log is incomplete, {missing} lines are missing{}",
-                written.map_or_else(|error| format!(": {}", error.reason()), |()| String::new())
+                logged.map_or_else(|error| format!(": {}", error.reason()), |()| String::new())
             ))),
-        }
+        };
+        self.report(grown, show.emergency, &result, logged)
     }
 
-    fn result(mut self, grown: &GrowthReport, emergency: bool) -> Result<(), Failure> {
-        let mut result = GrowthResult::new(grown, (self.robot, self.plan), self.scene, self.seed, self.simulated);
+    /// Prints the result of the growth. Returns the failure that counts: of the growth, or after a complete growth that
+    /// of the log or of the output.
+    fn report(
+        &self,
+        grown: Result<GrowthReport, GrowthError>,
+        emergency: bool,
+        result: &GrowthResult,
+        logged: Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let simulated = self.request.simulated;
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
-        let logged = self.end(&mut result);
-        let printed = match self.print {
-            ResultFormat::Json => print(&json_line(&result)),
-            ResultFormat::Table => print(&growth_table::table(self.plan, self.robot, grown, &result)),
-            ResultFormat::Nothing => Ok(()),
-        };
-        // After a complete growth, a failure of log or output is the only one.
-        match (grown.outcome, logged) {
-            (Outcome::Done, logged) => logged.and_then(|()| Ok(printed?)),
-            (outcome, logged) => {
-                for failure in [logged.err(), printed.err().map(Failure::from)].into_iter().flatten() {
-                    failure.print();
-                }
-                outcome_result(outcome, emergency, self.simulated)
+        let is_json = self.print == ResultFormat::Json;
+        let printed = match &grown {
+            Err(GrowthError::Interrupted(_)) if is_json => print(&json_line(result)),
+            Err(error) if is_json && error.is_refusal() => print(&json_line(result)),
+            Ok(_) if is_json => print(&json_line(result)),
+            Ok(grown) if self.print == ResultFormat::Table => {
+                print(&growth_table::table(self.request.plan, self.request.robot, grown, result))
             }
+            _ => Ok(()),
+        };
+        if matches!(&grown, Ok(grown) if grown.outcome == Outcome::Done) {
+            return logged.and_then(|()| Ok(printed?));
+        }
+        for failure in [logged.err(), printed.err().map(Failure::from)].into_iter().flatten() {
+            failure.print();
+        }
+        match grown {
+            Ok(grown) => outcome_result(grown.outcome, emergency, simulated),
+            Err(GrowthError::NotStarted(error)) => Err(error.into()),
+            Err(error) => Err(growth_failure(error, simulated)),
         }
     }
 }
@@ -216,9 +173,9 @@ fn off_text(simulated: bool) -> &'static str {
 pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
     match error {
         GrowthError::Interrupted(error) if simulated => {
-            Failure::request_failed(format_args!("{error}; the robot is simulated"))
+            Failure::request_failed(format_args!("{}; the robot is simulated", remedies::message(&error)))
         }
-        error => Failure::request_failed(error),
+        error => Failure::during_request(&error),
     }
 }
 
@@ -232,9 +189,11 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
         ))),
         Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
-        Outcome::Fault(fault) => {
-            Err(Failure::request_failed(format!("fault {}: {}; {off}", fault.code(), fault.explanation())))
-        }
+        Outcome::Fault(fault) => Err(Failure::request_failed(format!(
+            "fault {}: {}; {off}",
+            fault.code(),
+            remedies::fault_explanation(fault)
+        ))),
         Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
         Outcome::Parked => Err(Failure::request_failed(format!(
             "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"
@@ -403,6 +362,7 @@ mod tests {
     use growbot_client::arrival::Arrival;
     use growbot_client::client::ClientError;
     use growbot_client::growth::MeasuredBy;
+    use growbot_client::plan::Plan;
     use growbot_core::link::message::Fault;
     use growbot_core::plan::Planner;
     use growbot_core::pose::Pose;

@@ -30,6 +30,7 @@ mod plan;
 mod plan_source;
 mod plan_table;
 mod power;
+mod remedies;
 mod replay;
 mod reproduce;
 mod resume;
@@ -47,6 +48,7 @@ mod status;
 mod stop;
 mod terminal_commands;
 mod tune;
+mod typed_answer;
 mod uf2_drive;
 mod units;
 mod usage;
@@ -55,6 +57,7 @@ mod watch_options;
 mod workspace;
 mod workspace_in_scene;
 
+use std::error::Error;
 use std::fmt::Display;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -68,16 +71,23 @@ use growbot_client::plan_file::PlanFileError;
 use growbot_client::port::PortError;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_client::robot_file::{self, RobotFileError};
-use growbot_client::run_log::RecordedRun;
+use growbot_client::run_log::{ReadRunLogError, RecordedRun, RunLogError};
+use growbot_client::scene_planning::SceneCheckError;
 use growbot_core::robot::Robot;
 use growbot_host::batch::BatchError;
+use growbot_host::crash::ImageError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsError};
 use growbot_host::sim_process::SimProcessError;
-use growbot_sim::ground_truth::SimulatedTip;
+use growbot_host::watch::WatchError;
+use growbot_pictures::drawing::png::PngError;
+use growbot_pictures::export::mesh::MeshError;
+use growbot_pictures::view::ViewError;
+use growbot_scene::scene_file::SceneError;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
+use growbot_sim::simulated_tip::SimulatedTip;
 
 /// Plan, slice and grow: the control stack of robots that grow by printing their
 /// own body.
@@ -225,6 +235,16 @@ impl Failure {
         Self { code: 1, kind: Severity::Error, message: Some(message.to_string()) }
     }
 
+    /// Returns the failure for an error that occurred before the job started.
+    pub fn before_start(error: &(dyn Error + 'static)) -> Self {
+        Self::bad_input(remedies::message(error))
+    }
+
+    /// Returns the failure for an error of a valid request.
+    pub fn during_request(error: &(dyn Error + 'static)) -> Self {
+        Self::request_failed(remedies::message(error))
+    }
+
     /// Returns the result of a command whose standard output was closed by its reader, for example `head`. Its exit
     /// code is 0.
     fn stdout_closed() -> Self {
@@ -273,7 +293,7 @@ impl From<OutputError> for Failure {
     fn from(error: OutputError) -> Self {
         match error {
             OutputError::Closed => Self::stdout_closed(),
-            error => Self::bad_input(error),
+            error => Self::before_start(&error),
         }
     }
 }
@@ -283,7 +303,7 @@ macro_rules! bad_input {
     ($($error:ty),*) => {
         $(impl From<$error> for Failure {
             fn from(error: $error) -> Self {
-                Self::bad_input(error)
+                Self::before_start(&error)
             }
         })*
     };
@@ -292,21 +312,30 @@ macro_rules! bad_input {
 bad_input!(
     BatchError,
     FileError,
+    ImageError,
     InputError,
+    MeshError,
     OpenError,
     PlanFileError,
+    PngError,
     PortError,
+    ReadRunLogError,
+    RunLogError,
+    SceneCheckError,
+    SceneError,
     SimDaemonError,
     RobotFileError,
     SettingsError,
-    SimProcessError
+    SimProcessError,
+    ViewError,
+    WatchError
 );
 
 impl From<ClientError> for Failure {
     fn from(error: ClientError) -> Self {
         match error {
-            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::request_failed(error),
-            error => Self::bad_input(error),
+            ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => Self::during_request(&error),
+            error => Self::before_start(&error),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! `growbot new-robot`: guides the user through the values of a robot, and writes its file.
 
-use std::io::{self, BufRead, IsTerminal, Read};
+use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
@@ -13,10 +13,8 @@ use growbot_host::robot_questions::{ASKED_FIELDS, Draft, NAME, NO_LIMIT, UNLIMIT
 use growbot_host::schema;
 use serde_json::Value;
 
+use super::typed_answer::read_answer;
 use super::{Failure, ROBOT};
-
-/// Length from which an answer is too long, bytes.
-const LONGEST_ANSWER: u64 = 4096;
 
 /// Describe a robot of your own: answer questions, get its file
 ///
@@ -229,23 +227,13 @@ struct AnswerReader {
 impl AnswerReader {
     /// Returns the next answer. `None` after the end of the input, which is reported once.
     fn next(&mut self) -> Result<Option<String>, Failure> {
-        let mut line = Vec::new();
-        let unreadable = |error| Failure::bad_input(format!("cannot read the answers from standard input: {error}"));
-        io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line).map_err(unreadable)?;
-        if line.is_empty() {
+        let line = read_answer().map_err(Failure::bad_input)?;
+        if line.is_none() {
             self.ended = true;
             growbot_host::note!(
                 "standard input ends here: all further questions keep the value in brackets, or stay unchanged"
             );
-            return Ok(None);
         }
-        if line.len() as u64 >= LONGEST_ANSWER {
-            return Err(Failure::bad_input(format!(
-                "an answer is longer than {LONGEST_ANSWER} bytes: check that standard input is the right file"
-            )));
-        }
-        String::from_utf8(line)
-            .map(Some)
-            .map_err(|_| Failure::bad_input("an answer is not UTF-8 text: type it as UTF-8"))
+        Ok(line)
     }
 }

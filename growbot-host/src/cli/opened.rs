@@ -1,4 +1,4 @@
-//! What a command works on: a robot and its plan, with the run log and the scene.
+//! Inputs of a command: a robot and its plan, with the run log and the scene.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use growbot_pictures::view::{NamedScene, Subject};
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 
-use super::{Failure, robot_of, warn_of_damage};
+use super::{Failure, remedies, robot_of, warn_of_damage};
 
 /// A robot and its plan, with the run log if the body was grown.
 pub struct Opened {
@@ -66,7 +66,7 @@ impl Opened {
     fn read(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
         let bytes = read_bytes(file, MAX_LOG_BYTES)?;
         if is_log(&bytes) {
-            let record = RecordedRun::read(&bytes, &display_name(file)).map_err(Failure::bad_input)?;
+            let record = RecordedRun::read(&bytes, &display_name(file))?;
             warn_of_damage(&record, file);
             let robot = robot_of(&record, robot)?;
             let plan = record.plan(&robot)?;
@@ -75,7 +75,11 @@ impl Opened {
                 Err(error) if given.is_some() => return Err(error.into()),
                 // A grown body can be shown without its scene.
                 Err(error) => {
-                    growbot_host::warning!("{error}; the scene of {} is left out", display_name(file));
+                    growbot_host::warning!(
+                        "{}; the scene of {} is left out",
+                        remedies::message(&error),
+                        display_name(file)
+                    );
                     None
                 }
             };
@@ -84,8 +88,8 @@ impl Opened {
             return Ok(Self { robot, plan, run: Some((record, bytes)), scene });
         }
         match plan_file::read_in_scene(&text_of(bytes, file)?, &display_name(file), robot, given) {
-            Err(PlanFileError::NotJson { file, reason }) => Err(neither(&file, &format!("not JSON: {reason}"))),
-            Err(PlanFileError::NoPlan { file, reason }) => Err(neither(&file, &reason)),
+            Err(PlanFileError::NotJson { file, error }) => Err(neither(&file, &format!("not JSON: {error}"))),
+            Err(PlanFileError::NoPlan { file, error }) => Err(neither(&file, &error.to_string())),
             Err(error) => Err(error.into()),
             Ok(loaded) => Ok(Self::of_plan(loaded, given)),
         }

@@ -7,11 +7,13 @@ use growbot_client::atomic_file::{FileError, format_from_extension};
 use growbot_host::output::{OutputError, is_standard_output, refuse_terminal};
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
+use strum::IntoStaticStr;
 
 use super::Failure;
 
 /// Format of a body or a drawing in a file. Those of `growbot export` are values of its option `--format`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, IntoStaticStr)]
+#[strum(serialize_all = "lowercase")]
 pub enum OutputFormat {
     /// The wall: binary STL, mm
     Stl,
@@ -48,18 +50,7 @@ impl OutputFormat {
 
     /// Returns the extension of files in this format.
     pub fn ending(self) -> &'static str {
-        match self {
-            Self::Stl => "stl",
-            Self::Glb => "glb",
-            Self::Csv => "csv",
-            Self::Tum => "tum",
-            Self::Mcap => "mcap",
-            Self::Html => "html",
-            Self::Svg => "svg",
-            Self::Png => "png",
-            Self::Pdf => "pdf",
-            Self::Json => "json",
-        }
+        self.into()
     }
 
     /// Returns the one of these formats that has the extension of a file. `None` for a name without an extension, and
@@ -80,7 +71,7 @@ impl OutputFormat {
     /// Converts a drawing from SVG to this format. A PNG has this width, pixels.
     pub fn drawn(self, svg: String, width: u32) -> Result<Vec<u8>, Failure> {
         match self {
-            Self::Png => png(&svg, width).map_err(Failure::bad_input),
+            Self::Png => Ok(png(&svg, width)?),
             Self::Pdf => svg_to_pdf(&svg).map_err(Failure::bad_input),
             _ => Ok(svg.into_bytes()),
         }

@@ -12,7 +12,7 @@ use growbot_client::plan_file::PlanFile;
 use growbot_client::pose_text::{TypedGoal, parse_goal};
 use growbot_client::scene_planning::MAX_LENGTH_MM;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{Batch, Defaults, answers as answers_table, check_length_limit};
+use growbot_host::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
 use growbot_host::clock_text::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
@@ -20,7 +20,7 @@ use growbot_host::progress::{Progress, ResultTiming};
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;
 use super::units::mm;
-use super::{Failure, RobotArg, plan_table};
+use super::{Failure, RobotArg, plan_table, remedies};
 
 /// Plan a path from one pose to another, or through several
 ///
@@ -108,7 +108,7 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let Some(scene) = &args.scene.scene else {
         let plan = args.search.plan(robot, goal, args.avoid_self_collision)?;
-        return check_length_limit(plan, args.max_length).map_err(Failure::request_failed);
+        return check_length_limit(plan, args.max_length).map_err(|error| Failure::during_request(&error));
     };
     let goals = args.search.start_and_goals(robot, goal)?;
     let search = args.search.search(robot, true);
@@ -161,7 +161,7 @@ impl BatchOutput {
         let file = to.map(AtomicFile::begin).transpose()?;
         let mut answers = Self { format, file };
         if format == PlanFormat::Csv {
-            answers.write(&answers_table().csv_header())?;
+            answers.write(&answers_table(message).csv_header())?;
         }
         Ok(answers)
     }
@@ -188,6 +188,11 @@ impl BatchOutput {
     }
 }
 
+/// Returns the text of an error of a query, with its remedies.
+fn message(error: &QueryError) -> String {
+    remedies::message(error)
+}
+
 fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
     let search = args.search.search(robot, args.avoid_self_collision);
     let defaults = Defaults { start: args.search.start()?, search, max_length: args.max_length };
@@ -206,7 +211,10 @@ fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failu
     while let Some(answer) = batch.next(robot).map_err(named)? {
         done += 1;
         failed += u64::from(answer.outcome.is_err());
-        answers.write(&if answers.format == PlanFormat::Csv { answer.to_row() } else { answer.to_line(robot) })?;
+        answers.write(&match answers.format {
+            PlanFormat::Csv => answer.to_row(message),
+            _ => answer.to_line(robot, message),
+        })?;
         progress.update(batch.bytes_read(), || format!("{done} planned, {failed} failed"));
     }
     progress.finish();

@@ -3,18 +3,21 @@
 use std::fmt::Write;
 
 use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type, planner_name};
+use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::clock_text::clock_text;
+use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_pictures::duration::duration_text;
 use growbot_pictures::figures::direction_text;
 use time::{Duration, OffsetDateTime};
 
-/// Columns of a terminal.
-const WIDTH: usize = 80;
+use super::remedies;
+
+/// Start of the second line of an entry and of those after it.
+const INDENT: &str = "            ";
 
 /// Returns the table, within 80 columns. If `now` is given, the table contains the finish time of a growth that
 /// starts then.
@@ -24,7 +27,7 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
     for (index, (leg, free)) in plan.legs.iter().zip(&plan.free_directions).enumerate() {
         let name = if index + 1 < plan.legs.len() { "via" } else { "to" };
         let goal = if *free { position_with_direction(&leg.goal) } else { pose(&leg.goal) };
-        text += &wrapped(&format!("  {name:<9} "), &goal, 12);
+        text += &wrap(&goal, TERMINAL_WIDTH, &format!("  {name:<9} "), INDENT);
     }
     if plan.path.is_empty() {
         text += "\nThe tip is already at the goal: nothing to grow.\n";
@@ -61,17 +64,19 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         let measured = if legs.len() == 1 { String::new() } else { format!(" ({length:.1} mm)") };
         let choice = choice.map(|choice| format!(", {}", chosen(plan, &choice, length)));
         let text_of_path = format!("{}{measured}{}", path_type(path), choice.unwrap_or_default());
-        text += &wrapped(&format!("  {name:<9} "), &text_of_path, 12);
+        text += &wrap(&text_of_path, TERMINAL_WIDTH, &format!("  {name:<9} "), INDENT);
     }
     text += &format!("  length    {:.1} mm\n  layers    {}\n", needs.length, needs.layers);
     let time = duration_text(needs.duration);
     text += &format!("  time      {time}{}\n  filament  {:.2} m\n", done_at(plan, now), needs.filament / 1000.0);
     if let Some(SceneClearance { file, clearance, margin, .. }) = &plan.scene {
-        text += &wrapped("  scene     ", &format!("{clearance:.2} mm clear of everything in {file}"), 12);
+        let clear = format!("{clearance:.2} mm clear of everything in {file}");
+        text += &wrap(&clear, TERMINAL_WIDTH, "  scene     ", INDENT);
         text += &format!("  margin    {margin:.2} mm\n");
     }
     for warning in &plan.warnings {
-        text += &format!("\n{}", wrapped("", &format!("warning ({}): {}", warning.code, warning.message), 2));
+        let warning = format!("warning ({}): {}", warning.code, remedies::warning_message(warning));
+        text += &format!("\n{}", wrap(&warning, TERMINAL_WIDTH, "", "  "));
     }
     text
 }
@@ -86,7 +91,7 @@ fn done_at(plan: &Plan, now: Option<OffsetDateTime>) -> String {
 /// Returns a text about the candidates from which a path of this length (mm) was chosen.
 fn chosen(plan: &Plan, choice: &SearchSummary, length: f64) -> String {
     if plan.planner == Planner::TwoPlane {
-        return planner_name(plan.planner).to_owned();
+        return plan.planner.name().to_owned();
     }
     let &SearchSummary { candidates, rejected: passed_over, .. } = choice;
     let rank = match (candidates, passed_over) {
@@ -127,43 +132,4 @@ fn pose(pose: &Pose) -> String {
 fn position_with_direction(pose: &Pose) -> String {
     let position = pose.position();
     format!("{}, {}, {} mm, {} (direction free)", position.x, position.y, position.z, direction_text(pose, 2))
-}
-
-/// Wraps `rest` after `head` into lines of at most 80 columns. All lines but the first have this indentation, in
-/// columns.
-fn wrapped(head: &str, rest: &str, indent: usize) -> String {
-    let mut text = head.to_owned();
-    let mut column = head.chars().count();
-    let mut begun = true;
-    for word in rest.split_whitespace() {
-        let width = word.chars().count();
-        if !begun && column + 1 + width > WIDTH {
-            text += &format!("\n{:indent$}", "");
-            column = indent;
-        } else if !begun {
-            text.push(' ');
-            column += 1;
-        }
-        text += word;
-        column += width;
-        begun = false;
-    }
-    text + "\n"
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_lines_are_wrapped_between_words() {
-        let text = wrapped("  path type ", &"eleven long ".repeat(20), 12);
-        assert!(text.lines().count() == 4 && text.lines().all(|line| line.len() <= 80), "{text}");
-        assert!(
-            text.lines()
-                .skip(1)
-                .all(|line| line.starts_with("            eleven") || line.starts_with("            long"))
-        );
-        assert_eq!(wrapped("", "", 2), "\n");
-    }
 }

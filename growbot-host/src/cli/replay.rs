@@ -49,7 +49,7 @@ pub struct ReplayArgs {
 
 /// Runs the command.
 pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
-    let record = RecordedRun::open(&args.run).map_err(Failure::bad_input)?;
+    let record = RecordedRun::open(&args.run)?;
     warn_of_damage(&record, &args.run);
     let replayed = ReplayedBody::of(&record);
     if args.layers {

@@ -1,16 +1,16 @@
 //! `growbot resume`: continues an unfinished body.
 
 use std::fs;
-use std::io::{self, BufRead, IsTerminal, Read, Write};
+use std::io::{self, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::Client;
-use growbot_client::growth::{GrowthError, GrowthOptions, Job, OnInterrupted, resume_job};
+use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, Job, LogTarget, OnInterrupted};
 use growbot_client::input::display_name;
-use growbot_client::run_log::{RecordedRun, RunLog};
+use growbot_client::run_log::RecordedRun;
 use growbot_core::link::message::{BoardInfo, State};
+use growbot_core::simulation::ErrorModel;
 use growbot_sim::port::TipSettings;
 
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
@@ -19,8 +19,9 @@ use super::interrupt::stop_on_interrupt;
 use super::opened::Opened;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
+use super::typed_answer::read_answer;
 use super::watch_options::WatchArgs;
-use super::{Failure, PortArg, SelectedPort};
+use super::{Failure, PortArg, SelectedPort, remedies};
 
 /// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///
@@ -69,9 +70,6 @@ Examples:
 Exit codes: 0, the body is grown; 1, nothing to resume, stopped, refused or a
 fault; 2, invalid arguments or input.";
 
-/// Maximum length of an answer, bytes.
-const LONGEST_ANSWER: u64 = 4096;
-
 /// Treatment of an interrupted layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 enum InterruptedLayerChoice {
@@ -117,57 +115,61 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         opened.scene = scene.map(|loaded| (named, loaded));
     }
     let Opened { robot, plan, .. } = &opened;
-    let around = opened.scene().filter(|_| with_feedback.is_some());
-    let around = around.map(|scene| SceneContext::new(robot, scene, plan.radius));
     let pace = args.watching.pace(port.name())?;
     let mut client = port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?.client;
     let board = client.identify()?;
     Client::check_robot(&board, robot)?;
-    let mut job = Job::of_plan(robot, plan);
     if let Some(record) = &mut record {
         record.sync_to_board(board.status.plan_id);
-        // The original layers, because the plan's file may have rounded its numbers.
-        (job.plan_id, job.layers) = (record.plan_id, record.layers.clone());
     }
+    let interrupted = match args.interrupted_layer {
+        InterruptedLayerChoice::Redo => OnInterrupted::Redo,
+        InterruptedLayerChoice::Keep => OnInterrupted::Skip,
+    };
+    let request = GrowthRequest {
+        robot,
+        plan,
+        beginning: Beginning::Resume { record: record.as_ref(), interrupted },
+        scene: opened.scene(),
+        scene_error: None,
+        overrides: &[],
+        feedback: None,
+        imperfection: ErrorModel::default(),
+        simulated: port.is_simulated(),
+    };
+    let job = request.job();
     show(&board, job.plan_id, &port)?;
     if !args.yes {
         ask(&board)?;
     }
-    let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
-    let log = match &record {
-        Some(record) => RunLog::resume(file, record, port.text()).map_err(Failure::bad_input)?,
-        None => RunLog::disabled(),
-    };
-    let cut = match args.interrupted_layer {
-        InterruptedLayerChoice::Redo => OnInterrupted::Redo,
-        InterruptedLayerChoice::Keep => OnInterrupted::Skip,
-    };
+    let target = if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled };
+    let log = request.open_log(&target, &job, port.text())?;
     let orders = stop_on_interrupt(&mut client, &port);
     let name = file.file_name().unwrap_or_default().to_string_lossy();
     let name = format!("{name}{}", port.simulated_suffix());
+    let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
     let watch = args.watching.begin(&opened.subject(&name), &job, &known, &orders)?;
-    let laid = board.status.layers_laid as usize;
-    let feedback = record.as_ref().and_then(|record| record.feedback(&job, plan, around.as_ref()));
-    if feedback.is_some() {
+    if record.as_ref().is_some_and(|record| record.feedback.is_some()) {
         growbot_host::note!("with feedback, as it was started");
     }
-    let simulated = port.is_simulated();
     let following = GrowthMonitor {
-        robot,
-        plan,
-        scene: opened.scene().map(|loaded| &loaded.scene),
+        request,
         log,
         watch,
         print: ResultFormat::of(args.json),
-        laid,
-        seed: None,
-        simulated,
+        laid: board.status.layers_laid as usize,
         pace: port.pace(pace),
         keyboard: TerminalCommands::of_terminal(&orders),
         page_controls: args.watching.can_control(),
     };
-    let manner = GrowthOptions { silence: args.on_host_silence.into(), feedback, parked: following.when_parked() };
-    following.follow(|on_event| resume_job(&mut client, &job, known, cut, manner, &orders, on_event))
+    let board = GrowthBoard {
+        client: &mut client,
+        truth: None,
+        commands: &orders,
+        silence: args.on_host_silence.into(),
+        parked: following.when_parked(),
+    };
+    following.follow(&job, board)
 }
 
 impl ResumeArgs {
@@ -233,7 +235,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
         return Err(Failure::request_failed(format!(
             "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
             fault.code(),
-            fault.explanation()
+            remedies::fault_explanation(fault)
         )));
     }
     Ok(())
@@ -252,9 +254,8 @@ fn ask(board: &BoardInfo) -> Result<(), Failure> {
     }
     eprint!("Heat the nozzle, find the index mark of the head and resume the growth? [y/N] ");
     let _ = io::stderr().flush();
-    let mut answer = String::new();
-    io::stdin().lock().take(LONGEST_ANSWER).read_line(&mut answer).map_err(Failure::bad_input)?;
-    match answer.trim() {
+    let answer = read_answer().map_err(Failure::bad_input)?;
+    match answer.unwrap_or_default().trim() {
         "y" | "Y" | "yes" => Ok(()),
         _ => Err(Failure::request_failed("not resumed: nothing was heated or moved")),
     }

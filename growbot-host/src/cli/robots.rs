@@ -12,12 +12,10 @@ use growbot_host::annotated_robot::{AnnotatedField, AnnotatedRobot};
 use growbot_host::output::print;
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
+use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use serde_json::{Value, json};
 
 use super::{Failure, ROBOT};
-
-/// Columns of a terminal.
-const WIDTH: usize = 80;
 
 /// List the built-in robots, or explain one
 ///
@@ -184,22 +182,8 @@ fn wires(robot: &Robot) -> String {
     text
 }
 
-/// Wraps a text into lines of at most 80 columns, all with this indentation.
+/// Wraps a text into lines of at most 80 columns, all with this indentation. Empty for an empty text.
 fn indented(text: &str, indent: usize) -> String {
-    let mut lines = String::new();
-    let mut line = String::new();
-    for word in text.split(' ').filter(|word| !word.is_empty()) {
-        if !line.is_empty() && indent + line.chars().count() + 1 + word.chars().count() > WIDTH {
-            let _ = writeln!(lines, "{:indent$}{line}", "");
-            line.clear();
-        }
-        if !line.is_empty() {
-            line.push(' ');
-        }
-        line += word;
-    }
-    if !line.is_empty() {
-        let _ = writeln!(lines, "{:indent$}{line}", "");
-    }
-    lines
+    let indent = " ".repeat(indent);
+    if text.is_empty() { String::new() } else { wrap(text, TERMINAL_WIDTH, &indent, &indent) }
 }

@@ -7,17 +7,15 @@ use clap::Args;
 use growbot_client::margin::planning_margin_mm;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::sanitize;
-use growbot_client::scene_planning::{
-    self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneCheckError, SceneOptions, ScenePlanError,
-};
+use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneOptions, ScenePlanError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
-use super::Failure;
 use super::units::mm;
+use super::{Failure, remedies};
 
 /// Greatest margin, mm, as in scene files.
 const MAX_MARGIN_MM: f64 = scene_file::MAX_LENGTH;
@@ -123,22 +121,10 @@ impl SceneArgs {
 fn refused(no_path: NoPathError, json: bool) -> Failure {
     if json {
         let resolution_mm = if let NoPathError::AtResolution { step, .. } = no_path { Some(step) } else { None };
-        let error = NoPathErrorJson { code: no_path.code(), message: no_path.to_string(), resolution_mm };
+        let error = NoPathErrorJson { code: no_path.code(), message: remedies::message(&no_path), resolution_mm };
         if let Err(error) = print(&sanitize::json_line(&NoPathJson { error })) {
             return error.into();
         }
     }
-    Failure::request_failed(no_path)
-}
-
-impl From<SceneCheckError> for Failure {
-    fn from(error: SceneCheckError) -> Self {
-        Self::bad_input(error)
-    }
-}
-
-impl From<SceneError> for Failure {
-    fn from(error: SceneError) -> Self {
-        Self::bad_input(error)
-    }
+    Failure::during_request(&no_path)
 }

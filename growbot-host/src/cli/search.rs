@@ -104,9 +104,9 @@ impl PlanningOptions {
 impl From<PlanError> for Failure {
     fn from(error: PlanError) -> Self {
         match error {
-            PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::bad_input(error),
+            PlanError::RadiusTooSmall { .. } | PlanError::RadiusTooLarge { .. } => Self::before_start(&error),
             PlanError::GoalNotReached { .. } | PlanError::NoPath | PlanError::TooManySegments(_) => {
-                Self::request_failed(error)
+                Self::during_request(&error)
             }
         }
     }

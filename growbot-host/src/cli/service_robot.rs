@@ -13,12 +13,13 @@ use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::serve::api::{MaintenanceRequest, PREFIX, PageUrls};
+use growbot_host::serve::api::MaintenanceRequest;
 use growbot_host::serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
 use growbot_host::serve::commands::{CommandRequest, RobotCommand};
 use growbot_host::serve::grow_request::GrowRequest;
-use growbot_host::serve::job_store::{Job, JobState};
-use growbot_host::serve::{RobotState, RobotStatus};
+use growbot_host::serve::job::{Job, JobState};
+use growbot_host::serve::page_urls::PageUrls;
+use growbot_host::serve::{PREFIX, RobotState, RobotStatus};
 use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
@@ -52,9 +53,11 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
     owner_within(port, RESPONSE_TIMEOUT)
 }
 
-/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop.
+/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop. A robot that
+/// is simulated inside the service can be stopped only by the service, so there the timeout is longer.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
-    owner_of(service_in_emergency()?, port, EMERGENCY).ok().flatten()
+    let limit = if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY };
+    owner_of(service_in_emergency()?, port, limit).ok().flatten()
 }
 
 /// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.
@@ -250,7 +253,7 @@ impl ServiceRobot {
         match options.print {
             ResultFormat::Json => print(&json_line(&result))?,
             ResultFormat::Table => {
-                let record = RecordedRun::read(&log, &job.id).map_err(Failure::bad_input)?;
+                let record = RecordedRun::read(&log, &job.id)?;
                 print(&replay::text_of(&record)?)?;
             }
             ResultFormat::Nothing => {}
@@ -398,7 +401,7 @@ fn json_of(robot: &RobotStatus) -> Value {
         "target_c": robot.target_c,
         "layers": robot.layers,
         "laid": robot.laid,
-        "pause_cause": robot.pause_reason,
+        "pause_cause": robot.pause_cause,
         "job": robot.job,
         "finish_utc": robot.finish_utc,
         "status_age_s": robot.status_age_s,
@@ -427,7 +430,7 @@ fn text_of(robot: &RobotStatus) -> String {
         Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
         None => "job          none\n".to_owned(),
     };
-    if let Some(pause) = &robot.pause_reason {
+    if let Some(pause) = &robot.pause_explanation {
         text += &format!("paused       {pause}\n");
     }
     if let Some(refused) = &robot.command_error {

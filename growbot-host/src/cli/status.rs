@@ -10,7 +10,7 @@ use growbot_client::run_log::{InterruptedLayerJson, utc_text};
 use growbot_client::sanitize::json_line;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
-    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, PauseCause, Refusal, SensorReadings, State,
+    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, celsius,
 };
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::crash::{CrashReport, FirmwareImage};
@@ -23,7 +23,7 @@ use time::OffsetDateTime;
 use super::flash::built_images;
 use super::growth_table::made;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg};
+use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Show the identity, state and sensors of the robot's board
 ///
@@ -52,7 +52,7 @@ pub fn run(args: &StatusArgs) -> Result<(), Failure> {
         return owned.status(args.json);
     }
     let robot = args.robot.load()?;
-    let given = args.elf.as_deref().map(FirmwareImage::open).transpose().map_err(Failure::bad_input)?;
+    let given = args.elf.as_deref().map(FirmwareImage::open).transpose()?;
     let mut client = port.client(&robot)?;
     let mut report = BoardReport::of(&mut client, port.is_simulated())?;
     report.look_up_in(given)?;
@@ -143,6 +143,15 @@ impl BoardReport {
         }
         if let Some(crash) = self.crash() {
             text += &crash.text();
+            text += &match (crash.image, crash.record.image) {
+                (Some(_), _) => String::new(),
+                (None, Some(crc)) => {
+                    format!("             for functions and lines, give the image with CRC {crc:08x} with --elf FILE\n")
+                }
+                (None, None) => {
+                    "             for functions and lines, give the flashed ELF image with --elf FILE\n".to_owned()
+                }
+            };
         }
         text
     }
@@ -257,10 +266,6 @@ pub fn text_of_record(record: &FaultRecord) -> String {
     text
 }
 
-fn celsius(centi: i32) -> f64 {
-    f64::from(centi) / 100.0
-}
-
 fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
     let status = &hello.status;
     let time_left = time_left(hello, OffsetDateTime::now_utc()).filter(|_| !is_simulated);
@@ -282,7 +287,7 @@ fn json_of(hello: &BoardInfo, is_simulated: bool) -> Value {
         "stored": status.next_layer.saturating_sub(status.layers_laid),
         "capacity": hello.layer_capacity,
         "interrupted": status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer)),
-        "pause_cause": is_paused(status.state).then(|| pause_cause(status.pause_cause)),
+        "pause_cause": is_paused(status.state).then(|| status.pause_cause.code()),
         "journal": status.is_resumable,
         "owner": hello.owner.as_ref().map(|owner| String::from_utf8_lossy(owner).into_owned()),
         "uptime_s": status.uptime_ms as f64 / 1000.0,
@@ -307,15 +312,6 @@ pub fn described(hello: &BoardInfo) -> String {
 
 fn is_paused(state: State) -> bool {
     matches!(state, State::Paused | State::Parked)
-}
-
-fn pause_cause(cause: PauseCause) -> &'static str {
-    match cause {
-        PauseCause::LayersExhausted => "waiting for layers",
-        PauseCause::Requested => "on request",
-        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
-        PauseCause::HostSilent => "no message from the host",
-    }
 }
 
 fn version(hello: &BoardInfo) -> String {
@@ -353,7 +349,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
     let mut text = format!("robot        {}, firmware {}{simulated}\n", described(hello), version(hello));
     text += &format!("state        {}\n", status.state.name());
     if let Some(fault) = status.fault {
-        text += &format!("fault        {}: {}\n", fault.code(), fault.explanation());
+        text += &format!("fault        {}: {}\n", fault.code(), remedies::fault_explanation(fault));
     }
     text += &format!("temperature  {temperature}, {target}\n");
     text += &format!("job          {job}\n");
@@ -364,7 +360,7 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
         text += &format!("interrupted  layer {}: {}\n", status.layers_laid, made(interrupted));
     }
     if is_paused(status.state) {
-        text += &format!("paused       {}\n", pause_cause(status.pause_cause));
+        text += &format!("paused       {}\n", status.pause_cause.explanation());
     }
     if !status.is_resumable {
         text += "journal      failed: this body cannot be resumed after a reset\n";

@@ -7,7 +7,7 @@ use growbot_host::output::print;
 use growbot_host::settings::InvalidFiles;
 
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg};
+use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Stop the robot: heater and steppers off at once
 ///
@@ -40,8 +40,9 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map_err(|error| match error {
         ClientError::Refused { .. } => error.into(),
         error => Failure::bad_input(format!(
-            "{error}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or \
-             cut its power",
+            "{}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or cut its \
+             power",
+            remedies::message(&error),
             port.text()
         )),
     })?;

@@ -14,7 +14,7 @@ use serde_json::json;
 use super::growth_monitor::clock_drift_failure;
 use super::interrupt::stop_on_interrupt;
 use super::service_robot::lease_port;
-use super::{Failure, RequiredPortArg, RobotArg};
+use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);
@@ -93,7 +93,8 @@ fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::request_failed(format!(
-            "{error}; the robot may still be heating: run `growbot status`, and if that fails cut the robot's power"
+            "{}; the robot may still be heating: run `growbot status`, and if that fails cut the robot's power",
+            remedies::message(&error)
         )),
     }
 }
@@ -101,7 +102,7 @@ fn lost(error: ClientError) -> Failure {
 fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Result<Tuned, Failure> {
     loop {
         if orders.stop_requested() {
-            return Err(Failure::request_failed(client.stop()?.message(is_simulated)));
+            return Err(Failure::request_failed(remedies::stop_message(client.stop()?, is_simulated)));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
             return Err(clock_drift_failure(&drift, is_simulated));
@@ -117,7 +118,7 @@ fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Res
                         return Err(Failure::request_failed(format!(
                             "fault {}: {}",
                             fault.code(),
-                            fault.explanation()
+                            remedies::fault_explanation(fault)
                         )));
                     }
                     (state, None) => {

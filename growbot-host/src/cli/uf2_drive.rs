@@ -30,7 +30,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Writes an image (ELF or UF2) as a UF2 file, to `file` or else to the drive of the board. `way` is the instruction
 /// that makes the board appear as a drive, for messages.
 pub fn write(image: &Path, file: Option<&Path>, drive: Option<&Path>, way: &str) -> Result<(), Failure> {
-    let failed = |reason| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
+    let failed = |reason: String| Failure::bad_input(format!("{} cannot be flashed: {reason}", image.display()));
     let bytes = fs::read(image).map_err(|error| failed(error.to_string()))?;
     let uf2 = if uf2::is_uf2(&bytes) {
         let checked = uf2::check(&bytes);

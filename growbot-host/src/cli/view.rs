@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::slice;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 use growbot_client::input::{display_name, is_standard_input};
 use growbot_host::output::write_to;
 use growbot_pictures::drawing::colours::Palette;
@@ -55,7 +55,7 @@ pub struct ViewArgs {
     width: Option<u32>,
     /// Direction from which a picture shows the body [default: corner]
     #[arg(long, value_enum)]
-    viewpoint: Option<LookName>,
+    viewpoint: Option<Viewpoint>,
     /// Draw a picture with axes: x, y and z in mm
     #[arg(long, conflicts_with = "plot")]
     axes: bool,
@@ -66,16 +66,16 @@ pub struct ViewArgs {
     ///
     /// The colour-blind can distinguish the colours of all three. Those of the last two are also distinct in grey.
     #[arg(long, value_enum, conflicts_with = "plot")]
-    palette: Option<PaletteName>,
+    palette: Option<Palette>,
     /// Omit names and captions over a picture or plots
     #[arg(long)]
     no_title: bool,
     /// Draw plots instead of the body, as SVG unless --png or --pdf is given: a list with commas
     #[arg(long, value_enum, value_name = "LIST", value_delimiter = ',', conflicts_with = "viewpoint")]
-    plot: Vec<QuantityName>,
+    plot: Vec<PlotKind>,
     /// Horizontal axis of the plots
-    #[arg(long, value_enum, default_value_t = AlongName::Path, requires = "plot")]
-    x_axis: AlongName,
+    #[arg(long, value_enum, default_value_t = XAxis::Path, requires = "plot")]
+    x_axis: XAxis,
     /// Write to this file (- for standard output) [default: a file beside the first one with its name, or A-B for
     /// several, or with -plot, ending in .html, .svg, .png or .pdf]
     ///
@@ -93,51 +93,6 @@ pub struct ViewArgs {
     scene: Option<PathBuf>,
 }
 
-/// Directions of a picture on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum LookName {
-    /// The corner from which start and goal are seen best
-    Corner,
-    /// From the front: the picture looks along the y axis
-    Front,
-    /// From the side: the picture looks against the x axis
-    Side,
-    /// From above
-    Top,
-}
-
-impl From<LookName> for Viewpoint {
-    fn from(name: LookName) -> Self {
-        match name {
-            LookName::Corner => Self::Corner,
-            LookName::Front => Self::Front,
-            LookName::Side => Self::Side,
-            LookName::Top => Self::Top,
-        }
-    }
-}
-
-/// Colour scales on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum PaletteName {
-    /// Blue for low values, through sand, to orange for high values
-    BlueOrange,
-    /// From violet over green to yellow
-    Viridis,
-    /// From dark blue over grey to yellow
-    Cividis,
-}
-
-impl From<PaletteName> for Palette {
-    fn from(name: PaletteName) -> Self {
-        match name {
-            PaletteName::BlueOrange => Self::BlueOrange,
-            PaletteName::Viridis => Self::Viridis,
-            PaletteName::Cividis => Self::Cividis,
-        }
-    }
-}
-
 /// Parses two heights, mm.
 fn range(text: &str) -> Result<[f64; 2], String> {
     let numbers: Vec<Option<f64>> = text.split(',').map(|length| mm(length).ok()).collect();
@@ -147,48 +102,6 @@ fn range(text: &str) -> Result<[f64; 2], String> {
             Err(format!("the range goes from {min} to {max} mm: give the smaller height first, such as 0.5,1"))
         }
         _ => Err("the value is not a range: give two heights in mm, such as 0.5,1".to_owned()),
-    }
-}
-
-/// Plotted quantities on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum QuantityName {
-    /// Heights of the layers, mm
-    Heights,
-    /// Tilt of the layers, degrees
-    Tilt,
-    /// Deviation of the body from its plan, mm (run logs only)
-    Error,
-    /// Temperature of the nozzle, C (run logs only)
-    Temperature,
-}
-
-impl From<QuantityName> for PlotKind {
-    fn from(name: QuantityName) -> Self {
-        match name {
-            QuantityName::Heights => Self::Heights,
-            QuantityName::Tilt => Self::Tilt,
-            QuantityName::Error => Self::Error,
-            QuantityName::Temperature => Self::Temperature,
-        }
-    }
-}
-
-/// Horizontal axes of plots on the command line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum AlongName {
-    /// Length of the body
-    Path,
-    /// Time by the board's clock, or for a plan the planned time
-    Time,
-}
-
-impl From<AlongName> for XAxis {
-    fn from(name: AlongName) -> Self {
-        match name {
-            AlongName::Path => Self::Path,
-            AlongName::Time => Self::Time,
-        }
     }
 }
 
@@ -258,31 +171,29 @@ impl ViewArgs {
             [one, ..] => page::render(one),
             [] => return Err(Failure::bad_input("no file given: give a plan or a run log")),
         };
-        page.map_err(Failure::bad_input)
+        Ok(page?)
     }
 
     fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
-            let quantities: Vec<PlotKind> = self.plot.iter().map(|name| PlotKind::from(*name)).collect();
-            let options =
-                plot::PlotOptions { quantities: &quantities, along: self.x_axis.into(), title: !self.no_title };
+            let options = plot::PlotOptions { quantities: &self.plot, along: self.x_axis, title: !self.no_title };
             let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
                 subjects.iter().zip(&logs).map(|(subject, log)| PlotInput { subject, log: log.as_deref() }).collect();
-            return plot::svg(&plotted, &options).map_err(Failure::bad_input);
+            return Ok(plot::svg(&plotted, &options)?);
         }
         let picture = picture::svg(
             subjects,
             &picture::PictureOptions {
-                look: self.viewpoint.unwrap_or(LookName::Corner).into(),
-                palette: self.palette.map(Palette::from).unwrap_or_default(),
+                look: self.viewpoint.unwrap_or(Viewpoint::Corner),
+                palette: self.palette.unwrap_or_default(),
                 range: self.range,
                 title: !self.no_title,
                 axes: self.axes,
             },
         );
-        picture.map_err(Failure::bad_input)
+        Ok(picture?)
     }
 
     /// Checks that the options are compatible.

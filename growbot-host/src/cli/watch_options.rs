@@ -78,8 +78,7 @@ impl WatchArgs {
             return Ok(None);
         }
         let orders = self.control.then(|| Arc::clone(orders));
-        let watch =
-            WatchPage::start(subject, job, known, orders, self.watch_port.unwrap_or(0)).map_err(Failure::bad_input)?;
+        let watch = WatchPage::start(subject, job, known, orders, self.watch_port.unwrap_or(0))?;
         growbot_host::note!("live view: {}", watch.address());
         Ok(Some(watch))
     }

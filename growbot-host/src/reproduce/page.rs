@@ -2,7 +2,6 @@
 
 use std::fmt::Write;
 
-use growbot_client::plan::planner_name;
 use growbot_core::plan::Planner;
 use growbot_pictures::table::{NumberFormat, Table};
 
@@ -213,7 +212,7 @@ fn table2(page: &mut String, of: &Reproduction) {
                 let _ = write!(
                     page,
                     "<tr><td></td><td class=\"l\">{}</td><td class=\"l\">{}</td>",
-                    planner_name(planner),
+                    planner.name(),
                     slicing.label(&of.experiments.robots[robot])
                 );
                 for cell in cells {
@@ -271,7 +270,7 @@ fn tests(page: &mut String, of: &Reproduction) {
         }
         let mut table = Table::new(NumberFormat::Plain)
             .column("what", |question: &SignificanceTest| capital(&question.what))
-            .column("path", |question| planner_name(question.planner))
+            .column("path", |question| question.planner.name())
             .column("layers", |question| question.slicing.clone());
         if questions.iter().any(|question| question.paper.is_some()) {
             table = table.column("the paper", |question| question.paper.map(|p| format!("{p:.4}")));
@@ -306,7 +305,7 @@ fn feedback(page: &mut String, of: &Reproduction) {
     );
     let errors = Table::new(NumberFormat::Plain)
         .column("distance", |set: &GrowthSet| format!("{} R", GROUPS[set.group]))
-        .column("path", |set| planner_name(set.condition.planner))
+        .column("path", |set| set.condition.planner.name())
         .column("loop", |set| set.condition.loop_name())
         .columns(["position error / length", "95th percentile"], |set| {
             let SampleSummary { mean, sd, p95, .. } = set.summary(ErrorQuantity::Position);

@@ -1,6 +1,5 @@
 //! All numbers as CSV files and as JSON.
 
-use growbot_client::plan::planner_name;
 use growbot_core::robot::Robot;
 use growbot_pictures::table::{NumberFormat, Table, pose_columns};
 use nalgebra::Vector3;
@@ -101,7 +100,7 @@ fn condition_columns<'a, R>(
     condition: impl Fn(&R) -> (Condition, &Robot) + Copy + 'a,
 ) -> Table<'a, R> {
     table
-        .column("planner", move |row| planner_name(condition(row).0.planner))
+        .column("planner", move |row| condition(row).0.planner.name())
         .column("slicing", move |row| condition(row).0.slicing.name())
         .column("step_mm", move |row| {
             let (condition, robot) = condition(row);
@@ -168,7 +167,7 @@ fn table2() -> Table<'static, Cell> {
     Table::new(NumberFormat::Fraction)
         .column("robot", |cell: &Cell| ROBOTS[cell.robot].name)
         .column("group_radii", |cell| GROUPS[cell.group])
-        .column("planner", |cell| planner_name(cell.planner))
+        .column("planner", |cell| cell.planner.name())
         .column("slicing", |cell| cell.slicing.name())
         .column("n", |cell| cell.ours.n)
         .column("mean", |cell| cell.ours.mean)
@@ -193,7 +192,7 @@ fn significance_tests() -> Table<'static, SignificanceTest> {
     Table::new(NumberFormat::Fraction)
         .column("what", |test: &SignificanceTest| test.what.clone())
         .column("slicing", |test| test.slicing.clone())
-        .column("planner", |test| planner_name(test.planner))
+        .column("planner", |test| test.planner.name())
         .column("groups", |test| test.groups)
         .column("n", |test| test.n)
         .column("kruskal_wallis_h", |test| test.kruskal_wallis.map(|test| test.statistic))

@@ -8,9 +8,9 @@ mod toml_values;
 use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::{Robot, RobotError};
 use toml_edit::{DocumentMut, Item, Value};
+use toml_values::{comment, look_up, look_up_mut, paths, remove, shown, trailing_comment};
 
 use crate::annotated_robot::{is_assumed, opening_comment};
-use toml_values::{comment, look_up, look_up_mut, paths, remove, shown, trailing_comment};
 
 /// Fields with a question, in the order of the questions. A field comes after the fields that limit it.
 pub const ASKED_FIELDS: [&str; 24] = [
@@ -78,7 +78,7 @@ pub enum AnswerError {
         name: String,
     },
     /// A robot with this value is not valid.
-    #[error(transparent)]
+    #[error("{0}")]
     Robot(#[from] RobotFileError),
 }
 

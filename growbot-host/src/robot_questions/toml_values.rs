@@ -2,6 +2,8 @@
 
 use toml_edit::{Item, RawString, Value};
 
+use crate::text_wrap::wrap;
+
 /// Returns a value as TOML, without its comment.
 pub(super) fn shown(value: &Value) -> String {
     let mut value = value.clone();
@@ -17,20 +19,7 @@ pub(super) fn trailing_comment(value: &Value) -> String {
 
 /// Formats a text as comment lines.
 pub(super) fn comment(text: &str) -> String {
-    let mut lines = String::new();
-    let mut line = String::from("#");
-    for word in text.split_whitespace() {
-        if line.chars().count() + 1 + word.chars().count() > 120 {
-            lines += &line;
-            lines.push('\n');
-            line = String::from("#");
-        }
-        line.push(' ');
-        line += word;
-    }
-    lines += &line;
-    lines.push('\n');
-    lines
+    wrap(text, 120, "# ", "# ")
 }
 
 /// Returns the value at a path of keys.

@@ -12,39 +12,23 @@ use axum::http::{Method, Uri};
 use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
 use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
-use tokio::task::spawn_blocking;
 
-use super::Service;
 use super::audit::CommandSource;
+pub use super::command_routes::MaintenanceRequest;
 use super::command_routes::{emergency_stop, maintain, send_command, send_live_command, stop};
-use super::command_socket;
-use super::event_routes;
+use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_view, jobs, live, live_update_socket, live_updates, new_job, resume};
-use super::job_store::Job;
-use super::limits::MAX_BODY;
-use super::openapi;
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
-use super::robot_worker::{RobotStatus, RobotWorker};
-
-pub use super::command_routes::MaintenanceRequest;
-
-/// Path of the API, below the address of the service's page or on the user's socket.
-pub const PREFIX: &str = "/api/v1";
-/// Rights of a client. They depend on the address or socket that the client uses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Access {
-    /// The client can only read.
-    View,
-    /// The client can read and send commands.
-    Control(CommandSource),
-}
-
-pub(super) type ServiceState = State<Arc<Service>>;
-pub(super) type ApiResult<T> = Result<Json<T>, Problem>;
+use super::request_kind::MAX_BODY;
+use super::robot_status::RobotStatus;
+use super::service::Service;
+use super::{command_socket, event_routes, openapi};
+use crate::serve::access::Access;
+use crate::serve::page_urls::PageUrls;
 
 /// Returns the router of the API, and the OpenAPI document of its main routes.
 pub fn routes() -> (Router<Arc<Service>>, Value) {
@@ -150,22 +134,6 @@ pub async fn unknown_route(method: Method, uri: Uri) -> Problem {
     Problem::unknown_route(&method, uri.path())
 }
 
-pub(super) fn find_robot<'a>(service: &'a Service, name: &str) -> Result<&'a Arc<RobotWorker>, Problem> {
-    service.robot(name).ok_or_else(|| Problem::not_found("robot", name))
-}
-
-pub(super) fn found_job(service: &Service, id: &str) -> Result<Job, Problem> {
-    service.job(id).ok_or_else(|| Problem::not_found("job", id))
-}
-
-/// Returns the source of the client's commands if the client can send commands, otherwise an error.
-pub(super) fn require_control(access: Access) -> Result<CommandSource, Problem> {
-    match access {
-        Access::Control(by) => Ok(by),
-        Access::View => Err(Problem::read_only()),
-    }
-}
-
 /// Rights of an address.
 #[derive(Debug, Serialize, JsonSchema)]
 struct AccessInfo {
@@ -175,15 +143,6 @@ struct AccessInfo {
 
 async fn access(Extension(access): Extension<Access>) -> Json<AccessInfo> {
     Json(AccessInfo { can_control: access != Access::View })
-}
-
-/// URLs of the service's page. Only growbot's commands can request them, on the user's socket.
-#[derive(Debug, Clone, Default, Deserialize, Serialize)]
-pub struct PageUrls {
-    /// URL of the page that can send commands.
-    pub control_url: String,
-    /// URL of the read-only page.
-    pub view_url: String,
 }
 
 async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<PageUrls> {
@@ -199,11 +158,4 @@ async fn robots(State(service): ServiceState) -> Json<Vec<RobotStatus>> {
 
 async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotStatus> {
     Ok(Json(find_robot(&service, &name)?.status()))
-}
-
-/// Runs a slow task on a thread of its own, so that it does not block the server.
-pub(super) async fn run_blocking<T: Send + 'static>(
-    what: impl FnOnce() -> Result<T, Problem> + Send + 'static,
-) -> Result<T, Problem> {
-    spawn_blocking(what).await.map_err(Problem::internal)?
 }

@@ -10,7 +10,7 @@ use growbot_client::run_log::utc_now;
 use growbot_client::sanitize::json_line;
 use serde::Serialize;
 
-use super::JobStoreError;
+use super::job_store::JobStoreError;
 
 /// File of the audit log.
 pub struct Audit(Mutex<File>);

@@ -15,10 +15,10 @@ use tokio::net::UnixStream;
 use tokio::runtime::Runtime;
 use tokio::time::{Duration, timeout};
 
-use super::ServicePaths;
-use super::api::PREFIX;
+use super::PREFIX;
+use super::paths::ServicePaths;
 use super::port_lease::LeaseRequest;
-use super::robot_worker::RobotStatus;
+use super::robot_status::RobotStatus;
 use crate::ownership::{OwnershipError, trusts_user};
 
 /// Errors of a request to the service.

@@ -11,11 +11,14 @@ use growbot_client::growth::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::api::{Access, ApiResult, ServiceState, find_robot, found_job, require_control, run_blocking};
+use super::access::{Access, require_control};
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
+use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::problem::Problem;
-use super::robot_worker::{RobotRequest, RobotStatus, RobotWorker};
-use super::{ArrivalPermits, Service};
+use super::robot_request::RobotRequest;
+use super::robot_status::RobotStatus;
+use super::robot_worker::RobotWorker;
+use super::service::{ArrivalPermits, Service};
 use crate::watch::server as watch;
 
 /// Name of the maintenance task that switches the heater off.

@@ -9,11 +9,12 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use serde_json::Value;
 
-use super::Service;
-use super::api::{Access, ServiceState};
+use super::access::Access;
 use super::command_routes::{send_command, send_live_command};
 use super::commands::CommandRequest;
+use super::handler::ServiceState;
 use super::problem::Problem;
+use super::service::Service;
 use crate::watch::sockets::{CommandMessage, limited, serve_commands};
 
 /// Opens a WebSocket, and carries out the commands to any robot that arrive on it.

@@ -6,8 +6,10 @@ use growbot_client::growth::Command;
 use growbot_client::stop_signal::{Permit, StopLevel};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
-use super::robot_worker::{RobotRequest, RobotWorker};
+use super::robot_request::RobotRequest;
+use super::robot_worker::RobotWorker;
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
@@ -22,8 +24,9 @@ const KEPT: &str = "The service keeps the stop, and sends the stop before anythi
                     the command `withdraw-stop` of the API, or Withdraw stop on the page, withdraws the stop";
 
 /// Command to a robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum RobotCommand {
     /// Pause after the current layer.
     Pause,
@@ -48,15 +51,7 @@ impl RobotCommand {
     }
 
     pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Pause => "pause",
-            Self::Continue => "continue",
-            Self::Stop => "stop",
-            Self::EmergencyStop => "emergency-stop",
-            Self::ClearFault => "clear-fault",
-            Self::Cancel => "cancel",
-            Self::WithdrawStop => "withdraw-stop",
-        }
+        self.into()
     }
 }
 

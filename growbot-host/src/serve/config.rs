@@ -9,7 +9,7 @@ use schemars::JsonSchema;
 use serde::Deserialize;
 
 use super::notification::NotificationEvent;
-use crate::settings::{port_from, robot_from};
+use crate::settings_paths::{port_from, robot_from};
 use crate::watch::allowed_origins::Origin;
 
 /// Pace of the practice robot's time, in multiples of real time.

@@ -22,9 +22,9 @@ use tokio::task::AbortHandle;
 use tokio::time::timeout;
 use tokio_io_timeout::TimeoutStream;
 
-use super::api::Access;
-use super::limits::RequestKind;
+use super::access::Access;
 use super::problem::Problem;
+use super::request_kind::RequestKind;
 
 /// Maximum number of open connections, for pages and for growbot's commands separately.
 pub const CONNECTIONS: usize = 256;

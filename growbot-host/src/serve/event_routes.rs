@@ -8,8 +8,8 @@ use axum::response::Response;
 use futures_util::stream::Stream;
 use serde::Deserialize;
 
-use super::api::{ServiceState, found_job};
 use super::event_stream::{self, StreamEvent};
+use super::handler::{ServiceState, found_job};
 use super::limits::StreamPermit;
 use super::problem::Problem;
 

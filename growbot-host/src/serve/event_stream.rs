@@ -20,8 +20,9 @@ use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
-use super::job_store::JobState;
-use super::{RobotStatus, Service};
+use super::job::JobState;
+use super::robot_status::RobotStatus;
+use super::service::Service;
 use crate::watch::heartbeat::{Heartbeat, HeartbeatTimer};
 
 /// Minimum time between two events about the robots.

@@ -306,7 +306,7 @@ impl FakeLine {
     }
 
     fn lost() -> PortError {
-        PortError::Lost("fake".to_owned(), "cut".to_owned())
+        PortError::Lost("fake".to_owned(), io::Error::other("cut"))
     }
 }
 

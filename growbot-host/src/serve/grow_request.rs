@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use serde_json::value::RawValue;
 
-use super::api::Access;
+use super::access::Access;
 use super::audit::CommandSource;
 use super::limits::Computation;
 use super::paths::ServicePaths;

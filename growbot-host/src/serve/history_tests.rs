@@ -4,13 +4,14 @@ use std::fs;
 
 use growbot_core::link::message::State as BoardState;
 
-use super::Service;
 use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
 use super::config::NotifyEntry;
 use super::fake_board::LineState;
-use super::job_store::{Job, JobState, JobStore};
+use super::job::{Job, JobState};
+use super::job_store::JobStore;
 use super::notification::NotificationChannel;
-use super::robot_worker::RobotRequest;
+use super::robot_request::RobotRequest;
+use super::service::Service;
 use super::stop_model::{Case, Step, service, service_with, wait_until};
 
 /// Returns the latest job of the list.

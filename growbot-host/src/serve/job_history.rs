@@ -2,25 +2,19 @@
 
 use std::sync::{MutexGuard, PoisonError};
 
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_now};
+use growbot_client::run_log::{RecordedRun, RunLog, utc_now};
 use growbot_core::link::message::{State, Status};
 use rusqlite::named_params;
 
-use super::JobStoreError;
-use super::job_store::{COLUMNS, Job, JobState, JobStore, of_row};
+use super::job::{Job, JobState};
+use super::job_store::{COLUMNS, JobStore, JobStoreError, of_row};
 use super::job_updates::JobUpdate;
 use super::robot_worker::RobotWorker;
+use crate::serve::job::end_reason;
 
 /// Reason of a job that failed because the board no longer stores it. If a board that stores the job is connected
 /// later, the job can be resumed.
 const NOT_ON_BOARD: &str = "discarded: the board does not have its body";
-
-/// Returns the value of [`Job::reason`] for a job that ended with this result, while its board was in this state.
-pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
-    let emergency_stop = Some(State::EmergencyStop.name()).filter(|name| board_state == Some(*name));
-    let stop = emergency_stop.filter(|_| result.outcome == OutcomeKind::Stopped);
-    result.fault.clone().unwrap_or_else(|| stop.unwrap_or(result.outcome.name()).to_owned())
-}
 
 impl JobStore {
     /// Returns the jobs of a robot that are active or interrupted, and the jobs with this plan that failed because the

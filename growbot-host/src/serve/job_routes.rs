@@ -14,29 +14,31 @@ use axum::http::header::{CONTENT_TYPE, HeaderMap};
 use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
 use futures_util::stream::{BoxStream, StreamExt, once, unfold};
-use growbot_client::clearance_guard::SceneContext;
-use growbot_client::feedback::can_measure;
-use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_client::growth::{Beginning, GrowthRefusal, GrowthRequest, Override};
+use growbot_client::plan::Plan;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
-use growbot_core::job::{job_layers, plan_id};
 use growbot_core::robot::Robot;
+use growbot_core::simulation::ErrorModel;
 use growbot_pictures::view::{Subject, page};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::task::spawn_blocking;
 use tokio::time::sleep;
 
-use super::api::{Access, ApiResult, ServiceState, find_robot, found_job, require_control, run_blocking};
+use super::access::{Access, require_control};
 use super::commands::COMMAND_TIMEOUT;
 use super::grow_request::{GrowRequest, PlanInScene};
-use super::job_store::{Job, JobState};
+use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
+use super::job::{Job, JobState};
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, StreamPermit, holding};
 use super::problem::Problem;
-use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
-use super::{ArrivalPermits, Service};
+use super::robot_request::{Claim, NewJob, RobotRequest};
+use super::robot_worker::RobotWorker;
+use super::service::{ArrivalPermits, Service};
 use crate::watch::LiveGrowth;
 use crate::watch::server::{self as watch, LiveEvent, updates_of};
 use crate::watch::sockets::{limited, send_texts};
@@ -120,45 +122,34 @@ pub(super) fn make_job(
         return Ok((StatusCode::OK, Json(job)));
     }
     let robot = keeper.description().map_err(Problem::conflict)?;
-    if wanted.feedback && !can_measure(&robot) {
-        return Err(Problem::conflict(format!(
-            "robot {} has no sensor that measures layers: give it sensors.filament_motion or sensors.orientation, or \
-             remove feedback",
-            robot.name()
-        )));
-    }
     let PlanInScene { plan, scene } = plan(&robot)?;
-    let preventing = plan.warnings.iter().find(|warning| BLOCKING.contains(&warning.code.as_str()));
-    if let Some(warning) = preventing.filter(|_| !wanted.force) {
-        return Err(Problem::conflict(format!(
-            "not grown because of {}: {}; change the plan, or set \"force\" to ignore the warnings",
-            warning.code, warning.message
-        )));
-    }
-    let ignore_scene = scene.is_some() && wanted.ignore_scene;
-    let scene = scene.filter(|_| !wanted.ignore_scene);
-    if let Some(scene) = scene.as_ref().filter(|_| wanted.feedback) {
-        let around = SceneContext::new(&robot, scene, plan.radius);
-        let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, DEFAULT_SENSOR_NOISE);
-        feedback.with_scene(&around).check_start().map_err(|violation| {
-            let remedy = "set a larger margin_mm or another radius for the plan, or set ignore_scene";
-            Problem::conflict(format!("{violation}: {remedy}"))
-        })?;
-    }
+    let overrides = Override::given([(wanted.force, Override::Warnings), (wanted.ignore_scene, Override::Scene)]);
+    let request = GrowthRequest {
+        robot: &robot,
+        plan: &plan,
+        beginning: Beginning::FirstLayer,
+        scene: scene.as_ref(),
+        scene_error: None,
+        overrides: &overrides,
+        feedback: wanted.feedback.then_some(DEFAULT_SENSOR_NOISE),
+        imperfection: ErrorModel::default(),
+        simulated: keeper.is_simulated(),
+    };
+    request.check().map_err(|refusal| refused(&refusal, &plan))?;
+    let (ignore_scene, board_job) = (request.ignores_scene(), request.job());
     let _begins = keeper.lock_job_start();
     // Another request with the same key may have created the job in the meantime.
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
     keeper.ensure_idle().and_then(|()| order.claim.check()).map_err(Problem::conflict)?;
-    let layers: Vec<_> = job_layers(&plan.path, &robot).collect();
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
         robot: keeper.name.clone(),
         name: wanted.name.clone().unwrap_or_else(|| wanted.to.clone().unwrap_or_else(|| "a plan".to_owned())),
         state: JobState::Active,
-        plan_id: format!("{:016x}", plan_id(&robot, &layers)),
-        layers: u32::try_from(layers.len()).unwrap_or(u32::MAX),
+        plan_id: format!("{:016x}", board_job.plan_id),
+        layers: u32::try_from(board_job.layers.len()).unwrap_or(u32::MAX),
         laid: 0,
         length_mm: plan.requirements.length,
         simulated: keeper.is_simulated(),
@@ -179,6 +170,25 @@ pub(super) fn make_job(
         return Err(Problem::conflict(why));
     }
     Ok((StatusCode::CREATED, Json(job)))
+}
+
+/// Returns the problem of a growth that is refused, with the remedy.
+fn refused(refusal: &GrowthRefusal, plan: &Plan) -> Problem {
+    let remedy = match refusal {
+        GrowthRefusal::Warnings { .. } => {
+            let blocking = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str()));
+            let messages: Vec<&str> = blocking.map(|warning| warning.message.as_str()).collect();
+            let messages = messages.join("; ");
+            return Problem::conflict(format!(
+                "{refusal}: {messages}; change the plan, or set \"force\" to ignore the warnings"
+            ));
+        }
+        GrowthRefusal::Scene(_) => "plan through the scene, or set ignore_scene",
+        GrowthRefusal::Clearance(_) => "set a larger margin_mm or another radius for the plan, or set ignore_scene",
+        GrowthRefusal::NoSensor { .. } => "give it sensors.filament_motion or sensors.orientation, or remove feedback",
+        GrowthRefusal::Disturbance | GrowthRefusal::SensorNoise => "remove them",
+    };
+    Problem::conflict(format!("{refusal}: {remedy}"))
 }
 
 pub async fn resume(

@@ -2,31 +2,30 @@
 
 use std::sync::Arc;
 
-use growbot_client::clearance_guard::SceneContext;
 use growbot_client::client::ClientError;
-use growbot_client::feedback::{DEFAULT_SENSOR_NOISE, Feedback};
+use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_client::forecast::Forecast;
 use growbot_client::growth::{
-    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job as BoardJob, JobEvent, OnInterrupted,
-    OnParked, Outcome, grow_job, resume_job,
+    Beginning, Command, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, Job as BoardJob, JobEvent, LogTarget,
+    OnInterrupted, OnParked, Outcome, Override,
 };
 use growbot_client::plan::Plan;
 use growbot_client::port::time_since_boot;
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunOrigin, utc_text};
+use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_text};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::ground_truth::grow_with_ground_truth;
+use growbot_sim::simulated_tip::ground_truth;
 use time::OffsetDateTime;
 
 use super::connector::BoardConnection;
-use super::job_history::end_reason;
-use super::job_store::{Job, JobState};
+use super::job::{Job, JobState, end_reason};
 use super::notification::NotificationEvent;
-use super::robot_worker::{LinkState, NewJob, RobotWorker};
+use super::robot_request::NewJob;
+use super::robot_worker::{LinkState, RobotWorker};
 use super::stopper::Reply;
 use crate::watch::LiveGrowth;
 
@@ -42,21 +41,20 @@ impl RobotWorker {
             return refuse(&reply, VOIDED);
         }
         let commands = self.announce_growth(&job, permit);
-        let board_job = BoardJob::of_plan(&robot, &plan);
-        let noise = feedback.then_some(DEFAULT_SENSOR_NOISE);
-        let around = scene.as_ref().map(|scene| SceneContext::new(&robot, scene, plan.radius));
-        let feedback = noise.map(|noise| {
-            let feedback = Feedback::new(&robot, &plan.start, &plan.path, &plan.legs, noise);
-            around.iter().fold(feedback, Feedback::with_scene)
-        });
-        let imperfection = ErrorModel::default();
-        let origin = RunOrigin {
-            port: &self.entry.port,
-            imperfection: self.is_simulated().then_some(&imperfection),
-            ignores_scene: job.ignore_scene,
+        let request = GrowthRequest {
+            robot: &robot,
+            plan: &plan,
+            beginning: Beginning::FirstLayer,
+            scene: scene.as_ref(),
+            scene_error: None,
+            overrides: if job.ignore_scene { &[Override::Scene] } else { &[] },
+            feedback: feedback.then_some(DEFAULT_SENSOR_NOISE),
+            imperfection: ErrorModel::default(),
+            simulated: self.is_simulated(),
         };
+        let board_job = request.job();
         let path = self.shared.jobs().log_path(&job.id);
-        let log = match RunLog::create(&path, &plan, &board_job, noise, origin) {
+        let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {
             Ok(log) => log,
             Err(error) => return self.refuse_growth(&reply, &error.to_string()),
         };
@@ -65,14 +63,8 @@ impl RobotWorker {
             return self.refuse_growth(&reply, VOIDED);
         }
         self.set_job_state(&job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands, Some(reply));
-        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
-        let BoardConnection { client, simulation, .. } = connection;
-        let grown =
-            grow_with_ground_truth(simulation.as_mut(), &board_job, &mut |event| growing.ingest(event), |on_event| {
-                grow_job(client, &board_job, manner, &commands, on_event)
-            });
-        growing.end(grown, (&robot, &plan), scene.as_ref())
+        let growing = RunningJob::new(self, &job, &board_job, &[], log, &commands, Some(reply));
+        growing.run(&request, &board_job, connection)
     }
 
     /// Resumes an unfinished job at a client's request, and follows it until it ends or the connection is lost.
@@ -149,7 +141,19 @@ impl RobotWorker {
                 return self.leave_job(job, &hello.status, &why);
             }
         };
-        let log = match RunLog::resume(&path, &record, &self.entry.port) {
+        let request = GrowthRequest {
+            robot: &robot,
+            plan: &plan,
+            beginning: Beginning::Resume { record: Some(&record), interrupted: OnInterrupted::Redo },
+            scene: scene.as_ref(),
+            scene_error: None,
+            overrides: &[],
+            feedback: None,
+            imperfection: ErrorModel::default(),
+            simulated: self.is_simulated(),
+        };
+        let board_job = request.job();
+        let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {
             Ok(log) => log,
             Err(error) => {
                 let why = error.to_string();
@@ -159,24 +163,9 @@ impl RobotWorker {
                 return self.leave_job(job, &hello.status, &why);
             }
         };
-        let mut board_job = BoardJob::of_plan(&robot, &plan);
-        (board_job.plan_id, board_job.layers) = (record.plan_id, record.layers.clone());
-        let around = scene.as_ref().filter(|_| record.feedback.is_some());
-        let around = around.map(|scene| SceneContext::new(&robot, scene, plan.radius));
-        let feedback = record.feedback(&board_job, &plan, around.as_ref());
-        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::Wait };
         self.set_job_state(job, JobState::Active, None);
-        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands, reply);
-        let grown = resume_job(
-            &mut connection.client,
-            &board_job,
-            record.known_layers(),
-            OnInterrupted::Redo,
-            manner,
-            &commands,
-            &mut |event| growing.ingest(event),
-        );
-        growing.end(grown, (&robot, &plan), scene.as_ref())
+        let growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands, reply);
+        growing.run(&request, &board_job, connection)
     }
 
     /// Marks a job as interrupted, because a user ordered a stop while the board was disconnected, and the board
@@ -332,30 +321,31 @@ impl<'a> RunningJob<'a> {
         self.keeper.shared.jobs().set_laid(&self.job.id, self.laid, self.layers);
     }
 
-    /// Records the outcome of the growth in the run log and in the list of jobs.
-    fn end(
-        mut self,
-        grown: Result<GrowthReport, GrowthError>,
-        (robot, plan): (&Robot, &Plan),
-        scene: Option<&LoadedScene>,
-    ) -> LinkState {
+    /// Runs the growth on the board until it ends or the connection is lost. Records the outcome in the run log and in
+    /// the list of jobs.
+    fn run(mut self, request: &GrowthRequest, board_job: &BoardJob, connection: &mut BoardConnection) -> LinkState {
+        let commands = Arc::clone(&self.commands);
+        let board = GrowthBoard {
+            client: &mut connection.client,
+            truth: ground_truth(&mut connection.simulation),
+            commands: &commands,
+            silence: HostSilencePolicy::Pause,
+            parked: OnParked::Wait,
+        };
+        let grown = request.run(board_job, board, &mut |event| self.ingest(event));
         self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
-        let simulated = self.keeper.is_simulated();
-        match grown {
-            Ok(grown) if grown.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
-            Ok(grown) => {
-                let mut result =
-                    GrowthResult::new(&grown, (robot, plan), scene.map(|loaded| &loaded.scene), None, simulated);
-                let missing = self.log.missing_lines();
-                result.log_lines_missing = (missing > 0).then_some(missing);
-                self.laid = grown.laid;
+        match &grown {
+            Ok(report) if report.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
+            Ok(report) => {
+                let result = request.result(&grown);
+                self.laid = report.laid;
                 self.save_progress();
                 let board_state = self.keeper.lock_state().status.as_ref().map(|status| status.state.name());
                 let why = end_reason(&result, board_state);
                 if matches!(result.outcome, OutcomeKind::Interrupted | OutcomeKind::ClockDrift) {
                     self.keeper.notify_job(self.job, NotificationEvent::Interrupted, Some(&why));
                 }
-                self.close(&result, &why);
+                self.close(result, &why);
                 LinkState::Ready
             }
             Err(GrowthError::Interrupted(error)) => self.detach(&error.to_string()),
@@ -363,21 +353,21 @@ impl<'a> RunningJob<'a> {
                 let reply = self.reply.take();
                 let why = error.to_string();
                 let lost =
-                    matches!(&error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
+                    matches!(error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
                 if lost && reply.is_none() {
                     // The board may go on with the job.
                     return self.detach(&why);
                 }
-                let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, plan, None, simulated);
                 if self.laid == 0 {
                     std::mem::take(&mut self.log).discard();
                     self.keeper.set_job_state(self.job, JobState::Failed, Some(&why));
                 } else {
+                    let nothing = GrowthResult { error: None, ..request.result(&grown) };
                     let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
                     if reply.is_none() {
                         self.keeper.notify_job(self.job, NotificationEvent::Interrupted, Some(&why));
                     }
-                    self.close(&interrupted, &why);
+                    self.close(interrupted, &why);
                 }
                 if let Some(reply) = reply {
                     let _ = reply.send(Err(why.clone()));
@@ -398,9 +388,12 @@ impl<'a> RunningJob<'a> {
         LinkState::Lost(why.to_owned())
     }
 
-    fn close(&mut self, result: &GrowthResult, why: &str) {
+    /// Ends the run log and the live pages with this result, and records the state of the job.
+    fn close(&mut self, mut result: GrowthResult, why: &str) {
+        let missing = self.log.missing_lines();
+        result.log_lines_missing = (missing > 0).then_some(missing);
         self.live_growth.end(result.clone());
-        if let Err(error) = self.log.end(result) {
+        if let Err(error) = self.log.end(&result) {
             crate::warning!("{error}");
             self.keeper.keep_log(&self.job.id, std::mem::take(&mut self.log));
         }

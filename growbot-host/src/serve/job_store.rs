@@ -6,17 +6,20 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use growbot_client::run_log::{OutcomeKind, RecordedRun, utc_now};
+use growbot_client::run_log::{RecordedRun, utc_now};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
-use super::ServicePaths;
-use super::job_history::end_reason;
+use super::job::end_reason;
 use super::job_updates::KeptUpdates;
+use super::paths::ServicePaths;
+use crate::serve::job::{Job, JobState};
+use crate::serve::job_updates::JobUpdate;
 
 /// Time for which a change waits for other users of the database.
 pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
+/// Maximum number of changes that are kept until they can be written. If there are more, the oldest changes are
+/// dropped.
+const MAX_KEPT: usize = 1000;
 /// Version of the tables, which the database stores as `PRAGMA user_version`. It rises with each change of [`TABLES`].
 const VERSION: i64 = 5;
 
@@ -94,78 +97,6 @@ impl JobStoreError {
     pub fn from_io(path: &Path, error: &std::io::Error) -> Self {
         Self::File { path: path.to_path_buf(), reason: error.to_string() }
     }
-}
-
-/// State of a job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum JobState {
-    /// The board has the job or is receiving it, and heats, homes, grows or pauses.
-    Active,
-    /// The job was left unfinished and can be resumed.
-    Interrupted,
-    /// All layers are laid.
-    Done,
-    /// The job ended in another way and cannot be resumed by the service.
-    Failed,
-}
-
-impl JobState {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Active => "active",
-            Self::Interrupted => "interrupted",
-            Self::Done => "done",
-            Self::Failed => "failed",
-        }
-    }
-
-    fn from_name(name: &str) -> Self {
-        [Self::Active, Self::Interrupted, Self::Done]
-            .into_iter()
-            .find(|state| state.name() == name)
-            .unwrap_or(Self::Failed)
-    }
-
-    /// Returns the state of a job after a growth with this outcome.
-    pub fn from_outcome(outcome: OutcomeKind) -> Self {
-        match outcome {
-            OutcomeKind::Done => Self::Done,
-            OutcomeKind::Refused => Self::Failed,
-            _ => Self::Interrupted,
-        }
-    }
-}
-
-/// A job of the service.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct Job {
-    /// Identifier, also in URLs: the time of the job's creation, then the name of the robot.
-    pub id: String,
-    /// Name of the robot in the service.
-    pub robot: String,
-    /// Name for users.
-    pub name: String,
-    /// State of the job.
-    pub state: JobState,
-    /// Hash of the layers when the job was created, 16 hexadecimal digits.
-    pub plan_id: String,
-    /// Number of layers.
-    pub layers: u32,
-    /// Number of laid layers.
-    pub laid: u32,
-    /// Length of the path, mm.
-    pub length_mm: f64,
-    /// True if the robot is simulated.
-    pub simulated: bool,
-    /// True if the body was grown without regard to its scene.
-    pub ignore_scene: bool,
-    /// Time of creation, RFC 3339.
-    pub created_utc: String,
-    /// Time when the job ended, RFC 3339. Null while it is active.
-    pub ended_utc: Option<String>,
-    /// Outcome of the job, or the reason why it was interrupted or failed. Null while it is active.
-    pub reason: Option<String>,
 }
 
 /// List of all jobs: a connection to the database, and the changes that could not be written yet.
@@ -343,12 +274,93 @@ impl JobStore {
     }
 }
 
+impl JobStore {
+    /// Records the number of laid layers of a job, and the number of all its layers.
+    pub(super) fn set_laid(&mut self, id: &str, laid: u32, layers: u32) {
+        self.write(JobUpdate::Progress { id: id.to_owned(), laid, layers });
+    }
+
+    /// Changes the state of a job.
+    pub(super) fn set_state(&mut self, id: &str, state: JobState, reason: Option<&str>) {
+        let ended_utc = (state != JobState::Active).then(utc_now);
+        self.write(JobUpdate::State { id: id.to_owned(), state, reason: reason.map(str::to_owned), ended_utc });
+    }
+
+    /// Ends a job that the robot has rejected. Its idempotency key can be used again.
+    pub(super) fn mark_rejected(&mut self, id: &str, reason: &str) {
+        self.set_state(id, JobState::Failed, Some(reason));
+        self.write(JobUpdate::ReleasedKey { id: id.to_owned() });
+    }
+
+    /// Writes all changes that are kept in memory, then this change. Keeps this change in memory if the database cannot
+    /// be written.
+    pub(super) fn write(&mut self, update: JobUpdate) {
+        let fails_already = self.has_kept();
+        self.kept.retain(|earlier| !update.replaces(earlier));
+        self.kept.push_back(update);
+        if self.kept.len() > MAX_KEPT {
+            self.kept.pop_front();
+        }
+        if let Err(error) = self.write_kept()
+            && !fails_already
+        {
+            crate::warning!(
+                "cannot write the list of jobs ({error}): its changes are kept in memory, and written once that is \
+                 possible; if the disk is full, free space"
+            );
+        }
+    }
+
+    /// Writes all changes that are kept in memory, the oldest first.
+    pub(super) fn write_kept(&mut self) -> rusqlite::Result<()> {
+        while let Some(update) = self.kept.front() {
+            update.apply(&self.database)?;
+            if matches!(update, JobUpdate::Notice { .. } | JobUpdate::Alert(_)) {
+                // The thread of a channel runs as long as the service.
+                self.wakers.iter().for_each(|waker| _ = waker.send(()));
+            }
+            self.kept.pop_front();
+        }
+        Ok(())
+    }
+
+    /// Like [`Self::write_kept`], but does not wait for other users of the database.
+    pub(super) fn try_write_kept(&mut self) -> rusqlite::Result<()> {
+        self.database.busy_timeout(Duration::ZERO)?;
+        let written = self.write_kept();
+        self.database.busy_timeout(BUSY_TIMEOUT)?;
+        written
+    }
+
+    /// Returns true if changes are kept in memory because they could not be written yet.
+    pub(super) fn has_kept(&self) -> bool {
+        !self.kept.is_empty()
+    }
+
+    /// Returns the state that a change in memory gives this job. `None` without such a change.
+    pub(super) fn kept_state(&self, id: &str) -> Option<JobState> {
+        self.kept.iter().find_map(|update| match update {
+            JobUpdate::State { id: of, state, .. } if of == id => Some(*state),
+            _ => None,
+        })
+    }
+
+    /// Returns the identifiers of the jobs that a change in memory makes active.
+    pub(super) fn kept_active(&self) -> Vec<&str> {
+        let active = self.kept.iter().filter_map(|update| match update {
+            JobUpdate::State { id, state: JobState::Active, .. } => Some(id.as_str()),
+            _ => None,
+        });
+        active.collect()
+    }
+}
+
 pub(super) fn of_row(row: &Row) -> rusqlite::Result<Job> {
     Ok(Job {
         id: row.get(0)?,
         robot: row.get(1)?,
         name: row.get(2)?,
-        state: JobState::from_name(&row.get::<_, String>(3)?),
+        state: row.get::<_, String>(3)?.parse().unwrap_or(JobState::Failed),
         plan_id: row.get(4)?,
         layers: row.get(5)?,
         laid: row.get(6)?,
@@ -378,7 +390,23 @@ fn written_time(compact: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::commands::RobotCommand as C;
+    use super::super::notification::NotificationChannel;
     use super::*;
+
+    #[test]
+    fn names_in_the_database_and_in_urls() {
+        use JobState::{Active, Done, Failed, Interrupted};
+        for (state, name) in [(Active, "active"), (Interrupted, "interrupted"), (Done, "done"), (Failed, "failed")] {
+            assert_eq!((state.name(), name.parse()), (name, Ok(state)));
+        }
+        assert_eq!(NotificationChannel::Webhook.name(), "webhook");
+        assert_eq!(NotificationChannel::Command.name(), "command");
+        let commands =
+            [C::Pause, C::Continue, C::Stop, C::EmergencyStop, C::ClearFault, C::Cancel, C::WithdrawStop].map(C::name);
+        let names = ["pause", "continue", "stop", "emergency-stop", "clear-fault", "cancel", "withdraw-stop"];
+        assert_eq!(commands, names);
+    }
 
     /// Creates a database with one job and this version of the tables.
     fn of_version(version: i64) -> (tempfile::TempDir, ServicePaths) {

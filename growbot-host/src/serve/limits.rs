@@ -9,7 +9,6 @@ use std::time::{Duration, Instant};
 
 use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Extension, Request, State};
-use axum::http::Method;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use http_body_util::{BodyExt, LengthLimitError};
@@ -17,21 +16,13 @@ use rustix::process::setpriority_process;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 use tokio::time::timeout;
 
-use super::api::Access;
+use super::access::Access;
 use super::connections::ConnectionLimiter;
 use super::problem::Problem;
+use crate::serve::request_kind::{RequestKind, SHORT};
 
 /// Maximum number of open streams of events for each role.
 const STREAMS: usize = 64;
-/// Maximum length of the body of an upload of a scene, bytes.
-pub const MAX_BODY: usize = 16 << 20;
-/// Maximum length of the body of any other request, bytes.
-const MAX_JSON: usize = 1 << 20;
-/// Maximum length of the body of a command to a robot, bytes.
-const MAX_COMMAND: usize = 4 << 10;
-/// Maximum length of the body of a request by a read-only client, bytes. The number of requests with bodies up to this
-/// length, and of responses with such bodies, is not limited.
-const SHORT: usize = 64 << 10;
 /// Maximum number of HTTP bodies longer than [`SHORT`] that are read or handled at a time, for each role.
 const LONG_BODIES: usize = 2;
 /// Maximum numbers of plans and pages that are computed at a time: for read-only clients, and for each other role.
@@ -44,48 +35,6 @@ const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
 /// Niceness of the threads that compute. Threads that drive robots or stop them have the niceness 0, so they run first.
 const NICENESS: i32 = 10;
-
-/// Kind of a request, which determines the limits that apply to the request.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum RequestKind {
-    /// A stop or an emergency stop. It needs no HTTP body, and no limit on the number of requests applies to it.
-    Stop,
-    /// A command to a robot, for example a stop that the HTTP body contains.
-    Command,
-    /// A stream of events.
-    Stream,
-    /// Any other request.
-    Other,
-}
-
-impl RequestKind {
-    /// Returns the kind of a request.
-    pub fn of(request: &Request) -> Self {
-        let last = request.uri().path().rsplit('/').next();
-        match (request.method(), last) {
-            (&Method::POST, Some("stop" | "emergency-stop")) => Self::Stop,
-            (&Method::POST, Some("commands")) => Self::Command,
-            (&Method::GET, Some("events" | "ws" | "updates")) => Self::Stream,
-            _ => Self::Other,
-        }
-    }
-
-    /// Returns true if the request may be a stop. Such a request is handled without waiting for any other.
-    pub fn is_urgent(self) -> bool {
-        matches!(self, Self::Stop | Self::Command)
-    }
-
-    /// Returns the maximum length of the body, bytes.
-    fn max_body(self, access: Access, path: &str) -> usize {
-        match (self, access) {
-            (Self::Stop, _) => 0,
-            (Self::Command, _) => MAX_COMMAND,
-            (_, Access::View) => SHORT,
-            _ if path.ends_with("/scenes") => MAX_BODY,
-            _ => MAX_JSON,
-        }
-    }
-}
 
 /// Limits of the resources that the clients of one role use.
 pub struct RoleLimits {

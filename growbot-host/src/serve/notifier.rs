@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::sync::mpsc::{self, Receiver, Sender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, sleep};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use std::{fs, io};
@@ -18,13 +18,14 @@ use ring::hmac;
 use rustix::process::{Pid, Signal, kill_process_group};
 use ureq::Agent;
 
+use super::alert::Alert;
 use super::config::NotifyEntry;
+use super::job_store::{JobStore, JobStoreError};
 use super::job_updates::JobUpdate;
-use super::notification::{
-    Alert, Notification, NotificationChannel, NotificationContext, NotificationEvent, QueuedNotification,
-};
+use super::notification::{Notification, NotificationChannel, NotificationContext, NotificationEvent};
+use super::notification_queue::QueuedNotification;
+use super::paths::ServicePaths;
 use super::secret_file::write_secret;
-use super::{JobStoreError, ServiceContext, ServicePaths};
 
 /// Timeout of a webhook's response.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -122,39 +123,42 @@ impl Notifier {
     fn channels(&self) -> Vec<NotificationChannel> {
         self.channels.iter().map(|(channel, _)| *channel).collect()
     }
-}
 
-impl ServiceContext {
-    /// Queues a notice about a robot if a channel is configured.
-    pub fn notify_event(&self, about: &NotificationContext, event: NotificationEvent, why: Option<&str>) {
-        let channels = self.notifier.channels();
-        if !channels.is_empty() && self.notifier.events.contains(&event) {
+    /// Returns the change that queues a notice about a robot. `None` if no channel is configured, or if this event is
+    /// not sent.
+    pub fn event_update(
+        &self,
+        about: &NotificationContext,
+        event: NotificationEvent,
+        why: Option<&str>,
+    ) -> Option<JobUpdate> {
+        let channels = self.channels();
+        (!channels.is_empty() && self.events.contains(&event)).then(|| {
             let text = about.notice(event, None, why).to_text();
-            self.jobs().write(JobUpdate::Notice { text, channels, created_ms: now_ms() });
-        }
+            JobUpdate::Notice { text, channels, created_ms: now_ms() }
+        })
     }
 
-    /// Records conditions of a robot, and queues a notice for each condition that is new.
-    pub fn notify_alerts(&self, about: &NotificationContext, alerts: impl IntoIterator<Item = Alert>) {
-        let channels = self.notifier.channels();
-        if channels.is_empty() {
-            return;
-        }
-        let mut jobs = self.jobs();
-        for alert in alerts {
-            let update = alert.into_update(about.robot, &self.notifier.events, &channels, now_ms());
-            jobs.write(JobUpdate::Alert(update));
-        }
+    /// Returns the changes that record conditions of a robot, each with the notice that is queued if the condition is
+    /// new. Empty if no channel is configured.
+    pub fn alert_updates(
+        &self,
+        about: &NotificationContext,
+        alerts: impl IntoIterator<Item = Alert>,
+    ) -> impl Iterator<Item = JobUpdate> {
+        let channels = self.channels();
+        let alerts = (!channels.is_empty()).then_some(alerts).into_iter().flatten();
+        alerts.map(move |alert| JobUpdate::Alert(alert.into_update(about.robot, &self.events, &channels, now_ms())))
     }
 }
 
 impl NotifierThreads {
     /// Starts the threads. They send queued notices until the process ends.
-    pub fn start(self, shared: &Arc<ServiceContext>) {
+    pub fn start(self, jobs: &Arc<Mutex<JobStore>>) {
         for (channel, woken, sink) in self.0 {
-            let shared = Arc::clone(shared);
+            let jobs = Arc::clone(jobs);
             let spawned =
-                thread::Builder::new().name(format!("{channel:?}")).spawn(move || run(&shared, channel, &woken, &sink));
+                thread::Builder::new().name(format!("{channel:?}")).spawn(move || run(&jobs, channel, &woken, &sink));
             if let Err(error) = spawned {
                 crate::warning!(
                     "notifications by {channel:?} are not sent, because the service cannot start a thread: {error}"
@@ -164,12 +168,16 @@ impl NotifierThreads {
     }
 }
 
-fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<()>, sink: &NotificationSink) {
+fn lock(jobs: &Mutex<JobStore>) -> MutexGuard<'_, JobStore> {
+    jobs.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+fn run(jobs: &Mutex<JobStore>, channel: NotificationChannel, woken: &Receiver<()>, sink: &NotificationSink) {
     loop {
-        let next = shared.jobs().next_notification(channel);
+        let next = lock(jobs).next_notification(channel);
         let wait = match next {
             Ok(Some(next)) if next.due_ms <= now_ms() => {
-                if let Err(error) = deliver(shared, &next, sink) {
+                if let Err(error) = deliver(jobs, &next, sink) {
                     crate::warning!("{error}");
                     sleep(FIRST_RETRY_DELAY);
                 }
@@ -188,12 +196,12 @@ fn run(shared: &ServiceContext, channel: NotificationChannel, woken: &Receiver<(
 }
 
 /// Tries once to send a notice. If that fails, schedules a retry or gives the notice up.
-fn deliver(shared: &ServiceContext, next: &QueuedNotification, sink: &NotificationSink) -> Result<(), JobStoreError> {
+fn deliver(jobs: &Mutex<JobStore>, next: &QueuedNotification, sink: &NotificationSink) -> Result<(), JobStoreError> {
     let sent = match sink {
         NotificationSink::Webhook(webhook) => webhook.post(next),
         NotificationSink::Command(command) => call(command, &next.notice),
     };
-    let Err(why) = sent else { return shared.jobs().remove_notification(next.id) };
+    let Err(why) = sent else { return lock(jobs).remove_notification(next.id) };
     let by = match sink {
         NotificationSink::Webhook(webhook) => &webhook.host,
         NotificationSink::Command(command) => &command[0],
@@ -205,12 +213,12 @@ fn deliver(shared: &ServiceContext, next: &QueuedNotification, sink: &Notificati
             "{by} did not accept a notification ({why}): the service has given up sending it after {} h",
             MAX_AGE.as_secs() / 3600
         );
-        return shared.jobs().remove_notification(next.id);
+        return lock(jobs).remove_notification(next.id);
     }
     if next.attempts == 0 {
         crate::warning!("{by} did not accept a notification ({why}): the service will send it again");
     }
-    shared.jobs().reschedule_notification(next.id, due_ms)
+    lock(jobs).reschedule_notification(next.id, due_ms)
 }
 
 impl Webhook {

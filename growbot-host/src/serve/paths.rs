@@ -1,10 +1,11 @@
 //! Paths of the service's files and of its socket.
 
-use std::env;
 use std::fs;
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
+
+use growbot_client::user_dirs;
 
 use crate::ownership::{self, OwnershipError, Protection};
 
@@ -20,10 +21,8 @@ impl ServicePaths {
     /// socket is in `growbot` in `$XDG_RUNTIME_DIR`, or with the state if that is not set. `None` if neither
     /// `$XDG_STATE_HOME` nor `$HOME` is set.
     pub fn for_user() -> Option<Self> {
-        let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
-        let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")))?;
-        let state = state.join("growbot/serve");
-        let runtime = absolute("XDG_RUNTIME_DIR").map_or_else(|| state.clone(), |runtime| runtime.join("growbot"));
+        let state = user_dirs::state_dir()?.join("serve");
+        let runtime = user_dirs::runtime_dir().unwrap_or_else(|| state.clone());
         Some(Self { state, runtime })
     }
 

@@ -13,8 +13,9 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::api::{Access, ApiResult, ServiceState, find_robot, require_control};
+use super::access::{Access, require_control};
 use super::grow_request::{GrowRequest, PlanInScene};
+use super::handler::{ApiResult, ServiceState, find_robot};
 use super::json_body::JsonBody;
 use super::limits::RoleLimits;
 use super::problem::Problem;

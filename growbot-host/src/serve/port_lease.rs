@@ -15,10 +15,12 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use tokio::task::spawn_blocking;
 
-use super::api::{Access, ServiceState};
+use super::access::Access;
 use super::audit::CommandSource;
+use super::handler::ServiceState;
 use super::problem::Problem;
-use super::robot_worker::{PendingRequest, RobotRequest, RobotWorker};
+use super::robot_request::{PendingRequest, PortLease, RobotRequest};
+use super::robot_worker::RobotWorker;
 
 /// Timeout of a lease request. The robot may be busy with a status request before it closes the port.
 const LEASE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -31,13 +33,6 @@ const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
 pub struct LeaseRequest {
     /// Name of the command that requests the port.
     pub holder: String,
-}
-
-/// A lease of a robot's port.
-pub struct PortLease {
-    /// Name of the command that has the port.
-    to: String,
-    is_over: Arc<AtomicBool>,
 }
 
 /// Guard of a lease. The lease ends when the guard is dropped.

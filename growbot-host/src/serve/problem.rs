@@ -13,7 +13,7 @@ use growbot_core::plan::PlanError;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::api::PREFIX;
+use super::PREFIX;
 
 /// Remedy for a request that the service does not know. A page that was open during an update sends such requests.
 const RELOAD: &str = "reload the page, or update the program that sent the request";

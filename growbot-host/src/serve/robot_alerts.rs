@@ -3,16 +3,10 @@
 use growbot_client::port::time_since_boot;
 use growbot_core::link::message::{BoardInfo, Status};
 
-use super::job_store::Job;
-use super::notification::{Alert, AlertState, NotificationContext, NotificationEvent};
+use super::alert::{Alert, AlertState};
+use super::job::Job;
+use super::notification::{NotificationContext, NotificationEvent};
 use super::robot_worker::RobotWorker;
-
-/// Conditions of a robot that this process has recorded last.
-#[derive(Default)]
-pub(super) struct LastAlerts {
-    state: Option<AlertState>,
-    is_connected: Option<bool>,
-}
 
 impl RobotWorker {
     /// Records a status that the board has reported. Sends notices if the robot's condition differs from the condition

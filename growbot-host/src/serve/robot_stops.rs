@@ -8,7 +8,8 @@ use growbot_client::growth::Command;
 use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
 
-use super::robot_worker::{RobotRequest, RobotWorker};
+use super::robot_request::RobotRequest;
+use super::robot_worker::RobotWorker;
 
 impl RobotWorker {
     /// Returns the stop signal of the robot, which issues permits and voids them.

@@ -1,6 +1,7 @@
 //! One robot of the service. Its thread owns the connection to the board, and reconnects after the connection was lost.
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::path::PathBuf;
+use std::sync::atomic::AtomicU32;
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread;
@@ -9,27 +10,26 @@ use std::time::{Duration, Instant};
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{Command, CommandQueue};
 use growbot_client::maintenance::MaterialPresets;
-use growbot_client::plan::Plan;
 use growbot_client::port::time_since_boot;
 use growbot_client::robot_file;
 use growbot_client::run_log::RunLog;
-use growbot_client::stop_signal::{Generation, Permit, StopLevel, StopSignal};
-use growbot_core::link::message::{Cancel, Fault, MaintenanceTask, PassiveRequest, PauseCause, State, Status};
+use growbot_client::stop_signal::{Permit, StopSignal};
+use growbot_core::link::message::{Cancel, Fault, PassiveRequest, State, Status, celsius};
 use growbot_core::robot::Robot;
-use growbot_scene::scene_file::LoadedScene;
-use growbot_sim::port::{self, PortName};
+use growbot_sim::port::{self, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
 
+use super::alert::LastAlerts;
 use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
-use super::job_store::{Job, JobState};
-use super::port_lease::PortLease;
-use super::robot_alerts::LastAlerts;
+use super::job::JobState;
+use super::paths::ServicePaths;
+use super::robot_request::{Claim, PendingRequest, PortLease, RobotRequest};
+use super::robot_status::{RobotState, RobotStatus};
+use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
-use super::{ServiceContext, ServicePaths};
+use crate::sim_process::switch_on;
 use crate::watch::LiveGrowth;
 use crate::watch::heartbeat::{STALE_AFTER, status_age_s};
 
@@ -39,139 +39,6 @@ const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
 /// Interval at which the idle thread of a robot with a virtual clock repeats failed writes to the list of jobs and to
 /// run logs.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
-
-/// State of the robot's connection: disconnected, ready or busy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum RobotState {
-    /// The robot's port is missing, or its board does not respond.
-    Disconnected,
-    /// The robot is connected and has no job.
-    Ready,
-    /// The robot has a job.
-    Busy,
-}
-
-/// A robot, its board and its job, as the service last received them.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
-pub struct RobotStatus {
-    /// Name of the robot in the service.
-    pub name: String,
-    /// Port of the robot.
-    pub port: String,
-    /// True if the robot is simulated.
-    pub simulated: bool,
-    /// Pace of the robot's time, in multiples of real time. Null if it is not known.
-    pub pace: Option<f64>,
-    /// State of the connection.
-    pub state: RobotState,
-    /// Reason why the robot is not connected. Null if it is connected.
-    pub connection_error: Option<String>,
-    /// Name of the robot description. Null until the first connection to the board.
-    pub robot: Option<String>,
-    /// State of the board. Null if the robot is not connected.
-    pub board_state: Option<String>,
-    /// Code of the latched fault. Null if no fault is latched.
-    pub fault: Option<String>,
-    /// Explanation of the fault. Null if no fault is latched.
-    pub fault_explanation: Option<String>,
-    /// Reason why the board pauses. Null if it does not pause.
-    pub pause_reason: Option<String>,
-    /// Temperature of the nozzle, C. Null without a reading.
-    pub temperature_c: Option<f64>,
-    /// Target temperature of the nozzle, C. Null while the heater is off.
-    pub target_c: Option<f64>,
-    /// Number of laid layers of the job that the board stores.
-    pub laid: u32,
-    /// Number of layers of the job that the board stores.
-    pub layers: u32,
-    /// Identifier of the active job. Null if the robot has no job.
-    pub job: Option<String>,
-    /// Expected time of the last layer, RFC 3339. Null unless the robot grows at a known pace.
-    pub finish_utc: Option<String>,
-    /// Time since the board's latest report, s. The rest of the status is as old. Null before the first report.
-    pub status_age_s: Option<f64>,
-    /// True if the latest report is older than 5 s, or if there is none. The board may be in another state by now.
-    pub stale: bool,
-    /// Reason why the board did not carry out the latest command, or why the run log cannot be written. Null otherwise.
-    pub command_error: Option<String>,
-    /// Stop that the board has not confirmed. It is sent before anything else, also after a restart of the service.
-    /// Null if there is none.
-    pub pending_stop: Option<StopLevel>,
-}
-
-impl RobotStatus {
-    /// Returns a copy of the status without its age, so that two statuses can be compared.
-    pub(super) fn without_age(&self) -> Self {
-        Self { status_age_s: None, ..self.clone() }
-    }
-}
-
-/// A job to start.
-pub struct NewJob {
-    pub job: Job,
-    pub plan: Plan,
-    pub robot: Robot,
-    /// Scene with whose obstacles corrections of the path must not collide. `None` if there is none or if it is
-    /// ignored.
-    pub scene: Option<LoadedScene>,
-    pub feedback: bool,
-    /// Permit that was issued when the order to grow arrived.
-    pub permit: Permit,
-}
-
-/// A request that is sent to a robot's thread.
-pub enum RobotRequest {
-    Grow(Box<NewJob>),
-    Resume(Box<Job>, Permit),
-    Cancel,
-    ClearFault(Permit),
-    Task(MaintenanceTask, Permit),
-    /// Wake the thread, because a stop was raised that it has to deliver.
-    Wake,
-    /// Record that the board has confirmed this stop to the thread that sends emergency stops.
-    StopConfirmed(Generation),
-    /// Lease the port: close it until the lease ends.
-    Lend(PortLease),
-}
-
-/// A request in the queue of a robot's thread, with the channel on which its response is sent.
-pub struct PendingRequest {
-    pub request: RobotRequest,
-    pub reply: Sender<Result<(), String>>,
-    claim: Claim,
-}
-
-/// Flag that the robot's thread and the caller share for a request. It is set by the one that acts first: the thread,
-/// which takes the request, or the caller, which gives the request up.
-#[derive(Clone, Default)]
-pub struct Claim(Arc<AtomicBool>);
-
-impl Claim {
-    /// Sets the flag. Returns false if it was already set, so that the request had been taken or given up before.
-    pub fn take(&self) -> bool {
-        !self.0.swap(true, Ordering::AcqRel)
-    }
-
-    /// Returns an error if the flag is set. Before the request is sent to the thread, this means that the caller has
-    /// given it up.
-    pub fn check(&self) -> Result<(), String> {
-        if self.0.load(Ordering::Acquire) {
-            return Err(
-                "the request was not started, because its sender closed the connection: send the request again"
-                    .to_owned(),
-            );
-        }
-        Ok(())
-    }
-}
-
-impl PendingRequest {
-    pub(super) fn respond(self, response: Result<(), String>) {
-        // The caller may no longer wait for the response.
-        let _ = self.reply.send(response);
-    }
-}
 
 /// One robot of the service: its settings, its latest known state, and the channels to its threads.
 pub struct RobotWorker {
@@ -329,9 +196,9 @@ impl RobotWorker {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.lock_state();
         let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         let fault = status.and_then(|status| status.fault);
         let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
+        let pause = status.filter(pauses).map(|status| status.pause_cause);
         let age_s = self.status_age_s(&known, pace);
         RobotStatus {
             name: self.name.clone(),
@@ -348,7 +215,8 @@ impl RobotWorker {
             board_state: status.map(|status| status.state.name().to_owned()),
             fault: fault.map(|fault| Fault::code(fault).to_owned()),
             fault_explanation: fault.map(|fault| fault.explanation().to_owned()),
-            pause_reason: status.filter(pauses).map(|status| pause_reason(status.pause_cause).to_owned()),
+            pause_cause: pause.map(|cause| cause.code().to_owned()),
+            pause_explanation: pause.map(|cause| cause.explanation().to_owned()),
             temperature_c: status.and_then(|status| status.temperature_centi_c).map(celsius),
             target_c: status.and_then(|status| status.target_centi_c).map(celsius),
             laid: status.map_or(0, |status| status.layers_laid),
@@ -461,6 +329,51 @@ impl RobotWorker {
                 }
             })
         })
+    }
+
+    /// Connects to the board. Delivers an unconfirmed stop before anything else, even to a board of another robot,
+    /// owner or release. `switches_on` starts a simulated robot that is switched off.
+    pub(super) fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
+        let name = self.port()?;
+        let configured = self.entry.robot.as_ref().map(PathBuf::from);
+        let mut robot = match &configured {
+            Some(robot) => Some(robot_file::load(robot).map_err(|error| error.to_string())?),
+            None => None,
+        };
+        if let PortName::SimDaemon(name) = &name {
+            let place = StateDir::of(name).map_err(|error| error.to_string())?;
+            if switches_on && !place.is_on() {
+                let pace = self.entry.pace.unwrap_or(1.0);
+                switch_on(&place, configured.as_deref(), pace).map_err(|error| error.to_string())?;
+            }
+            robot = place.robot().map_err(|error| error.to_string())?.or(robot);
+        }
+        let robot = match robot {
+            Some(robot) => Some(robot),
+            None if name.is_simulated() => {
+                Some(robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|e| e.to_string())?)
+            }
+            None => None,
+        };
+        // On a real port the board reports which robot it is.
+        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
+        let opened = self.connector.open(robot.as_ref().unwrap_or(&any)).map_err(|error| error.to_string())?;
+        let OpenPort { port, simulated_tip: simulation } = opened;
+        let mut client = Client::new(port, &self.entry.port);
+        self.stopper.publish(client.emergency_port());
+        let is_stopped = self.deliver_stop(&mut client)?;
+        let hello = client.identify().map_err(|error| error.to_string())?;
+        let robot = match robot {
+            Some(robot) => robot,
+            None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
+                format!(
+                    "the board's robot is {}, which is not built in: set `robot` for this robot in growbot.toml",
+                    hello.robot_name
+                )
+            })?,
+        };
+        let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
+        Ok(BoardConnection { client, simulation, robot, hello, is_stopped })
     }
 
     /// Runs the robot's thread until the process ends: connects to the board, handles requests, and reconnects.
@@ -614,15 +527,5 @@ impl RobotWorker {
         }
         let _ = pending.reply.send(done.map_err(|error| error.to_string()));
         left
-    }
-}
-
-/// Returns a short explanation of a pause with this cause, for users.
-pub(super) fn pause_reason(cause: PauseCause) -> &'static str {
-    match cause {
-        PauseCause::LayersExhausted => "waiting for layers",
-        PauseCause::Requested => "on request",
-        PauseCause::FilamentOut => "out of filament: load a spool, and continue",
-        PauseCause::HostSilent => "the board lost contact with its host",
     }
 }

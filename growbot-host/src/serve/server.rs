@@ -1,12 +1,11 @@
 //! The server of the pages and the API: on the loopback interface, where requests need a token, and on a Unix socket of
 //! the user.
 
-use std::fs;
-use std::io;
 use std::net::TcpListener as StdTcpListener;
 use std::os::unix::fs::PermissionsExt;
 use std::path::Path;
 use std::sync::Arc;
+use std::{fs, io};
 
 use axum::body::to_bytes;
 use axum::extract::Request;
@@ -20,19 +19,22 @@ use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::runtime::Handle;
 
-use super::api::{self, Access, PageUrls};
+use super::access::Access;
 use super::audit::CommandSource;
 use super::config::ServeEntry;
 use super::connections::{ConnectionLimiter, require_place};
 use super::limits::{RoleLimits, buffer_body, limit_concurrency};
 use super::page_access::{TokenAccess, leave_address, require_token};
 use super::page_listener::listen;
+use super::page_urls::PageUrls;
+use super::paths::ServicePaths;
 use super::problem::Problem;
 pub use super::server_error::ServerError;
+use super::service::Service;
 use super::state_lock::StateLock;
 use super::tokens::Tokens;
 use super::workers::{self, handle_request};
-use super::{Service, ServicePaths, page};
+use super::{api, page};
 use crate::watch::allowed_origins::AllowedOrigins;
 use crate::watch::heartbeat::OrderAge;
 use crate::watch::origin_check::{not_found, require_allowed_origin};
@@ -146,8 +148,8 @@ fn site(
     };
     Router::new()
         .merge(page::routes())
-        .route(&format!("{}/openapi.json", api::PREFIX), get(openapi))
-        .nest(api::PREFIX, router)
+        .route(&format!("{}/openapi.json", super::PREFIX), get(openapi))
+        .nest(super::PREFIX, router)
         .fallback(api::unknown_route)
         .layer(from_fn_with_state(workers.clone(), handle_request))
         .layer(from_fn(limit_concurrency))

@@ -10,7 +10,7 @@ use growbot_client::sanitize::one_line;
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::geteuid;
 
-use super::ServicePaths;
+use super::paths::ServicePaths;
 
 /// Maximum length of the description of the lock's holder in an error message, characters.
 const MAX_HOLDER: usize = 200;

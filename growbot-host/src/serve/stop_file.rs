@@ -11,7 +11,7 @@ use growbot_client::run_log::utc_now;
 use growbot_client::stop_signal::{StopLevel, StopSignal};
 use serde::{Deserialize, Serialize};
 
-use super::ServicePaths;
+use super::paths::ServicePaths;
 
 /// Content of a [`StopFile`].
 #[derive(Debug, Serialize, Deserialize)]

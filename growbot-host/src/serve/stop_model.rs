@@ -16,20 +16,25 @@ use axum::http::HeaderMap;
 use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
+use strum::VariantArray;
 
-use super::api::Access;
+use super::access::Access;
 use super::audit::{Audit, CommandSource};
 use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
 use super::grow_request::GrowRequest;
+use super::job::{Job, JobState};
 use super::job_routes::{Order, make_job, new_job};
-use super::job_store::{Job, JobState, JobStore};
+use super::job_store::JobStore;
 use super::json_body::JsonBody;
 use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
-use super::robot_worker::{Claim, NewJob, RobotRequest, RobotWorker};
-use super::{Service, ServiceContext, ServicePaths};
+use super::paths::ServicePaths;
+use super::robot_request::{Claim, NewJob, RobotRequest};
+use super::robot_worker::RobotWorker;
+use super::service::Service;
+use super::service_context::ServiceContext;
 
 /// Number of test cases that run at the same time.
 const PARALLEL: usize = 96;
@@ -42,7 +47,7 @@ const CONNECT_LIMIT: Duration = Duration::from_secs(20);
 pub(super) const ROBOT: &str = "growbot-a2";
 
 /// An order of a person, or an event of the board, its line or the service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub(super) enum Step {
     Grow,
     Resume,
@@ -66,27 +71,7 @@ pub(super) enum Step {
 }
 
 impl Step {
-    const ALL: [Self; 19] = [
-        Self::Grow,
-        Self::Resume,
-        Self::Continue,
-        Self::Preheat,
-        Self::Pause,
-        Self::Stop,
-        Self::EmergencyStop,
-        Self::Cancel,
-        Self::ClearFault,
-        Self::WithdrawStop,
-        Self::BoardLosesHost,
-        Self::BoardParks,
-        Self::BoardFails,
-        Self::BoardLosesPower,
-        Self::LineLost,
-        Self::LineSilent,
-        Self::LineBack,
-        Self::ServiceRestarts,
-        Self::DiskFails,
-    ];
+    const ALL: [Self; 19] = *Self::VARIANTS.as_array().unwrap();
 }
 
 /// State of the robot in which a test case begins.
@@ -307,7 +292,7 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
     let jobs = JobStore::open(&places).unwrap();
     let (notifier, _) = Notifier::new(notify, &places).unwrap();
     let shared = Arc::new(ServiceContext {
-        job_writer: Mutex::new(jobs),
+        job_writer: Arc::new(Mutex::new(jobs)),
         job_reader: Mutex::new(JobStore::open_to_read(&places).unwrap()),
         audit: Audit::open(&places.audit()).unwrap(),
         notifier,

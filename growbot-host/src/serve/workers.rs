@@ -1,8 +1,7 @@
 //! The thread on which requests other than stops and commands are handled. The thread that accepts connections reads
 //! all requests and handles stops and commands itself, so these do not wait for other requests.
 
-use std::io;
-use std::thread;
+use std::{io, thread};
 
 use axum::body::{Body, Bytes, HttpBody};
 use axum::extract::{Request, State};
@@ -14,8 +13,8 @@ use tokio::runtime::{Builder, Handle};
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 
-use super::limits::RequestKind;
 use super::problem::Problem;
+use super::request_kind::RequestKind;
 
 /// Maximum number of threads for files, the list of jobs, and computations.
 const BLOCKING_THREADS: usize = 64;

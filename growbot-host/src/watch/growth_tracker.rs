@@ -5,7 +5,7 @@ use growbot_client::run_clock::RunClock;
 use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
-use growbot_core::link::message::{Fault, PauseCause, State, Status};
+use growbot_core::link::message::{Fault, PauseCause, State, Status, celsius};
 use serde::Serialize;
 
 /// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
@@ -227,18 +227,11 @@ impl GrowthTracker {
     fn explanation(&self) -> Option<&'static str> {
         match (self.fault, self.state, self.pause_cause) {
             (Some(fault), ..) => Some(fault.explanation()),
-            (None, "paused", PauseCause::Requested) => Some("paused on request"),
-            (None, "paused", PauseCause::HostSilent) => Some("the robot pauses until its host is connected again"),
-            (None, "paused", PauseCause::FilamentOut) => {
-                Some("out of filament: push new filament in up to the feed; preheat, load and purge it, then continue")
-            }
-            (None, "paused", PauseCause::LayersExhausted) => Some("the robot pauses until it has more layers"),
+            (None, "paused", cause) => Some(cause.explanation()),
             (None, "parked", _) => {
                 Some("the heater was switched off after a long pause: Continue heats and homes first")
             }
-            (None, "emergency-stop", _) => {
-                Some("the robot stays off until the emergency stop is cleared (`clear` in `growbot console`)")
-            }
+            (None, "emergency-stop", _) => Some("the robot stays off until the emergency stop is cleared at a console"),
             (None, ..) => None,
         }
     }
@@ -255,7 +248,6 @@ impl GrowthTracker {
         (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
         self.clock.set_uptime(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
-        let celsius = |centi: i32| f64::from(centi) / 100.0;
         if let Some(temperature) = status.temperature_centi_c {
             self.readings.push(TemperaturePoint(now, celsius(temperature), status.target_centi_c.map(celsius)));
         }
@@ -448,14 +440,11 @@ mod tests {
         watched.ingest(&status(0));
         let JobEvent::Status(growing) = status(1) else { unreachable!() };
         let pause = |pause_cause| Status { state: State::Paused, pause_cause, ..growing.clone() };
-        for (waits, explanation) in [
-            (PauseCause::Requested, "paused on request"),
-            (PauseCause::HostSilent, "the robot pauses until its host is connected again"),
-        ] {
+        for waits in [PauseCause::Requested, PauseCause::HostSilent] {
             watched.ingest(&JobEvent::State(State::Paused));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null), "not yet known why");
             watched.ingest(&JobEvent::Status(pause(waits)));
-            assert_eq!(shown(&watched), (json!("paused"), json!(explanation)));
+            assert_eq!(shown(&watched), (json!("paused"), json!(waits.explanation())));
             watched.ingest(&JobEvent::State(State::Growing));
             assert_eq!(shown(&watched), (json!("growing"), Value::Null));
         }

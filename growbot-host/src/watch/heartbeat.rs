@@ -67,9 +67,38 @@ pub fn status_age_s(received: Duration, pace: Option<f64>) -> f64 {
     age * pace.unwrap_or(1.0).min(1.0)
 }
 
+/// Reason why an order is not carried out.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum OrderAgeError {
+    /// The header with the time is not a number.
+    #[error("{HEADER} is {time:?}: send `time_ms` of a heartbeat, a number of ms")]
+    NotANumber {
+        /// Value of the header.
+        time: String,
+    },
+    /// The order is too old.
+    #[error(
+        "the order arrived {age_s:.1} s after it was given (limit {:.0} s), so the order was not carried out: check \
+         the robot's state, and give the order again", MAX_ORDER_AGE.as_secs_f64()
+    )]
+    Late {
+        /// Age of the order, s.
+        age_s: f64,
+    },
+    /// The order was given in the future.
+    #[error(
+        "the time of the order is {ahead_s:.1} s ahead of the service's clock (limit {:.0} s): reload the page, and \
+         give the order again", MAX_AHEAD.as_secs_f64()
+    )]
+    Ahead {
+        /// Time by which the order is ahead of this machine's clock, s.
+        ahead_s: f64,
+    },
+}
+
 /// Result of the check of an order's age, at the moment at which the order arrived.
 #[derive(Debug, Clone)]
-pub struct OrderAge(Result<(), String>);
+pub struct OrderAge(Result<(), OrderAgeError>);
 
 impl Default for OrderAge {
     /// Accepts an order whose client does not send the time at which the order was given, such as growbot's commands.
@@ -84,7 +113,7 @@ impl OrderAge {
         let Some(time) = headers.get(HEADER).map(|time| time.to_str().unwrap_or_default()) else {
             return Self::default();
         };
-        let invalid = |_| format!("{HEADER} is {time:?}: send `time_ms` of a heartbeat, a number of ms");
+        let invalid = |_| OrderAgeError::NotANumber { time: time.to_owned() };
         Self(time.parse().map_err(invalid).and_then(|given_ms| check_age(given_ms, time_since_boot())))
     }
 
@@ -97,32 +126,22 @@ impl OrderAge {
     /// check.
     ///
     /// # Errors
-    /// A message with the order's age, the limit and a remedy.
-    pub fn check(&self) -> Result<(), String> {
+    /// [`OrderAgeError`].
+    pub fn check(&self) -> Result<(), OrderAgeError> {
         self.0.clone()
     }
 }
 
-fn check_age(given_ms: u64, now: Duration) -> Result<(), String> {
+fn check_age(given_ms: u64, now: Duration) -> Result<(), OrderAgeError> {
     let given = Duration::from_millis(given_ms);
     let seconds = |time: Duration| time.as_millis() as f64 / 1000.0;
     let age = now.saturating_sub(given);
     if age > MAX_ORDER_AGE {
-        return Err(format!(
-            "the order arrived {:.1} s after it was given (limit {:.0} s), so the order was not carried out: check the \
-             robot's state, and give the order again",
-            seconds(age),
-            seconds(MAX_ORDER_AGE)
-        ));
+        return Err(OrderAgeError::Late { age_s: seconds(age) });
     }
     let ahead = given.saturating_sub(now);
     if ahead > MAX_AHEAD {
-        return Err(format!(
-            "the time of the order is {:.1} s ahead of the service's clock (limit {:.0} s): reload the page, and give \
-             the order again",
-            seconds(ahead),
-            seconds(MAX_AHEAD)
-        ));
+        return Err(OrderAgeError::Ahead { ahead_s: seconds(ahead) });
     }
     Ok(())
 }
@@ -144,7 +163,7 @@ mod tests {
             (u64::MAX, "ahead of the service's clock"),
         ] {
             let error = check_age(given_ms, now).unwrap_err();
-            assert!(error.contains(cause), "{given_ms}: {error}");
+            assert!(error.to_string().contains(cause), "{given_ms}: {error}");
         }
     }
 
@@ -160,7 +179,8 @@ mod tests {
             let mut headers = HeaderMap::new();
             headers.insert(HEADER, time.parse().unwrap());
             let error = OrderAge::of_request(&headers).check().unwrap_err();
-            assert!(error.contains(cause), "{time}: {error}");
+            assert!(matches!(error, OrderAgeError::NotANumber { .. } | OrderAgeError::Late { .. }), "{error:?}");
+            assert!(error.to_string().contains(cause), "{time}: {error}");
         }
     }
 

@@ -29,11 +29,11 @@ use std::time::{Duration, Instant};
 use growbot_client::growth::{CommandQueue, Job, JobEvent};
 use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
+use growbot_pictures::view::{Subject, ViewError, page};
 use tokio::sync::oneshot;
 
 pub use self::live_growth::LiveGrowth;
 use self::server::WatchState;
-use growbot_pictures::view::{Subject, ViewError, page};
 
 /// Maximum time for which the program waits at the end until the open pages have received the result.
 const LAST_WORDS: Duration = Duration::from_secs(3);
@@ -42,9 +42,7 @@ const LAST_WORDS: Duration = Duration::from_secs(3);
 #[derive(Debug, thiserror::Error)]
 pub enum WatchError {
     /// The address cannot be bound.
-    #[error(
-        "cannot serve the page at 127.0.0.1:{port} ({error}): choose another port with --watch-port, or remove --watch"
-    )]
+    #[error("cannot serve the page at 127.0.0.1:{port} ({error})")]
     Address {
         /// Requested port. 0 stands for any free port.
         port: u16,
@@ -52,13 +50,13 @@ pub enum WatchError {
         error: io::Error,
     },
     /// The operating system provides no random numbers for the address.
-    #[error("cannot get random numbers for a secret address ({0}): remove --watch")]
+    #[error("cannot get random numbers for a secret address ({0})")]
     Random(getrandom::Error),
     /// The server does not start.
-    #[error("cannot start the page's server ({0}): remove --watch")]
+    #[error("cannot start the page's server ({0})")]
     Server(io::Error),
     /// The page cannot be created.
-    #[error(transparent)]
+    #[error("{0}")]
     View(#[from] ViewError),
 }
 

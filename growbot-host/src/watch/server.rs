@@ -182,14 +182,15 @@ async fn command_socket(State(shared): State<Arc<WatchState>>, upgrade: WebSocke
 /// pauses the robot.
 pub async fn send_command(live: &LiveGrowth, name: &str, age: &OrderAge) -> Response {
     let Some(orders) = &live.orders else {
-        return (StatusCode::FORBIDDEN, "this page is read-only: start growbot with --control").into_response();
+        return (StatusCode::FORBIDDEN, "this page is read-only: start growbot so that its page may control the robot")
+            .into_response();
     };
-    let Some(order) = Command::ALL.into_iter().find(|order| order.name() == name) else { return not_found().await };
+    let Ok(order) = name.parse::<Command>() else { return not_found().await };
     let stops_or_pauses = matches!(order, Command::Pause | Command::Stop | Command::EmergencyStop);
     if let Err(late) = age.check()
         && !stops_or_pauses
     {
-        return (StatusCode::CONFLICT, late).into_response();
+        return (StatusCode::CONFLICT, late.to_string()).into_response();
     }
     orders.push(order);
     StatusCode::ACCEPTED.into_response()

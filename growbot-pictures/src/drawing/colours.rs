@@ -41,13 +41,14 @@ pub fn series(index: usize) -> &'static str {
 
 /// A named scale of colours.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Palette {
-    /// The colours [`HEIGHTS`], from blue to orange.
+    /// Blue for low values, through sand, to orange for high values.
     #[default]
     BlueOrange,
-    /// The colours [`VIRIDIS`].
+    /// From violet over green to yellow.
     Viridis,
-    /// The colours [`CIVIDIS`].
+    /// From dark blue over grey to yellow.
     Cividis,
 }
 

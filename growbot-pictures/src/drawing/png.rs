@@ -20,7 +20,7 @@ pub enum PngError {
     #[error("cannot draw the picture as pixels: {0}; write the picture as SVG")]
     Svg(#[from] usvg::Error),
     /// The picture would have too many pixels.
-    #[error("a picture of {width} times {height} pixels is too large: give a smaller --width")]
+    #[error("a picture of {width} times {height} pixels is too large")]
     TooLarge {
         /// Width, pixels.
         width: u32,
@@ -29,7 +29,7 @@ pub enum PngError {
     },
     /// Encoding of the pixels failed.
     #[error("cannot write the picture as PNG: {0}; write the picture as SVG")]
-    Encoding(String),
+    Encoding(#[from] png::EncodingError),
 }
 
 /// Converts a drawing (SVG) to PNG. `width` is the width of the picture in pixels.
@@ -46,7 +46,7 @@ pub fn png(svg: &str, width: u32) -> Result<Vec<u8>, PngError> {
     }
     let mut pixels = Pixmap::new(width, height).ok_or_else(too_large)?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
-    packed(&pixels).map_err(|error| PngError::Encoding(error.to_string()))
+    Ok(packed(&pixels)?)
 }
 
 /// Parses a drawing (SVG) with the built-in fonts, and converts its letters to shapes.

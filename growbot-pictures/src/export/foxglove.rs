@@ -9,12 +9,14 @@ use growbot_core::pose::Frame;
 use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
+use strum::{IntoStaticStr, VariantArray};
 
 /// Name of the frame of all poses: the robot's base.
 pub const FRAME: &str = "base";
 
 /// A channel of a recording.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, IntoStaticStr, VariantArray)]
+#[strum(serialize_all = "kebab-case", prefix = "/")]
 pub enum Topic {
     /// Pose at the start of the body.
     Start,
@@ -40,33 +42,11 @@ pub enum Topic {
 
 impl Topic {
     /// All channels.
-    pub const ALL: [Self; 10] = [
-        Self::Start,
-        Self::Goal,
-        Self::Tip,
-        Self::Commanded,
-        Self::Plan,
-        Self::Body,
-        Self::Layers,
-        Self::Status,
-        Self::Faults,
-        Self::Events,
-    ];
+    pub const ALL: [Self; 10] = *Self::VARIANTS.as_array().unwrap();
 
     /// Returns the channel's name.
     pub fn name(self) -> &'static str {
-        match self {
-            Self::Start => "/start",
-            Self::Goal => "/goal",
-            Self::Tip => "/tip",
-            Self::Commanded => "/commanded",
-            Self::Plan => "/plan",
-            Self::Body => "/body",
-            Self::Layers => "/layers",
-            Self::Status => "/status",
-            Self::Faults => "/faults",
-            Self::Events => "/events",
-        }
+        self.into()
     }
 
     /// Returns name and JSON Schema of the channel's messages.

@@ -304,7 +304,7 @@ impl Recorder {
         if fault != self.fault.as_deref() {
             self.fault = fault.map(ToString::to_string);
             if let Some(code) = fault {
-                let known = Fault::ALL.into_iter().find(|fault| fault.code() == code);
+                let known = code.parse::<Fault>();
                 self.fault(
                     code,
                     known.map_or("a fault that this version of growbot does not know", Fault::explanation),

@@ -45,10 +45,7 @@ pub enum MeshError {
         length: f64,
     },
     /// The file would be too large.
-    #[error(
-        "the mesh would have {triangles} triangles, more than the maximum of {MAX_TRIANGLES}: lower --segments, or \
-         raise --every"
-    )]
+    #[error("the mesh would have {triangles} triangles, more than the maximum of {MAX_TRIANGLES}")]
     TooMany {
         /// Number of triangles.
         triangles: usize,

@@ -1,7 +1,6 @@
 //! The numbers next to a picture, as text: groups of names and values.
 
 use growbot_client::arrival::Arrival;
-use growbot_client::plan::planner_name;
 use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_client::run_log::BodyKind;
 use growbot_core::layer::{Layer, grow};
@@ -47,7 +46,7 @@ pub fn of(subject: &Subject, layers: &Layers, around: Option<&SceneView>) -> Vec
         ("Layers", needs.layers.to_string()),
         ("Time", duration_text(needs.duration)),
         ("Filament", format!("{:.2} m", needs.filament / 1000.0)),
-        ("Planner", planner_name(plan.planner).to_owned()),
+        ("Planner", plan.planner.name().to_owned()),
     ];
     if !plan.path.is_empty() {
         rows.push(("Path type", plan.path_type()));
@@ -93,7 +92,7 @@ pub fn caption(subject: &Subject, layers: &Layers, called: &str) -> String {
         BodyKind::AsBuilt => "grown".to_owned(),
         BodyKind::Laid | BodyKind::Commanded => kind.name().to_owned(),
     });
-    let planner = Some(planner_name(plan.planner)).filter(|planner| *planner != called);
+    let planner = Some(plan.planner.name()).filter(|planner| *planner != called);
     let pieces = Some(plan.path_type()).filter(|pieces| !pieces.is_empty());
     let path = match (planner, pieces) {
         (Some(planner), Some(pieces)) => Some(format!("{planner} ({pieces})")),

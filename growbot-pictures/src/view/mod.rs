@@ -38,6 +38,7 @@ use std::ffi::OsStr;
 use std::iter::once;
 use std::path::Path;
 
+use centreline::polyline;
 use growbot_client::growth::Job;
 use growbot_client::plan::Plan;
 use growbot_client::plan_file::pose_from_json;
@@ -49,8 +50,6 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
-
-use centreline::polyline;
 pub use scene_view::SceneView;
 
 /// Greatest number of layers of a body that a view shows: some 150 m. Browsers fail with longer bodies.
@@ -68,7 +67,7 @@ pub enum ViewError {
         found: usize,
     },
     /// A plan lacks a quantity that only a growth has.
-    #[error("{name} is not the log of a growth and has no {what}: give a run log, as `growbot grow --log` writes it")]
+    #[error("{name} is not the log of a growth and has no {what}: give a run log")]
     NotMeasured {
         /// Name of the plan.
         name: String,
@@ -76,7 +75,7 @@ pub enum ViewError {
         what: &'static str,
     },
     /// A run log contains no temperatures.
-    #[error("{name} has no temperature: remove temperature from --plot")]
+    #[error("{name} has no temperature")]
     NoTemperatures {
         /// Name of the log.
         name: String,

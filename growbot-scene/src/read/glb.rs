@@ -7,6 +7,7 @@ use nalgebra::{Matrix4, Quaternion, UnitQuaternion, Vector3, Vector4};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
+use super::format_error::FormatError;
 use super::raw_geometry::{RawGeometry, fan};
 
 /// Maximum depth of nested nodes.
@@ -93,21 +94,17 @@ struct BufferView {
 }
 
 /// Reads a GLB file.
-pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, FormatError> {
     let word = |at: usize| bytes.get(at..).and_then(|rest| rest.first_chunk()).map(|word| u32::from_le_bytes(*word));
     if bytes.get(..4) != Some(b"glTF") || word(4) != Some(2) {
-        return Err("the file is not a binary glTF 2.0 file".to_owned());
+        return Err(FormatError::NotGlb);
     }
-    let length = word(12).ok_or("the file ends in the middle of its header")? as usize;
-    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or("the file ends in the middle of its JSON")?;
+    let length = word(12).ok_or(FormatError::Truncated("its header"))? as usize;
+    let json = bytes.get(20..).and_then(|rest| rest.get(..length)).ok_or(FormatError::Truncated("its JSON"))?;
     let data = bytes.get(20 + length..).and_then(|rest| rest.get(8..)).unwrap_or_default();
-    let document: Document =
-        serde_json::from_slice(json).map_err(|error| format!("the file's JSON is invalid: {error}"))?;
+    let document: Document = serde_json::from_slice(json)?;
     if let Some(extension) = document.extensions_required.first() {
-        return Err(format!(
-            "the file needs the glTF extension {extension}, which is not supported: export the file without this \
-             extension"
-        ));
+        return Err(FormatError::Extension(extension.clone()));
     }
     let mut reader = GlbReader { document: &document, data, geometry: RawGeometry::default(), visits: 0 };
     match document.scenes.get(document.scene) {
@@ -116,9 +113,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
                 reader.node(*node, &base_from_gltf(), 0)?;
             }
         }
-        None => return Err(format!("the file has no scene {}", document.scene)),
+        None => return Err(missing("scene", document.scene)),
     }
     Ok(reader.geometry)
+}
+
+fn missing(kind: &'static str, index: usize) -> FormatError {
+    FormatError::Missing { kind, index }
 }
 
 /// Returns the rotation from glTF's axes, y up, to those of the base, z up: x stays, -z becomes y, y becomes z.
@@ -134,17 +135,15 @@ struct GlbReader<'a> {
 }
 
 impl<'a> GlbReader<'a> {
-    fn node(&mut self, index: usize, world_from_parent: &Matrix4<f64>, depth: usize) -> Result<(), String> {
-        let node = self.document.nodes.get(index).ok_or_else(|| format!("the file has no node {index}"))?;
+    fn node(&mut self, index: usize, world_from_parent: &Matrix4<f64>, depth: usize) -> Result<(), FormatError> {
+        let node = self.document.nodes.get(index).ok_or_else(|| missing("node", index))?;
         self.visits += 1;
         if depth > MAX_DEPTH || self.visits > MAX_VISITS {
-            return Err(format!(
-                "the file has more than {MAX_VISITS} nodes, or nodes that are nested deeper than {MAX_DEPTH}"
-            ));
+            return Err(FormatError::TooManyNodes { max: MAX_VISITS, max_depth: MAX_DEPTH });
         }
         let world_from_node = world_from_parent * node.parent_from_node();
         if let Some(mesh) = node.mesh {
-            let mesh = self.document.meshes.get(mesh).ok_or_else(|| format!("the file has no mesh {mesh}"))?;
+            let mesh = self.document.meshes.get(mesh).ok_or_else(|| missing("mesh", mesh))?;
             for primitive in &mesh.primitives {
                 self.primitive(primitive, &world_from_node)?;
             }
@@ -155,24 +154,19 @@ impl<'a> GlbReader<'a> {
         Ok(())
     }
 
-    fn primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Result<(), String> {
+    fn primitive(&mut self, primitive: &Primitive, world_from_node: &Matrix4<f64>) -> Result<(), FormatError> {
         match primitive.mode.unwrap_or(TRIANGLES) {
             TRIANGLES => {}
             // Points and lines have no surface.
             0..TRIANGLES => return Ok(()),
-            mode => {
-                return Err(format!("a mesh has faces of mode {mode} (strips or fans): export the mesh as triangles"));
-            }
+            mode => return Err(FormatError::FaceMode(mode)),
         }
-        let position = primitive.attributes.position.ok_or("a mesh of the file has no positions")?;
+        let position = primitive.attributes.position.ok_or(FormatError::NoPositions)?;
         let first = self.geometry.points.len();
         let items = self.items(position, 12, &[FLOAT])?;
         let count = items.len();
         if first + count > MAX_POINTS {
-            return Err(format!(
-                "the file has more than {MAX_POINTS} points, counting a mesh once for each node that uses it: \
-                 simplify it"
-            ));
+            return Err(FormatError::TooLarge { what: "points", max: MAX_POINTS });
         }
         for item in items {
             let number = |index: usize| {
@@ -187,18 +181,13 @@ impl<'a> GlbReader<'a> {
             None => (0..count as i64).collect(),
         };
         if self.geometry.triangles.len() + indices.len() / 3 > MAX_POINTS {
-            return Err(format!(
-                "the file has more than {MAX_POINTS} triangles, counting a mesh once for each node that uses it: \
-                 simplify it"
-            ));
+            return Err(FormatError::TooLarge { what: "triangles", max: MAX_POINTS });
         }
         // A node that mirrors turns its faces inside out. This is reversed here.
         let mirrored = world_from_node.fixed_view::<3, 3>(0, 0).determinant() < 0.0;
         for face in indices.as_chunks::<3>().0 {
             if let Some(index) = face.iter().find(|index| **index >= count as i64) {
-                return Err(format!(
-                    "a face of the file has corner {index}, but the file has {count} points, counted from 0"
-                ));
+                return Err(FormatError::Corner { corner: *index, points: count });
             }
             let [a, b, c] = face.map(|index| first as i64 + index);
             fan(&if mirrored { [a, c, b] } else { [a, b, c] }, &mut self.geometry)?;
@@ -206,7 +195,7 @@ impl<'a> GlbReader<'a> {
         Ok(())
     }
 
-    fn indices(&self, accessor: usize) -> Result<Vec<i64>, String> {
+    fn indices(&self, accessor: usize) -> Result<Vec<i64>, FormatError> {
         let kind = self.document.accessors.get(accessor).map(|accessor| accessor.component_type);
         let size = match kind {
             Some(UNSIGNED_BYTE) => 1,
@@ -219,37 +208,28 @@ impl<'a> GlbReader<'a> {
     }
 
     /// Returns the bytes of each item of an accessor.
-    fn items(&self, index: usize, size: usize, kinds: &[u32]) -> Result<Vec<&'a [u8]>, String> {
-        let accessor = self.document.accessors.get(index).ok_or_else(|| format!("the file has no accessor {index}"))?;
+    fn items(&self, index: usize, size: usize, kinds: &[u32]) -> Result<Vec<&'a [u8]>, FormatError> {
+        let accessor = self.document.accessors.get(index).ok_or_else(|| missing("accessor", index))?;
         if !kinds.contains(&accessor.component_type) {
-            return Err(format!(
-                "accessor {index} of the file has numbers of the kind {}, which is not supported",
-                accessor.component_type
-            ));
+            return Err(FormatError::NumberType { accessor: index, kind: accessor.component_type });
         }
         if accessor.sparse.is_some() {
-            return Err(format!("accessor {index} is sparse, which is not supported: switch sparse accessors off"));
+            return Err(FormatError::SparseAccessor(index));
         }
         let view = accessor.buffer_view.and_then(|view| self.document.buffer_views.get(view));
-        let view = view.ok_or_else(|| format!("accessor {index} of the file has no bytes"))?;
+        let view = view.ok_or(FormatError::EmptyAccessor(index))?;
         if view.buffer != 0 {
-            return Err(format!(
-                "accessor {index} is in buffer {}, which is not in the file: export everything into one file",
-                view.buffer
-            ));
+            return Err(FormatError::OtherBuffer { accessor: index, buffer: view.buffer });
         }
         let bytes = self.data.get(view.byte_offset..).and_then(|rest| rest.get(..view.byte_length));
         let bytes = bytes.and_then(|bytes| bytes.get(accessor.byte_offset..));
-        let bytes = bytes.ok_or_else(|| format!("accessor {index} extends beyond the data of the file"))?;
+        let bytes = bytes.ok_or(FormatError::BeyondData(index))?;
         let stride = view.byte_stride.unwrap_or(size).max(size);
         let items: Vec<&'a [u8]> =
             bytes.chunks(stride).take(accessor.count).filter_map(|item| item.get(..size)).collect();
         if items.len() < accessor.count {
-            return Err(format!(
-                "accessor {index} of the file has {} items, but declares {}",
-                items.len(),
-                accessor.count
-            ));
+            let (found, declared) = (items.len(), accessor.count);
+            return Err(FormatError::ShortAccessor { accessor: index, found, declared });
         }
         Ok(items)
     }

@@ -4,6 +4,7 @@
 //! Axes are those of the base, z up. glTF defines y up and metres, so GLB is turned, and a unit is 1000 mm. The other
 //! formats define neither axes nor units: coordinates are taken as they are, and a unit is 1 mm by default.
 
+mod format_error;
 mod glb;
 mod obj;
 mod pcd;
@@ -16,10 +17,10 @@ use std::fs::File;
 use std::io::Read as _;
 use std::path::Path;
 
+pub use self::format_error::FormatError;
+pub use self::raw_geometry::RawGeometry;
 use growbot_core::hash::Hasher;
 use nalgebra::Vector3;
-
-pub use self::raw_geometry::RawGeometry;
 
 /// Maximum length of a mesh or cloud, bytes (512 MiB): some 10 million triangles.
 pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
@@ -28,7 +29,7 @@ pub const MAX_GEOMETRY_BYTES: u64 = 512 << 20;
 const MAX_REASON_CHARS: usize = 200;
 
 /// Function that reads the geometry from the bytes of a file.
-type GeometryReader = fn(&[u8]) -> Result<RawGeometry, String>;
+type GeometryReader = fn(&[u8]) -> Result<RawGeometry, FormatError>;
 
 /// File extensions of meshes and clouds, in lower case.
 const EXTENSIONS: [&str; 5] = ["stl", "obj", "ply", "glb", "pcd"];
@@ -74,12 +75,13 @@ pub enum ReadError {
         file: String,
     },
     /// The content does not match the extension, or is damaged.
-    #[error("cannot parse {file}: {reason}; export the file again")]
+    #[error("cannot parse {file}: {}; export the file again", one_line(&error.to_string()))]
     Malformed {
         /// Path of the file.
         file: String,
-        /// Description of the error.
-        reason: String,
+        /// Fault of the content.
+        #[source]
+        error: FormatError,
     },
 }
 
@@ -124,7 +126,7 @@ pub fn geometry(path: &Path) -> Result<GeometryFile, ReadError> {
         _ => return Err(ReadError::UnknownExtension { file: file() }),
     };
     let bytes = bytes(path, MAX_GEOMETRY_BYTES)?;
-    let geometry = read(&bytes).map_err(|reason| ReadError::Malformed { file: file(), reason: one_line(&reason) })?;
+    let geometry = read(&bytes).map_err(|error| ReadError::Malformed { file: file(), error })?;
     Ok(GeometryFile { geometry, hash: Hasher::hash(&bytes), length: bytes.len() as u64, unit_mm })
 }
 

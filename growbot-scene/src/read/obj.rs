@@ -1,17 +1,17 @@
 //! OBJ: points and faces. Normals, textures, materials and groups are ignored.
 
+use super::format_error::FormatError;
 use super::raw_geometry::{RawGeometry, fan};
 use super::words::{lines, parse_point};
 
 /// Reads an OBJ file.
-pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, FormatError> {
     let mut geometry = RawGeometry::default();
     for (number, words) in lines(bytes).enumerate() {
         let number = number + 1;
         match words.as_slice() {
             ["v", coordinates @ ..] => {
-                let point = parse_point(coordinates)
-                    .ok_or_else(|| format!("line {number} of the file does not have three numbers after `v`"))?;
+                let point = parse_point(coordinates).ok_or(FormatError::Coordinates { line: number, keyword: "v" })?;
                 geometry.points.push(point);
             }
             ["f", corners @ ..] => {
@@ -22,9 +22,9 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
                     Some(if index < 0 { points.checked_add(index)? } else { index - 1 })
                 };
                 let corners: Option<Vec<i64>> = corners.iter().map(index).collect();
-                let corners =
-                    corners.ok_or_else(|| format!("line {number} of the file has a corner that is not a number"))?;
-                fan(&corners, &mut geometry).map_err(|reason| format!("line {number}: {reason}"))?;
+                let corners = corners.ok_or(FormatError::CornerNumber(number))?;
+                fan(&corners, &mut geometry)
+                    .map_err(|error| FormatError::Line { line: number, error: Box::new(error) })?;
             }
             _ => {}
         }

@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use ply_rs_bw::parser::{Parser, Reader};
 use ply_rs_bw::ply::{Property, PropertyAccess, PropertyAccessResult};
 
+use super::format_error::FormatError;
 use super::raw_geometry::{RawGeometry, fan};
 
 /// A point of a PLY file. Properties other than x, y and z are ignored.
@@ -67,33 +68,29 @@ impl PropertyAccess for Other {
 }
 
 /// Reads a PLY file.
-pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, FormatError> {
     let mut reader = Reader::new(bytes);
-    let header = Parser::<Other>::new().read_header(&mut reader).map_err(|error| error.to_string())?;
+    let header = Parser::<Other>::new().read_header(&mut reader)?;
     let mut geometry = RawGeometry::default();
     for (name, element) in &header.elements {
         if element.properties.is_empty() || element.count > bytes.len() {
-            return Err(format!("the file declares {} elements {name:?}, more than the file has bytes", element.count));
+            return Err(FormatError::TooManyElements { count: element.count, name: name.clone() });
         }
         match name.as_str() {
             "vertex" => {
                 let read = Parser::<Vertex>::new().read_payload_for_element(&mut reader, element, &header);
-                geometry.points = read.map_err(|error| error.to_string())?.into_iter().map(|vertex| vertex.0).collect();
+                geometry.points = read?.into_iter().map(|vertex| vertex.0).collect();
             }
             "face" => {
                 let read = Parser::<Face>::new().read_payload_for_element(&mut reader, element, &header);
-                for Face(corners) in read.map_err(|error| error.to_string())? {
+                for Face(corners) in read? {
                     fan(&corners, &mut geometry)?;
                 }
             }
             // A mesh made of strips would be mistaken for a cloud.
-            "tristrips" if element.count > 0 => {
-                return Err("the file has strips of triangles: export the mesh with faces".to_owned());
-            }
+            "tristrips" if element.count > 0 => return Err(FormatError::Strips),
             _ => {
-                Parser::<Other>::new()
-                    .read_payload_for_element(&mut reader, element, &header)
-                    .map_err(|error| error.to_string())?;
+                Parser::<Other>::new().read_payload_for_element(&mut reader, element, &header)?;
             }
         }
     }

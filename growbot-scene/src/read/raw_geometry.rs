@@ -2,6 +2,8 @@
 
 use nalgebra::Vector3;
 
+use super::format_error::FormatError;
+
 /// Content of a mesh or cloud file: points, and triangles between them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RawGeometry {
@@ -12,11 +14,11 @@ pub struct RawGeometry {
 }
 
 /// Adds a face as a fan of triangles from its first corner.
-pub(super) fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), String> {
+pub(super) fn fan(corners: &[i64], geometry: &mut RawGeometry) -> Result<(), FormatError> {
     let points = geometry.points.len();
     let corner = |index: i64| match usize::try_from(index) {
         Ok(found) if found < points => Ok(found as u32),
-        _ => Err(format!("a face of the file has corner {index}, but the file has {points} points, counted from 0")),
+        _ => Err(FormatError::Corner { corner: index, points }),
     };
     let [first, rest @ ..] = corners else { return Ok(()) };
     let first = corner(*first)?;

@@ -2,6 +2,7 @@
 
 use nalgebra::Vector3;
 
+use super::format_error::FormatError;
 use super::raw_geometry::RawGeometry;
 use super::words::{lines, parse_point};
 
@@ -10,7 +11,7 @@ const HEADER: usize = 84;
 const TRIANGLE: usize = 50;
 
 /// Reads an STL file. Many binary files begin like text files, so the length of the file decides whether it is binary.
-pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
+pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, FormatError> {
     let count = bytes.get(80..HEADER).and_then(|count| count.try_into().ok()).map(u32::from_le_bytes);
     let announced = count.map(|count| count as usize * TRIANGLE + HEADER);
     if announced.is_some_and(|announced| announced == bytes.len()) {
@@ -19,10 +20,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<RawGeometry, String> {
     let is_text = bytes.trim_ascii_start().starts_with(b"solid");
     match (is_text, announced) {
         (true, _) => read_ascii(bytes),
-        (false, Some(announced)) => {
-            Err(format!("the header of the file declares {announced} bytes, but the file has {}", bytes.len()))
-        }
-        (false, None) => Err(format!("the file has {} bytes, fewer than the header of an STL file", bytes.len())),
+        (false, Some(declared)) => Err(FormatError::Count { what: "bytes", declared, found: bytes.len() }),
+        (false, None) => Err(FormatError::NoStlHeader(bytes.len())),
     }
 }
 
@@ -40,26 +39,24 @@ fn binary(bytes: &[u8]) -> RawGeometry {
     geometry
 }
 
-fn read_ascii(bytes: &[u8]) -> Result<RawGeometry, String> {
+fn read_ascii(bytes: &[u8]) -> Result<RawGeometry, FormatError> {
     let mut geometry = RawGeometry::default();
     let mut corners = Vec::new();
     for (number, words) in lines(bytes).enumerate() {
+        let line = number + 1;
         match words.as_slice() {
-            ["vertex", coordinates @ ..] => corners.push(parse_point(coordinates).ok_or_else(|| {
-                format!("line {} of the file does not have three numbers after `vertex`", number + 1)
-            })?),
+            ["vertex", coordinates @ ..] => {
+                corners.push(parse_point(coordinates).ok_or(FormatError::Coordinates { line, keyword: "vertex" })?);
+            }
             ["endfacet", ..] => {
                 let found = corners.len();
                 let triangle = <[Vector3<f64>; 3]>::try_from(std::mem::take(&mut corners));
-                let triangle = triangle.map_err(|_| {
-                    format!("the facet at line {} of the file has {found} corners instead of 3", number + 1)
-                })?;
-                push(&mut geometry, triangle);
+                push(&mut geometry, triangle.map_err(|_| FormatError::Facet { line, corners: found })?);
             }
             _ => {}
         }
     }
-    if corners.is_empty() { Ok(geometry) } else { Err("the file ends in the middle of a facet".to_owned()) }
+    if corners.is_empty() { Ok(geometry) } else { Err(FormatError::Truncated("a facet")) }
 }
 
 fn push(geometry: &mut RawGeometry, triangle: [Vector3<f64>; 3]) {

@@ -1,6 +1,7 @@
 //! Ports to robots: in this process (`sim`), in an emulator (`emulator`, `rp2040`), over TCP or over a serial line.
 
 pub mod debugger;
+mod emulated_tip;
 pub mod emulator;
 mod open_error;
 pub mod paced;
@@ -19,15 +20,14 @@ use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::Robot;
-
-pub use open_error::OpenError;
 use paced::PacedSim;
 use qemu::QemuError;
-pub use tip_settings::TipSettings;
 
-use crate::ground_truth::SimulatedTip;
 use crate::sim_daemon::{DaemonPort, RemoteTip, StateDir};
+use crate::simulated_tip::SimulatedTip;
 use crate::tip::Variation;
+pub use open_error::OpenError;
+pub use tip_settings::TipSettings;
 
 impl From<QemuError> for PortError {
     fn from(error: QemuError) -> Self {

@@ -24,7 +24,7 @@ pub enum OpenError {
     #[error("no board, real or emulated, can drive robot {0}: {1}")]
     UnsupportedRobot(String, RobotError),
     /// Error of the background process of a simulated robot (port `sim:NAME`).
-    #[error(transparent)]
+    #[error("{0}")]
     Daemon(#[from] SimDaemonError),
     /// Error of QEMU (port `emulator`).
     #[error(transparent)]
@@ -33,6 +33,6 @@ pub enum OpenError {
     #[error(transparent)]
     Rp2040(#[from] Rp2040Error),
     /// Error of the connection.
-    #[error(transparent)]
+    #[error("{0}")]
     Port(#[from] PortError),
 }

@@ -5,7 +5,6 @@
 //! killed when its [`Qemu`] is dropped.
 
 use std::ffi::{OsStr, OsString};
-use std::fmt;
 use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::net::{Ipv4Addr, TcpListener, TcpStream};
@@ -54,74 +53,44 @@ impl Time {
 }
 
 /// Error of starting or running an emulated board.
-#[derive(Debug)]
+#[derive(Debug, thiserror::Error)]
 pub enum QemuError {
     /// `qemu-system-arm` is not on the path.
+    #[error("{PROGRAM} is not installed: install QEMU {OLDEST} or newer (package qemu-system-arm)")]
     Missing,
     /// QEMU is older than [`OLDEST`]. The field is its version.
+    #[error(
+        "{PROGRAM} is version {0}, but version {OLDEST} or newer is needed: install a newer QEMU (package \
+         qemu-system-arm)"
+    )]
     TooOld(String),
     /// The output of `qemu-system-arm --version` is not valid. The field is the output.
+    #[error("cannot determine the version of {PROGRAM}; it printed: {0}")]
     UnknownVersion(String),
     /// The firmware does not exist. The field is its path.
+    #[error("no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`", .0.display())]
     NoFirmware(PathBuf),
     /// QEMU ended before the board had started. The field is its output.
+    #[error("{PROGRAM} ended while starting the board: {output}", output = or_nothing(.0))]
     ExitedAtStart(String),
     /// QEMU ended after the board had started. The field is its output.
+    #[error(
+        "{PROGRAM} ended while the board was running: {output}; check that the image is growbot's firmware for the \
+         emulated board (`cargo build-an386`)",
+        output = first_line(.0)
+    )]
     ExitedWhileRunning(String),
     /// QEMU did not connect in time. The fields are the connection and QEMU's output.
+    #[error(
+        "{PROGRAM} did not connect its {0} within {limit} s: {output}", limit = START.as_secs(), output = or_nothing(.1)
+    )]
     NotConnected(&'static str, String),
     /// QEMU rejected a command. The fields are the command and the response.
+    #[error("{PROGRAM} refused `{0}`: {1}")]
     Refused(String, String),
     /// A file or a connection failed. The first field is the failed action.
-    Io(&'static str, io::Error),
-}
-
-impl fmt::Display for QemuError {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Missing => {
-                write!(f, "{PROGRAM} is not installed: install QEMU {OLDEST} or newer (package qemu-system-arm)")
-            }
-            Self::TooOld(version) => write!(
-                f,
-                "{PROGRAM} is version {version}, but version {OLDEST} or newer is needed: install a newer QEMU \
-                 (package qemu-system-arm)"
-            ),
-            Self::UnknownVersion(output) => {
-                write!(f, "cannot determine the version of {PROGRAM}; it printed: {output}")
-            }
-            Self::NoFirmware(path) => {
-                write!(
-                    f,
-                    "no firmware at {}: build it with `cargo build-an386` or `cargo build-stm32f405`",
-                    path.display()
-                )
-            }
-            Self::ExitedAtStart(output) => {
-                write!(f, "{PROGRAM} ended while starting the board: {}", or_nothing(output))
-            }
-            Self::ExitedWhileRunning(output) => write!(
-                f,
-                "{PROGRAM} ended while the board was running: {}; check that the image is growbot's firmware for the \
-                 emulated board (`cargo build-an386`)",
-                first_line(output)
-            ),
-            Self::NotConnected(line, output) => {
-                write!(f, "{PROGRAM} did not connect its {line} within {} s: {}", START.as_secs(), or_nothing(output))
-            }
-            Self::Refused(command, answer) => write!(f, "{PROGRAM} refused `{command}`: {answer}"),
-            Self::Io(what, error) => write!(f, "cannot {what}: {error}"),
-        }
-    }
-}
-
-impl std::error::Error for QemuError {
-    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        match self {
-            Self::Io(_, error) => Some(error),
-            _ => None,
-        }
-    }
+    #[error("cannot {0}: {1}")]
+    Io(&'static str, #[source] io::Error),
 }
 
 fn or_nothing(output: &str) -> &str {

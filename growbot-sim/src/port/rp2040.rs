@@ -12,20 +12,20 @@ mod node_process;
 
 use std::cell::{RefCell, RefMut};
 use std::collections::VecDeque;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
-
-use super::open_error::OpenError;
-pub use node_process::{CrashMode, HostLink, Rp2040Error};
 use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
 
-use crate::ground_truth::SimulatedTip;
+use super::open_error::OpenError;
+use crate::simulated_tip::{InProcessTip, SimulatedTip};
 use crate::tip::pins::SharedTip;
 use crate::tip::{Motor, TipFault, TipModel, Variation};
+pub use node_process::{CrashMode, HostLink, Rp2040Error};
 
 /// Path of the firmware image for the Raspberry Pi Pico, relative to cargo's target directory.
 pub const FIRMWARE: &str = "thumbv6m-none-eabi/firmware/pico";
@@ -191,7 +191,7 @@ impl Rp2040Emulator {
     /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid, to compare
     /// them with the board's report.
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
-        Box::new(Rc::clone(&self.tip))
+        Box::new(InProcessTip(Rc::clone(&self.tip)))
     }
 
     /// Injects a fault into the tip. The fault replaces an active fault of the same kind.
@@ -367,10 +367,8 @@ impl Port for Rp2040Emulator {
         let deadline = self.now_ns + timeout.as_nanos() as u64;
         while self.from_board.is_empty() && self.now_ns < deadline {
             if self.lost_power {
-                return Err(PortError::Lost(
-                    "the emulated board".to_owned(),
-                    "the emulated board has no power".to_owned(),
-                ));
+                let cause = io::Error::new(io::ErrorKind::NotConnected, "the emulated board has no power");
+                return Err(PortError::Lost("the emulated board".to_owned(), cause));
             }
             self.exchange(deadline)?;
         }

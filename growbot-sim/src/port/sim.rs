@@ -12,6 +12,7 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
 use growbot_core::pose::Pose;
+use growbot_core::random::{Rng, splitmix64};
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{BootInfo, Controller};
 use growbot_firmware::description_store::{DescriptionStore, StoredDescription};
@@ -21,14 +22,13 @@ use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::safety::retained::{COPY_BYTES, RETAINED_BYTES};
 use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
 
-use crate::ground_truth::SimulatedTip;
+use crate::simulated_tip::{InProcessTip, SimulatedTip};
 use crate::tip::flash::Flash;
 use crate::tip::pins::{
     DirectionPin, EnablePin, FanPwm, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, SimulatedAdc,
     SimulatedOutputs, StepPin,
 };
 use crate::tip::{Motor, TipFault, TipModel, Variation};
-use growbot_core::random::{Rng, splitmix64};
 
 /// Interval at which the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;
@@ -153,7 +153,7 @@ impl Sim {
 
     /// Returns a handle of the simulated tip, from which a caller reads the layers that were really laid.
     pub fn tip_handle(&self) -> Box<dyn SimulatedTip> {
-        Box::new(Rc::clone(&self.tip))
+        Box::new(InProcessTip(Rc::clone(&self.tip)))
     }
 
     /// Returns the virtual time since the simulation began, s. It continues through resets and losses of power.

@@ -16,12 +16,11 @@ mod state_dir;
 #[cfg(test)]
 mod tests;
 
-use std::io;
-use std::path::PathBuf;
-
 pub use self::port::{DaemonPort, RemoteTip};
 pub use self::server::serve;
 pub use self::state_dir::StateDir;
+use std::io;
+use std::path::PathBuf;
 
 /// Error of connecting to a simulated robot in the background, or of running it.
 #[derive(Debug, thiserror::Error)]
@@ -30,10 +29,10 @@ pub enum SimDaemonError {
     #[error("neither XDG_STATE_HOME nor HOME is set, so simulated robots have no directory: use sim:./NAME")]
     NoHome,
     /// The simulated robot is switched off: its process does not run. The field is the robot's name.
-    #[error("the simulated robot sim:{0} is off: switch it on with `growbot power on --port sim:{0}`")]
+    #[error("the simulated robot sim:{0} is off: switch it on")]
     NotRunning(String),
     /// The simulated robot is already switched on: a process runs it. The field is the robot's name.
-    #[error("the simulated robot sim:{0} is already on: switch it off with `growbot power off --port sim:{0}`")]
+    #[error("the simulated robot sim:{0} is already on: switch it off")]
     AlreadyRunning(String),
     /// Another program has an exclusive connection to the simulated robot. The field is the robot's name.
     #[error("the simulated robot sim:{0} is in use by another program: end that program first")]
@@ -41,7 +40,7 @@ pub enum SimDaemonError {
     /// The directory of the simulated robot belongs to a different robot description.
     #[error(
         "the simulated robot sim:{name} already exists as robot {stored}, not as robot {requested}: choose another \
-         name, or omit --robot (the state of this robot is in {directory})"
+         name, or omit the robot description (the state of this robot is in {directory})"
     )]
     OtherRobot {
         /// Name of the simulated robot.

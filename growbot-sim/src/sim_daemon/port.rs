@@ -2,19 +2,20 @@
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::rc::Rc;
 use std::time::Duration;
 
+use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::{Port, PortError};
 use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 
 use super::protocol::{PROTOCOL_VERSION, Request, Response, laid, micros};
 use super::{SimDaemonError, StateDir};
-use crate::ground_truth::{LaidBody, SimulatedTip};
 use crate::port::TipSettings;
+use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 
 /// Timeout for requests that the robot's process answers immediately.
@@ -94,23 +95,24 @@ impl DaemonPort {
     }
 
     fn request(&mut self, ask: &Request, limit: Duration) -> Result<Response, PortError> {
-        let answer = self.round_trip(ask, limit).map_err(|why| PortError::Lost(self.name.clone(), why))?;
+        let answer = self.round_trip(ask, limit).map_err(|error| PortError::Lost(self.name.clone(), error))?;
         if let Response::Done { now_us } | Response::Bytes { now_us, .. } = &answer {
             self.now = Duration::from_micros(*now_us);
         }
         Ok(answer)
     }
 
-    fn round_trip(&mut self, ask: &Request, limit: Duration) -> Result<Response, String> {
-        let mut line = serde_json::to_vec(ask).map_err(|error| error.to_string())?;
+    fn round_trip(&mut self, ask: &Request, limit: Duration) -> io::Result<Response> {
+        let switched_off = || io::Error::new(io::ErrorKind::ConnectionReset, "the simulated board was switched off");
+        let mut line = serde_json::to_vec(ask)?;
         line.push(b'\n');
         let stream = self.reader.get_mut();
         let sent = stream.set_read_timeout(Some(limit)).and_then(|()| stream.write_all(&line));
-        sent.map_err(|_| "the simulated board was switched off".to_owned())?;
+        sent.map_err(|_| switched_off())?;
         let mut answer = String::new();
         match self.reader.read_line(&mut answer) {
-            Ok(0) | Err(_) => Err("the simulated board was switched off".to_owned()),
-            Ok(_) => serde_json::from_str(&answer).map_err(|error| error.to_string()),
+            Ok(0) | Err(_) => Err(switched_off()),
+            Ok(_) => Ok(serde_json::from_str(&answer)?),
         }
     }
 }
@@ -158,7 +160,7 @@ impl RemoteTip {
     }
 }
 
-impl SimulatedTip for RemoteTip {
+impl GroundTruth for RemoteTip {
     fn laid(&mut self) -> Result<LaidBody, PortError> {
         match self.0.borrow_mut().request(&Request::Laid, AT_ONCE)? {
             Response::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
@@ -172,7 +174,9 @@ impl SimulatedTip for RemoteTip {
             _ => Vec::new(),
         }
     }
+}
 
+impl SimulatedTip for RemoteTip {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         self.0.borrow_mut().request(&Request::Hand(hand), AT_ONCE).is_ok()
     }

@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
+use growbot_client::ground_truth::LaidBody;
 use growbot_core::layer::Layer;
 use growbot_core::pose::Pose;
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
 
-use crate::ground_truth::LaidBody;
 use crate::port::TipSettings;
 use crate::tip::manual_action::ManualAction;
 

@@ -1,11 +1,11 @@
 //! The directory with the state of a simulated robot.
 
-use std::env;
 use std::fs::{self, File};
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
+use growbot_client::user_dirs;
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
 use rustix::fs::{FlockOperation, flock};
 
@@ -28,12 +28,10 @@ impl StateDir {
     /// # Errors
     /// [`SimDaemonError::NoHome`].
     pub fn of(name: &str) -> Result<Self, SimDaemonError> {
-        let absolute = |key: &str| env::var_os(key).map(PathBuf::from).filter(|path| path.is_absolute());
         let directory = if name.contains('/') {
             PathBuf::from(name)
         } else {
-            let state = absolute("XDG_STATE_HOME").or_else(|| Some(absolute("HOME")?.join(".local/state")));
-            state.ok_or(SimDaemonError::NoHome)?.join("growbot/robots").join(name)
+            user_dirs::state_dir().ok_or(SimDaemonError::NoHome)?.join("robots").join(name)
         };
         Ok(Self { name: name.to_owned(), directory })
     }
@@ -95,7 +93,7 @@ impl StateDir {
         match fs::read(&path) {
             Ok(bytes) => match Robot::decode(&bytes) {
                 Ok(robot) => Ok(Some(robot)),
-                Err(error) => Err(self.failed("read", path, io::Error::other(error.to_string()))),
+                Err(error) => Err(self.failed("read", path, io::Error::other(error))),
             },
             Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
             Err(error) => Err(self.failed("read", path, error)),
@@ -125,7 +123,7 @@ impl StateDir {
     fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimDaemonError> {
         let path = self.file(name);
         let written = growbot_client::atomic_file::write_atomic(&path, bytes);
-        written.map_err(|error| self.failed("write", path, io::Error::other(error.to_string())))
+        written.map_err(|error| self.failed("write", path, io::Error::other(error)))
     }
 
     fn check_same_robot(&self, known: &Robot, other: &Robot) -> Result<(), SimDaemonError> {

@@ -2,6 +2,7 @@
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
+use std::io;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -203,7 +204,7 @@ impl DisturbedLine {
     }
 
     fn check(&self) -> Result<(), PortError> {
-        let lost = |why: &str| Err(PortError::Lost("the line".to_string(), why.to_string()));
+        let lost = |why: &str| Err(PortError::Lost("the line".to_string(), io::Error::other(why)));
         match self {
             Self { is_killed: true, .. } => lost(KILLED),
             _ if self.board.borrow().now() > self.limit => lost(ENDLESS),

@@ -108,7 +108,7 @@ pub struct CuttablePort<P> {
 impl<P> CuttablePort<P> {
     fn whole(&mut self) -> Result<&mut P, PortError> {
         if self.cut.get() {
-            return Err(PortError::Lost("the line".to_string(), "its test cut it".to_string()));
+            return Err(PortError::Lost("the line".to_string(), std::io::Error::other("its test cut it")));
         }
         Ok(&mut self.port)
     }

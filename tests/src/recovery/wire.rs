@@ -85,7 +85,7 @@ fn grow(job: &Job, undisturbed: &ReferenceGrowth, loss: f64, flip: f64, seed: u6
         ..FaultSpec::default()
     };
     let board = late_board(job, seed);
-    let wire = Rc::new(RefCell::new(FaultyPort::new(Rc::clone(&board), spec)));
+    let wire = Rc::new(RefCell::new(FaultyPort::new(Box::new(Rc::clone(&board)), spec)));
     let mut client = Client::new(Box::new(Rc::clone(&wire)), "sim");
     let grown = grow_job(&mut client, job, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| {});
     let feed_steps = board.borrow_mut().simulated_tip().feed_steps();

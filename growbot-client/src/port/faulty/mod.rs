@@ -61,8 +61,8 @@ pub struct FaultCounts {
 /// A port whose bytes are subject to simulated faults.
 ///
 /// To call [`Self::tally`] while a client uses the port, put the port into an `Rc<RefCell<_>>`, which is a port too.
-pub struct FaultyPort<P> {
-    port: P,
+pub struct FaultyPort {
+    port: Box<dyn Port>,
     spec: FaultSpec,
     tally: FaultCounts,
     to_board: FaultyChannel,
@@ -90,9 +90,9 @@ enum LinkDirection {
     FromBoard,
 }
 
-impl<P: Port> FaultyPort<P> {
+impl FaultyPort {
     /// Adds these faults to a port.
-    pub fn new(port: P, spec: FaultSpec) -> Self {
+    pub fn new(port: Box<dyn Port>, spec: FaultSpec) -> Self {
         Self {
             port,
             spec,
@@ -107,11 +107,6 @@ impl<P: Port> FaultyPort<P> {
     /// Returns the number of each fault so far.
     pub fn tally(&self) -> FaultCounts {
         self.tally
-    }
-
-    /// Returns the port without faults, to which this port sends.
-    pub fn port(&mut self) -> &mut P {
-        &mut self.port
     }
 
     fn wire(&mut self, direction: LinkDirection) -> &mut FaultyChannel {
@@ -198,7 +193,7 @@ impl<P: Port> FaultyPort<P> {
     }
 }
 
-impl<P: Port> Port for FaultyPort<P> {
+impl Port for FaultyPort {
     fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
         self.take(LinkDirection::ToBoard, bytes);
         self.deliver()
@@ -283,6 +278,8 @@ impl Draws {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::cell::RefCell;
+    use std::rc::Rc;
 
     /// A port that returns the bytes that were sent to it. Its clock advances only during waits without bytes.
     #[derive(Default)]
@@ -309,8 +306,10 @@ mod tests {
         }
     }
 
-    fn faulty(spec: &str) -> FaultyPort<LoopBack> {
-        FaultyPort::new(LoopBack::default(), spec.parse().unwrap())
+    /// Returns a port with these faults, and the port behind it.
+    fn faulty(spec: &str) -> (FaultyPort, Rc<RefCell<LoopBack>>) {
+        let behind = Rc::new(RefCell::new(LoopBack::default()));
+        (FaultyPort::new(Box::new(Rc::clone(&behind)), spec.parse().unwrap()), behind)
     }
 
     /// Returns a frame of ten bytes that contains its number.
@@ -320,7 +319,7 @@ mod tests {
     }
 
     /// Returns all bytes that arrive within the timeout.
-    fn received(port: &mut FaultyPort<LoopBack>, timeout: Duration) -> Vec<u8> {
+    fn received(port: &mut FaultyPort, timeout: Duration) -> Vec<u8> {
         let (mut all, mut buffer) = (Vec::new(), [0; 64]);
         loop {
             match port.receive(&mut buffer, timeout).unwrap() {
@@ -332,7 +331,7 @@ mod tests {
 
     /// Sends `frames` frames one by one. Returns the bytes received and the counts.
     fn run(spec: &str, frames: u32) -> (Vec<u8>, FaultCounts) {
-        let mut port = faulty(spec);
+        let (mut port, _) = faulty(spec);
         let mut all = Vec::new();
         for number in 0..frames {
             port.send(&frame(number)).unwrap();
@@ -388,45 +387,45 @@ mod tests {
 
     #[test]
     fn adjacent_frames_are_swapped() {
-        let mut port = faulty("reorder=100%");
+        let (mut port, behind) = faulty("reorder=100%");
         // Two frames are swapped on the way to the board and once more on the way back.
         for number in 0..4 {
             port.send(&frame(number)).unwrap();
         }
-        assert_eq!(port.port().bytes, [1, 0, 3, 2].into_iter().flat_map(frame).collect::<Vec<_>>());
+        assert_eq!(behind.borrow().bytes, [1, 0, 3, 2].into_iter().flat_map(frame).collect::<Vec<_>>());
         assert_eq!(received(&mut port, STEP), (0..4).flat_map(frame).collect::<Vec<_>>());
         assert_eq!(port.tally().reordered, 4);
     }
 
     #[test]
     fn a_truncated_frame_is_joined_to_the_next_one() {
-        let mut port = faulty("truncate=100%");
+        let (mut port, behind) = faulty("truncate=100%");
         port.send(&frame(1)).unwrap();
         port.send(&frame(2)).unwrap();
-        let arrived: Vec<u8> = port.port().bytes.iter().copied().collect();
+        let arrived: Vec<u8> = behind.borrow().bytes.iter().copied().collect();
         assert!(arrived.len() < 20 && !arrived.contains(&0), "{arrived:?}");
     }
 
     #[test]
     fn a_stall_delays_all_bytes_for_its_duration() {
-        let mut port = faulty("stall=2s@100%");
+        let (mut port, behind) = faulty("stall=2s@100%");
         port.send(&frame(1)).unwrap();
-        assert!(port.port().bytes.is_empty());
+        assert!(behind.borrow().bytes.is_empty());
         let mut buffer = [0; 64];
         for _ in 0..3 {
             assert_eq!(port.receive(&mut buffer, Duration::from_millis(500)).unwrap(), 0);
         }
-        assert!(port.port().bytes.is_empty());
+        assert!(behind.borrow().bytes.is_empty());
         // The board receives the frame here, and its response causes another stall.
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 0);
         assert_eq!(port.receive(&mut buffer, Duration::from_secs(2)).unwrap(), 10);
         assert_eq!((&buffer[..10], port.tally().stalls), (&frame(1)[..], 2));
-        assert_eq!(port.port().waited, Duration::from_secs(4));
+        assert_eq!(behind.borrow().waited, Duration::from_secs(4));
     }
 
     #[test]
     fn a_cut_link_loses_all_bytes_until_it_is_restored() {
-        let mut port = faulty("reset=100%");
+        let (mut port, _) = faulty("reset=100%");
         port.send(&frame(1)).unwrap();
         port.send(&frame(2)).unwrap();
         assert_eq!(port.tally(), FaultCounts { frames: 2, resets: 1, cut_off: 2, ..FaultCounts::default() });
@@ -438,16 +437,16 @@ mod tests {
 
     #[test]
     fn a_receive_times_out_on_time_if_all_bytes_are_lost() {
-        let mut port = faulty("drop=100%");
-        port.port().bytes.extend((0..10).flat_map(frame));
+        let (mut port, behind) = faulty("drop=100%");
+        behind.borrow_mut().bytes.extend((0..10).flat_map(frame));
         assert!(received(&mut port, Duration::from_secs(3)).is_empty());
-        assert_eq!((port.tally().dropped, port.port().waited), (10, Duration::from_secs(3)));
+        assert_eq!((port.tally().dropped, behind.borrow().waited), (10, Duration::from_secs(3)));
         assert_eq!(port.receive(&mut [0; 8], Duration::ZERO).unwrap(), 0);
     }
 
     #[test]
     fn bytes_without_a_frame_end_are_passed_on() {
-        let mut port = faulty("seed=1");
+        let (mut port, _) = faulty("seed=1");
         port.send(&[7; 3 * MAX_FRAME_LEN]).unwrap();
         assert_eq!(received(&mut port, STEP).len(), 3 * MAX_FRAME_LEN);
     }

@@ -3,6 +3,7 @@
 use heapless::String;
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
 
 use super::layer_batch::LayerBatch;
 use super::requests::HostName;
@@ -203,6 +204,11 @@ pub struct BoardInfo {
     pub owner: Option<HostName>,
 }
 
+/// Converts hundredths of a degree Celsius, the unit of temperatures in messages, to degrees Celsius.
+pub fn celsius(centi_c: i32) -> f64 {
+    f64::from(centi_c) / 100.0
+}
+
 /// Status of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Status {
@@ -246,7 +252,8 @@ pub struct InterruptedLayer {
 }
 
 /// Reason why a board pauses.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum PauseCause {
     /// The board has laid all layers that it has received. The field also has this value while the board does not
     /// pause.
@@ -261,6 +268,23 @@ pub enum PauseCause {
 }
 
 impl PauseCause {
+    /// Returns the code of the cause, as programs print it.
+    pub fn code(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns a description of the cause and, if a person has to end the pause, what to do.
+    pub const fn explanation(self) -> &'static str {
+        match self {
+            Self::LayersExhausted => "waiting for layers",
+            Self::Requested => "on request",
+            Self::HostSilent => "the board lost contact with its host",
+            Self::FilamentOut => {
+                "out of filament: push new filament in up to the feed; preheat, load and purge it, then continue"
+            }
+        }
+    }
+
     /// Returns true if a job in this state, with this cause of a pause, may be continued without an order of a person:
     /// its heater is on, and at most its host kept it waiting.
     pub const fn allows_continuation(self, state: State) -> bool {

@@ -17,7 +17,7 @@ use growbot_pictures::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
 use crate::cli::status::BoardReport;
-use crate::cli::{Failure, simulated_prefix};
+use crate::cli::{Failure, remedies, simulated_prefix};
 
 /// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
 pub fn send(
@@ -40,7 +40,7 @@ pub fn send(
         BoardRequest::Layers(first) => layers(client, *first),
         BoardRequest::Stop => {
             let stopped = client.stop()?;
-            Ok(format!("{}\n", stopped.message(is_simulated)))
+            Ok(format!("{}\n", remedies::stop_message(stopped, is_simulated)))
         }
         BoardRequest::EmergencyStop => {
             client.emergency_stop()?;
@@ -82,7 +82,7 @@ pub fn maintain(
     let Some(task) = presets.task(word, rest, robot) else {
         return Err(Failure::request_failed(format!("unknown maintenance command {word:?}")));
     };
-    let task = task.map_err(Failure::request_failed)?;
+    let task = task.map_err(|error| Failure::during_request(&error))?;
     client.maintain(task, permit).map_err(|error| match error {
         ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => Failure::request_failed(
             format!("{error}: motors turn only while the nozzle is hot; preheat the nozzle first"),

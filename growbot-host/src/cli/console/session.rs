@@ -6,17 +6,18 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, Job, JobEvent, Outcome, grow_job};
+use growbot_client::growth::{Beginning, CommandQueue, GrowthBoard, GrowthRequest, JobEvent, OnParked, Outcome};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::run_log::GrowthResult;
+use growbot_client::run_log::RunLog;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_core::simulation::ErrorModel;
 use growbot_host::output::print;
-use growbot_sim::ground_truth::{SimulatedTip, grow_with_ground_truth};
+use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
 use rustyline::highlight::Highlighter;
@@ -31,7 +32,7 @@ use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
 use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::status::BoardReport;
-use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table};
+use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.
 const LOOK: Duration = Duration::from_millis(100);
@@ -184,9 +185,10 @@ impl ConsoleSession {
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
-                "the state of the {}robot is unknown ({error}): run `growbot status`, and if that fails cut the \
-                 robot's power",
-                self.port.kind()
+                "the state of the {}robot is unknown ({}): run `growbot status`, and if that fails cut the robot's \
+                 power",
+                self.port.kind(),
+                remedies::message(&error)
             ),
         };
         let left_out = left_out.text();
@@ -221,8 +223,9 @@ impl ConsoleSession {
             }
             Ok(_) => Ok(()),
             Err(error) => Err(Failure::request_failed(format!(
-                "{error}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the \
-                 robot's power"
+                "{}; the robot may still be hot or moving: run `growbot status`, and if that fails cut the robot's \
+                 power",
+                remedies::message(&error)
             ))),
         }
     }
@@ -270,7 +273,24 @@ impl ConsoleSession {
         let radius = self.robot.description().planning_radius_mm;
         let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
         let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
-        let job = Job::of_plan(&self.robot, &plan);
+        let simulated = self.port.is_simulated();
+        let request = GrowthRequest {
+            robot: &self.robot,
+            plan: &plan,
+            beginning: Beginning::FirstLayer,
+            scene: None,
+            scene_error: None,
+            overrides: &[],
+            feedback: None,
+            imperfection: ErrorModel::default(),
+            simulated,
+        };
+        for warning in &plan.warnings {
+            growbot_host::warning!("{}: {}", warning.code, warning.message);
+        }
+        request.check().map_err(|refusal| {
+            Failure::request_failed(format!("{refusal}: choose another pose, or grow it with `growbot grow --force`"))
+        })?;
         let mut emergency = false;
         let mut show = |event: &JobEvent| {
             if let JobEvent::Status(status) = event {
@@ -281,19 +301,22 @@ impl ConsoleSession {
                 let _ = print(&format!("{}\n", state.name()));
             }
         };
-        let is_simulated = self.port.is_simulated();
-        let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
-            grow_job(&mut self.client, &job, HostSilencePolicy::Pause, &self.orders, on_event)
+        let board = GrowthBoard {
+            client: &mut self.client,
+            truth: ground_truth(&mut self.simulation),
+            commands: &self.orders,
+            silence: HostSilencePolicy::Pause,
+            parked: OnParked::End,
         };
-        let grown = grow_with_ground_truth(self.simulation.as_mut(), &job, &mut show, grow)
-            .map_err(|error| growth_monitor::growth_failure(error, is_simulated))?;
+        let grown = request.run(&request.job(), board, &mut show);
+        let (result, _) = request.end(&grown, &mut RunLog::disabled());
+        let grown = grown.map_err(|error| growth_monitor::growth_failure(error, simulated))?;
         self.orders.clear();
-        let result = GrowthResult::new(&grown, (&self.robot, &plan), None, None, is_simulated);
         for warning in &result.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
-        growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, is_simulated)
+        growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, simulated)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {

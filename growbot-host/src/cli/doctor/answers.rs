@@ -1,14 +1,13 @@
 //! Answers that a person types, one per line.
 
-use std::io::{self, BufRead, IsTerminal, Read};
+use std::io::{self, IsTerminal};
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
 use growbot_client::pose_text::parse_number;
 
-/// Length from which an answer is too long, bytes.
-const LONGEST_ANSWER: u64 = 256;
+use crate::cli::typed_answer::read_answer;
 
 /// Expected kind of an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,7 +87,7 @@ impl OperatorInput {
     pub fn of_standard_input() -> Self {
         let (sender, lines) = mpsc::sync_channel(1);
         thread::spawn(move || {
-            while let Some(line) = next_line() {
+            while let Some(line) = read_answer().transpose() {
                 let failed = line.is_err();
                 if sender.send(line).is_err() || failed {
                     return;
@@ -115,20 +114,5 @@ impl OperatorInput {
             Err(RecvTimeoutError::Timeout) => Err(AnswerReadError::Timeout),
             Err(RecvTimeoutError::Disconnected) => Err(AnswerReadError::EndOfInput),
         }
-    }
-}
-
-/// Reads a line of standard input. `None` at its end.
-fn next_line() -> Option<Result<String, String>> {
-    let mut line = Vec::new();
-    if let Err(error) = io::stdin().lock().take(LONGEST_ANSWER).read_until(b'\n', &mut line) {
-        return Some(Err(error.to_string()));
-    }
-    match line.len() as u64 {
-        0 => None,
-        LONGEST_ANSWER.. => {
-            Some(Err(format!("an answer is longer than {LONGEST_ANSWER} bytes: give a shorter answer")))
-        }
-        _ => Some(String::from_utf8(line).map_err(|_| "an answer is not UTF-8 text: type it as UTF-8".to_owned())),
     }
 }

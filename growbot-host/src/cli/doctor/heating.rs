@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use growbot_core::link::message::{Fault, MaintenanceTask, State, Status};
+use growbot_core::link::message::{Fault, MaintenanceTask, State, Status, celsius};
 use growbot_host::note;
 use growbot_sim::tip::manual_action::ManualAction;
 
@@ -56,7 +56,7 @@ fn heat_nothing(session: &mut DoctorSession) -> Result<Finding, Failure> {
     }
     let time = patience(session);
     note!("this step takes up to {} s", time.as_secs());
-    let warmer = |centi_c: Option<i32>| f64::from(centi_c.unwrap_or(before).saturating_sub(before)) / 100.0;
+    let warmer = |centi_c: Option<i32>| celsius(centi_c.unwrap_or(before).saturating_sub(before));
     let seen = session.wait_until(time, None, |seen| {
         seen.status.fault.is_some() || warmer(seen.status.temperature_centi_c) > WARMER_C
     })?;
@@ -184,16 +184,15 @@ pub fn nozzle(session: &mut DoctorSession) -> Result<Finding, Failure> {
     let band = session.robot.description().heater.band_c;
     let mut in_band = 0;
     let seen = session.wait_until(time, None, |seen| {
-        let celsius = seen.status.temperature_centi_c.map_or(0.0, |centi| f64::from(centi) / 100.0);
-        in_band = if (celsius - LOW_C).abs() <= band { in_band + 1 } else { 0 };
+        let temperature_c = seen.status.temperature_centi_c.map_or(0.0, celsius);
+        in_band = if (temperature_c - LOW_C).abs() <= band { in_band + 1 } else { 0 };
         seen.status.fault.is_some() || in_band > 50
     })?;
     session.switch_off()?;
     Ok(match seen.map(|seen| (seen.status.fault, seen.status.temperature_centi_c.unwrap_or_default())) {
-        Some((None, centi)) => Finding::passed(format!(
-            "nozzle at {:.1} C, within {band} C of {LOW_C} C for 5 s",
-            f64::from(centi) / 100.0
-        )),
+        Some((None, centi)) => {
+            Finding::passed(format!("nozzle at {:.1} C, within {band} C of {LOW_C} C for 5 s", celsius(centi)))
+        }
         Some((Some(fault), _)) => Finding::failed(
             describe(fault),
             "the heater is off: remove the cause of this fault, and compare [heater] of the robot file with the parts",

@@ -1,6 +1,6 @@
 //! Checks of the board's measurements while nothing heats or moves.
 
-use growbot_core::link::message::{SensorReadings, State};
+use growbot_core::link::message::{SensorReadings, State, celsius};
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::report::Finding;
@@ -20,9 +20,9 @@ pub fn temperature(session: &mut DoctorSession) -> Result<Finding, Failure> {
         return Ok(Finding::failed("no reading", "check the thermistor's wires"));
     };
     let [min, max] = ROOM_C;
-    let celsius = f64::from(centi_c) / 100.0;
-    let found = format!("the nozzle is at {celsius:.1} C; a room has {min} to {max} C");
-    if (min..=max).contains(&celsius) {
+    let temperature_c = celsius(centi_c);
+    let found = format!("the nozzle is at {temperature_c:.1} C; a room has {min} to {max} C");
+    if (min..=max).contains(&temperature_c) {
         return Ok(Finding::passed(found));
     }
     Ok(Finding::failed(

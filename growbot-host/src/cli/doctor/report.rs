@@ -9,8 +9,10 @@ use growbot_client::atomic_file::write_atomic;
 use growbot_client::run_log::utc_text;
 use growbot_client::sanitize::{json_line, one_line};
 use growbot_core::robot::Robot;
+use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use strum::IntoStaticStr;
 use time::OffsetDateTime;
 
 use crate::cli::Failure;
@@ -19,14 +21,13 @@ use crate::cli::Failure;
 const FORMAT: &str = "growbot-doctor/1";
 /// Maximum size of a report, bytes.
 const LARGEST: u64 = 1 << 20;
-/// Columns of a line on the terminal.
-const WIDTH: usize = 80;
 /// Column at which the text of a line begins.
 const INDENT: usize = 24;
 
 /// Outcome of a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "lowercase")]
 pub enum StepOutcome {
     /// The step passed.
     Passed,
@@ -37,19 +38,14 @@ pub enum StepOutcome {
     /// The robot does not have the part.
     Absent,
     /// The step was interrupted, was not done, or must be repeated.
+    #[strum(serialize = "not done")]
     NotDone,
 }
 
 impl StepOutcome {
     /// Returns the name of the outcome for the terminal.
     fn name(self) -> &'static str {
-        match self {
-            Self::Passed => "passed",
-            Self::Failed => "failed",
-            Self::Skipped => "skipped",
-            Self::Absent => "absent",
-            Self::NotDone => "not done",
-        }
+        self.into()
     }
 }
 
@@ -94,22 +90,9 @@ impl Finding {
 
     /// Returns the finding of the step `step` as one or more lines for the terminal.
     pub fn line(&self, step: &str) -> String {
-        let mut text = format!("{:9}{step:15}", self.outcome.name());
+        let head = format!("{:9}{step:15}", self.outcome.name());
         let remedy = self.remedy.as_deref().map_or(String::new(), |remedy| format!("; {remedy}"));
-        let mut columns = INDENT;
-        for word in format!("{}{remedy}", self.found).split(' ') {
-            let width = word.chars().count();
-            if columns > INDENT && columns + 1 + width > WIDTH {
-                text += &format!("\n{:INDENT$}", "");
-                columns = INDENT;
-            } else if columns > INDENT {
-                text.push(' ');
-                columns += 1;
-            }
-            text += word;
-            columns += width;
-        }
-        text + "\n"
+        wrap(&format!("{}{remedy}", self.found), TERMINAL_WIDTH, &head, &" ".repeat(INDENT))
     }
 }
 

@@ -9,12 +9,13 @@ use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
-use growbot_sim::ground_truth::SimulatedTip;
+use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
 use super::report::{RecordedAnswer, now};
-use crate::cli::Failure;
+use crate::cli::{Failure, remedies};
 
 /// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);
@@ -46,7 +47,7 @@ impl DoctorSession {
     /// Prints a question and waits for the answer. `None` if the step is skipped.
     pub fn ask(&mut self, question: &str, wanted: AnswerKind) -> Result<Option<OperatorAnswer>, Failure> {
         loop {
-            for line in wrapped(question) {
+            for line in wrap(question, TERMINAL_WIDTH, "", "").lines() {
                 ask_line(format_args!("{line}"));
             }
             ask_line(format_args!("  [{}]:", wanted.choices()));
@@ -83,9 +84,7 @@ impl DoctorSession {
             match self.answers.within(LOOK) {
                 Ok(line) => return Ok(line),
                 Err(AnswerReadError::EndOfInput) => break,
-                Err(AnswerReadError::Unreadable(why)) => {
-                    return Err(Failure::bad_input(format!("cannot read the answers from standard input: {why}")));
-                }
+                Err(AnswerReadError::Unreadable(why)) => return Err(Failure::bad_input(why)),
                 Err(AnswerReadError::Timeout) if look.is_multiple_of(GREET) => {
                     self.client.status().map_err(lost)?;
                 }
@@ -101,7 +100,7 @@ impl DoctorSession {
     /// Stops the board and returns an error, if a stop was requested.
     fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.stop_requested() {
-            return Err(Failure::request_failed(self.client.stop()?.message(self.simulated)));
+            return Err(Failure::request_failed(remedies::stop_message(self.client.stop()?, self.simulated)));
         }
         Ok(())
     }
@@ -145,7 +144,7 @@ impl DoctorSession {
         self.stop_if_interrupted()?;
         match self.client.maintain(task, &self.orders.permit()) {
             Ok(()) => Ok(None),
-            Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
+            Err(error @ ClientError::Refused { .. }) => Ok(Some(remedies::message(&error))),
             Err(error) => Err(lost(error)),
         }
     }
@@ -154,7 +153,7 @@ impl DoctorSession {
     pub fn clear(&mut self) -> Result<Option<String>, Failure> {
         match self.client.clear_fault(&self.orders.permit()) {
             Ok(()) => Ok(None),
-            Err(error @ ClientError::Refused { .. }) => Ok(Some(error.to_string())),
+            Err(error @ ClientError::Refused { .. }) => Ok(Some(remedies::message(&error))),
             Err(error) => Err(lost(error)),
         }
     }
@@ -199,7 +198,7 @@ impl DoctorSession {
 
 /// Returns the code and the explanation of a fault.
 pub fn describe(fault: Fault) -> String {
-    format!("{}: {}", fault.code(), fault.explanation())
+    format!("{}: {}", fault.code(), remedies::fault_explanation(fault))
 }
 
 /// Converts an error during a step. The message warns that the robot may be heating if the board does not respond.
@@ -207,22 +206,8 @@ fn lost(error: ClientError) -> Failure {
     match error {
         ClientError::Refused { .. } | ClientError::StopNotAcknowledged { .. } => error.into(),
         error => Failure::request_failed(format!(
-            "{error}; the robot may be heating: run `growbot status`, and if that fails cut the robot's power"
+            "{}; the robot may be heating: run `growbot status`, and if that fails cut the robot's power",
+            remedies::message(&error)
         )),
     }
-}
-
-/// Wraps a question into lines of at most 80 columns.
-fn wrapped(question: &str) -> Vec<String> {
-    let mut lines: Vec<String> = Vec::new();
-    for word in question.split(' ') {
-        match lines.last_mut() {
-            Some(line) if line.chars().count() + 1 + word.chars().count() <= 80 => {
-                line.push(' ');
-                line.push_str(word);
-            }
-            _ => lines.push(word.to_owned()),
-        }
-    }
-    lines
 }

@@ -50,12 +50,10 @@ pub fn write(file: &Path, format: OutputFormat, subject: &Subject) -> Result<(),
     let bytes = match format {
         OutputFormat::Csv => centreline_csv::write(&body(), None).into_bytes(),
         OutputFormat::Stl => stl::write(kind, &body(), RESOLUTION)?,
-        OutputFormat::Glb => {
-            glb::write(&[(kind, &body())], scene_view(subject).map_err(Failure::bad_input)?.as_ref(), RESOLUTION)?
-        }
-        OutputFormat::Html => page::render(subject).map_err(Failure::bad_input)?.into_bytes(),
+        OutputFormat::Glb => glb::write(&[(kind, &body())], scene_view(subject)?.as_ref(), RESOLUTION)?,
+        OutputFormat::Html => page::render(subject)?.into_bytes(),
         _ => {
-            let picture = picture::svg(&[subject], &PictureOptions::default()).map_err(Failure::bad_input)?;
+            let picture = picture::svg(&[subject], &PictureOptions::default())?;
             format.drawn(picture, OutputFormat::PNG_WIDTH)?
         }
     };

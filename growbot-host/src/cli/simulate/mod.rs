@@ -26,12 +26,12 @@ use growbot_sim::simulation::{Simulation, SimulationResult};
 use self::disturbances::DisturbanceReport;
 use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
-use super::Failure;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::plan_source::PlanSourceArgs;
 use super::units::mm;
+use super::{Failure, remedies};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///
@@ -192,7 +192,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
 
 fn warn(warnings: &[Warning]) {
     for warning in warnings {
-        growbot_host::warning!("{}: {}", warning.code, warning.message);
+        growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
 }
 

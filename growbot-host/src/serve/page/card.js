@@ -64,7 +64,7 @@ function robotProperties(robot) {
   if (robot.job) properties.push(["Job", robot.job]);
   if (robot.layers) properties.push(["Layers", `${robot.laid} of ${robot.layers}`]);
   if (robot.finish_utc) properties.push(["Done at", formatTime(robot.finish_utc)]);
-  if (robot.pause_reason) properties.push(["Pause reason", robot.pause_reason]);
+  if (robot.pause_explanation) properties.push(["Pause reason", robot.pause_explanation]);
   return properties;
 }
 

@@ -7,8 +7,11 @@ use nalgebra::Vector3;
 
 /// Viewpoint of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum Viewpoint {
-    /// From one of eight corners, selected so that the goal's direction and the way to the goal are seen from the side.
+    /// The corner from which start and goal are seen best.
+    ///
+    /// The goal's direction and the way to the goal are seen from the side from this one of the eight corners.
     Corner,
     /// From the front: the picture looks along the y axis.
     Front,

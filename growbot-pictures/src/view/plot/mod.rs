@@ -22,23 +22,29 @@ use crate::drawing::colours::{SERIES, series};
 
 /// Quantity that a panel shows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum PlotKind {
-    /// Heights of the layers: the mean, and the range around the wall.
+    /// Heights of the layers, mm.
+    ///
+    /// The plot shows the mean, and the range around the wall.
     Heights,
-    /// Tilt of the layers.
+    /// Tilt of the layers, degrees.
     Tilt,
-    /// Deviation of the body from its plan. Available only for runs.
+    /// Deviation of the body from its plan, mm (run logs only).
     Error,
-    /// Temperature of the nozzle and its setpoint. Available only for runs.
+    /// Temperature of the nozzle, C (run logs only).
+    ///
+    /// The plot also shows the setpoint.
     Temperature,
 }
 
 /// Quantity of the horizontal axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[cfg_attr(feature = "clap", derive(clap::ValueEnum))]
 pub enum XAxis {
-    /// Length along the body.
+    /// Length of the body.
     Path,
-    /// Time since the start of the growth.
+    /// Time by the board's clock, or for a plan the planned time.
     Time,
 }
 

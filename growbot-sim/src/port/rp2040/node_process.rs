@@ -7,6 +7,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 
 use growbot_client::port::PortError;
 use growbot_core::robot::{BoardDescription, Signal};
+use strum::IntoStaticStr;
 
 use crate::tip::Motor;
 
@@ -26,23 +27,14 @@ const SILENT: u16 = u16::MAX;
 const NO_GRAVITY: [i16; 3] = [i16::MIN; 3];
 
 /// Connection between host and board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, IntoStaticStr)]
+#[strum(serialize_all = "kebab-case")]
 pub enum HostLink {
     /// The UART.
     #[default]
     Uart,
     /// The serial port over USB.
     Usb,
-}
-
-impl HostLink {
-    /// Returns the name of the link in the arguments of the emulator's script.
-    fn name(self) -> &'static str {
-        match self {
-            Self::Uart => "uart",
-            Self::Usb => "usb",
-        }
-    }
 }
 
 /// Reason why the emulated Pico does not run.
@@ -191,7 +183,7 @@ impl NodeProcess {
         command
             .arg(&script)
             .arg(firmware)
-            .arg(line.name())
+            .arg::<&str>(line.into())
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());

@@ -1,11 +1,12 @@
-use super::*;
-use crate::ground_truth::grow_with_ground_truth;
 use embedded_storage::nor_flash::NorFlash;
 use growbot_client::client::Client;
+use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_firmware::safety::retained::RetainedStore;
+
+use super::*;
 
 fn robot() -> Robot {
     growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
@@ -23,7 +24,7 @@ fn grow(sim: Sim, layers: u32) -> GrowthReport {
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {
         grow_job(&mut client, &job, HostSilencePolicy::Pause, &CommandQueue::default(), on_event)
     };
-    grow_with_ground_truth(Some(&mut simulation), &job, &mut |_| {}, grow).unwrap()
+    grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| {}, grow).unwrap()
 }
 
 #[test]

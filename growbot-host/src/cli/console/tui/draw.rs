@@ -3,7 +3,7 @@
 use growbot_client::forecast::Forecast;
 use growbot_client::sanitize::is_control;
 use growbot_core::layer::Layer;
-use growbot_core::link::message::{State, Status};
+use growbot_core::link::message::{State, Status, celsius};
 use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use ratatui::Frame;
@@ -19,6 +19,7 @@ use super::body::ScreenPoint;
 use super::keys::KEYS;
 use super::model::{ConsoleModel, explanation};
 use crate::cli::console::commands::hint;
+use crate::cli::remedies;
 
 /// Smallest screen that has room for pictures: columns and rows.
 const MIN_SIZE: (u16, u16) = (72, 20);
@@ -130,7 +131,6 @@ fn progress(model: &ConsoleModel, status: &Status) -> String {
 
 fn heater_line(model: &ConsoleModel) -> Line<'static> {
     let Some(status) = &model.status else { return Line::default() };
-    let celsius = |centi: i32| f64::from(centi) / 100.0;
     let nozzle = status.temperature_centi_c.map_or("no reading".to_owned(), |t| format!("{:.1} C", celsius(t)));
     let target = status.target_centi_c.map_or("heater off".to_owned(), |target| {
         format!("target {:.1} C, {:.0} % power", celsius(target), f64::from(status.duty) / 655.35)
@@ -171,7 +171,7 @@ fn problem_text(model: &ConsoleModel) -> Option<String> {
         return Some(format!("NO RESPONSE: {why}"));
     }
     let fault = model.status.as_ref()?.fault?;
-    Some(format!("{}: {}", fault.code(), fault.explanation()))
+    Some(format!("{}: {}", fault.code(), remedies::fault_explanation(fault)))
 }
 
 /// Returns the number of rows that a text takes when it is wrapped to `width` columns, at most 3.
@@ -452,7 +452,7 @@ mod tests {
             let mut model = growing();
             model.apply_status(Status { fault: Some(fault), ..status(State::Fault, 800.0) });
             let text = drawn(&model, 80, 24).concat().replace(' ', "");
-            assert!(text.contains(&fault.explanation().replace(' ', "")), "{}", fault.code());
+            assert!(text.contains(&remedies::fault_explanation(fault).replace(' ', "")), "{}", fault.code());
         }
         for state in State::ALL {
             let mut model = model();

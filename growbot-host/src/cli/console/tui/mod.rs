@@ -24,6 +24,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use body::TrackedBody;
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
 use growbot_client::maintenance::MaterialPresets;
@@ -35,17 +36,16 @@ use growbot_core::layer_bytes::decode;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use keys::Action;
+use model::ConsoleModel;
+use poller::BoardPoller;
+use prompt::{Prompt, PromptAction};
 use ratatui::DefaultTerminal;
 
 use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, help, parse};
 use super::script::{is_active, still_active_text};
-use crate::cli::{Failure, SelectedPort};
-use body::TrackedBody;
-use keys::Action;
-use model::ConsoleModel;
-use poller::BoardPoller;
-use prompt::{Prompt, PromptAction};
+use crate::cli::{Failure, SelectedPort, remedies};
 
 /// Maximum time to wait for a key before the screen is drawn again.
 const TICK: Duration = Duration::from_millis(80);
@@ -282,7 +282,7 @@ impl TuiApp {
         let body =
             TrackedBody::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
         for warning in &plan.warnings {
-            self.model.log_error(&format!("{}: {}", warning.code, warning.message));
+            self.model.log_error(&format!("{}: {}", warning.code, remedies::warning_message(warning)));
         }
         if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
             self.model.log_error(

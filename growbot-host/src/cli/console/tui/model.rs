@@ -10,6 +10,7 @@ use growbot_core::robot::Robot;
 use super::body::TrackedBody;
 use super::prompt::Prompt;
 use super::temperature_history::TemperatureHistory;
+use crate::cli::remedies;
 
 /// Maximum number of lines in the log.
 const LOG: usize = 200;
@@ -136,7 +137,9 @@ impl ConsoleModel {
 
     fn say_state(&mut self, state: State, fault: Option<Fault>) {
         match fault {
-            Some(fault) => self.log_error(&format!("{}: {}, {}", state.name(), fault.code(), fault.explanation())),
+            Some(fault) => {
+                self.log_error(&format!("{}: {}, {}", state.name(), fault.code(), remedies::fault_explanation(fault)));
+            }
             None => self.write(state.name(), state == State::EmergencyStop),
         }
     }

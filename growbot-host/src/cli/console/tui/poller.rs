@@ -6,6 +6,7 @@ use growbot_client::client::{Client, ClientError};
 
 use super::model::ConsoleModel;
 use crate::cli::growth_monitor::clock_drift_failure;
+use crate::cli::remedies;
 
 /// Interval of status requests to a real board.
 const STATUS_INTERVAL: Duration = Duration::from_millis(500);
@@ -88,7 +89,7 @@ impl BoardPoller {
         });
         if let Err(error) = done {
             self.last_request = Some(Instant::now());
-            model.apply_loss(&error.to_string());
+            model.apply_loss(&remedies::message(&error));
         }
     }
 

@@ -1,5 +1,7 @@
 //! Temperatures over time, as many as a chart can show. They are thinned out, so that they always cover the whole time.
 
+use growbot_core::link::message::celsius;
+
 /// Maximum number of stored readings.
 const MAX_READINGS: usize = 1024;
 
@@ -24,7 +26,6 @@ impl TemperatureHistory {
             _ => {}
         }
         self.latest_s = Some(at_s);
-        let celsius = |centi| f64::from(centi) / 100.0;
         self.readings.extend(reading.map(|centi| (at_s, celsius(centi))));
         self.targets.extend(target.map(|centi| (at_s, celsius(centi))));
         if self.readings.len().max(self.targets.len()) > MAX_READINGS {

@@ -1,30 +1,23 @@
 //! Ground truth of a growth on a simulated tip: the layers that the tip has really laid.
 //!
-//! A program that opens a port to a simulated robot also gets its [`SimulatedTip`]. [`grow_with_ground_truth`] reads
-//! the laid layers from it during a growth. In the growth's report, it replaces the body that was estimated from steps
-//! or sensors by the body that the tip has laid.
+//! A program that opens a port to a simulated robot also gets a [`GroundTruth`]. [`grow_with_ground_truth`] reads the
+//! laid layers from it during a growth. In the growth's report, it replaces the body that was estimated from steps or
+//! sensors by the body that the tip has laid.
 
-use growbot_client::arrival::Arrival;
-use growbot_client::client::ClientError;
-use growbot_client::growth::{GrowthError, GrowthReport, Job, JobEvent, MeasuredBy, Outcome};
-use growbot_client::port::PortError;
 use growbot_core::layer::{Layer, grow};
 
-use crate::tip::manual_action::ManualAction;
-use crate::tip::pins::SharedTip;
+use crate::arrival::Arrival;
+use crate::client::ClientError;
+use crate::growth::{GrowthError, GrowthReport, Job, JobEvent, MeasuredBy, Outcome};
+use crate::port::PortError;
 
-/// Access to a simulated tip while a port communicates with its board.
-pub trait SimulatedTip {
+/// Read access to the body of a simulated tip, while a port communicates with its board.
+pub trait GroundTruth {
     /// Returns the layers that the tip has laid so far, and its net number of feed steps.
     ///
     /// # Errors
     /// If the tip can no longer be read.
     fn laid(&mut self) -> Result<LaidBody, PortError>;
-
-    /// Performs a manual action on the tip. Returns false if the tip does not support manual actions.
-    fn apply_action(&mut self, _hand: ManualAction) -> bool {
-        false
-    }
 
     /// Returns the layers of the tip's body from index `from` on whose plastic no longer changes.
     fn settled(&mut self, from: usize) -> Vec<Layer>;
@@ -39,52 +32,38 @@ pub struct LaidBody {
     pub feed_steps: u64,
 }
 
-impl SimulatedTip for SharedTip {
-    fn laid(&mut self) -> Result<LaidBody, PortError> {
-        let tip = self.borrow();
-        Ok(LaidBody { body: tip.body(), feed_steps: tip.feed_steps() })
-    }
-
-    fn settled(&mut self, from: usize) -> Vec<Layer> {
-        self.borrow_mut().settled(from).to_vec()
-    }
-
-    fn apply_action(&mut self, hand: ManualAction) -> bool {
-        self.borrow_mut().apply_action(hand);
-        true
-    }
-}
-
-/// Grows `job` with the function `grow`. If `simulation` is given, its tip must be at the start of the body. `on_event`
+/// Grows `job` with the function `grow`. If `truth` is given, its tip must be at the start of the body. `on_event`
 /// then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the returned report contains these
 /// layers as the body, unless the board stopped responding.
 ///
 /// # Errors
 /// The errors of `grow`, or an error if the tip cannot be read.
 pub fn grow_with_ground_truth(
-    simulation: Option<&mut Box<dyn SimulatedTip>>,
+    truth: Option<&mut dyn GroundTruth>,
     job: &Job,
     on_event: &mut dyn FnMut(&JobEvent),
     grow: impl FnOnce(&mut dyn FnMut(&JobEvent)) -> Result<GrowthReport, GrowthError>,
 ) -> Result<GrowthReport, GrowthError> {
-    let Some(simulation) = simulation else { return grow(on_event) };
-    let mut truth = TruthRecorder::from_here(simulation.as_mut())
-        .map_err(|error| GrowthError::NotStarted(ClientError::Port(error)))?;
+    let Some(truth) = truth else { return grow(on_event) };
+    let mut recorder =
+        TruthRecorder::from_here(truth).map_err(|error| GrowthError::NotStarted(ClientError::Port(error)))?;
     let mut grown = grow(&mut |event| {
         on_event(event);
         if let JobEvent::Laid { .. } = event {
-            truth.report_settled(on_event);
+            recorder.report_settled(on_event);
         }
     })?;
     if grown.outcome != Outcome::Lost {
-        truth.measure(&mut grown, job, on_event).map_err(|error| GrowthError::Interrupted(ClientError::Port(error)))?;
+        recorder
+            .measure(&mut grown, job, on_event)
+            .map_err(|error| GrowthError::Interrupted(ClientError::Port(error)))?;
     }
     Ok(grown)
 }
 
 /// Recorder of the layers that a simulated tip lays during one growth.
 struct TruthRecorder<'a> {
-    simulation: &'a mut dyn SimulatedTip,
+    truth: &'a mut dyn GroundTruth,
     /// Number of layers that the tip had laid before the growth.
     layers_before: usize,
     feed_steps_before: u64,
@@ -93,13 +72,13 @@ struct TruthRecorder<'a> {
 }
 
 impl<'a> TruthRecorder<'a> {
-    fn from_here(simulation: &'a mut dyn SimulatedTip) -> Result<Self, PortError> {
-        let LaidBody { body, feed_steps } = simulation.laid()?;
-        Ok(Self { simulation, layers_before: body.len(), feed_steps_before: feed_steps, reported: 0 })
+    fn from_here(truth: &'a mut dyn GroundTruth) -> Result<Self, PortError> {
+        let LaidBody { body, feed_steps } = truth.laid()?;
+        Ok(Self { truth, layers_before: body.len(), feed_steps_before: feed_steps, reported: 0 })
     }
 
     fn report_settled(&mut self, on_event: &mut dyn FnMut(&JobEvent)) {
-        let settled = self.simulation.settled(self.layers_before.saturating_add(self.reported));
+        let settled = self.truth.settled(self.layers_before.saturating_add(self.reported));
         self.report(&settled, on_event);
     }
 
@@ -109,7 +88,7 @@ impl<'a> TruthRecorder<'a> {
         job: &Job,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<(), PortError> {
-        let LaidBody { mut body, feed_steps } = self.simulation.laid()?;
+        let LaidBody { mut body, feed_steps } = self.truth.laid()?;
         let body = body.split_off(self.layers_before.min(body.len()));
         self.report(body.get(self.reported..).unwrap_or_default(), on_event);
         let end = grow(&job.start.frame(), body.iter().copied());

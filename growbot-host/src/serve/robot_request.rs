@@ -1,0 +1,86 @@
+//! Requests to the thread of a robot.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::Sender;
+
+use growbot_client::plan::Plan;
+use growbot_client::stop_signal::{Generation, Permit};
+use growbot_core::link::message::MaintenanceTask;
+use growbot_core::robot::Robot;
+use growbot_scene::scene_file::LoadedScene;
+
+use super::job::Job;
+
+/// A job to start.
+pub struct NewJob {
+    pub job: Job,
+    pub plan: Plan,
+    pub robot: Robot,
+    /// Scene with whose obstacles corrections of the path must not collide. `None` if there is none or if it is
+    /// ignored.
+    pub scene: Option<LoadedScene>,
+    pub feedback: bool,
+    /// Permit that was issued when the order to grow arrived.
+    pub permit: Permit,
+}
+
+/// A request that is sent to a robot's thread.
+pub enum RobotRequest {
+    Grow(Box<NewJob>),
+    Resume(Box<Job>, Permit),
+    Cancel,
+    ClearFault(Permit),
+    Task(MaintenanceTask, Permit),
+    /// Wake the thread, because a stop was raised that it has to deliver.
+    Wake,
+    /// Record that the board has confirmed this stop to the thread that sends emergency stops.
+    StopConfirmed(Generation),
+    /// Lease the port: close it until the lease ends.
+    Lend(PortLease),
+}
+
+/// A request in the queue of a robot's thread, with the channel on which its response is sent.
+pub struct PendingRequest {
+    pub request: RobotRequest,
+    pub reply: Sender<Result<(), String>>,
+    pub claim: Claim,
+}
+
+/// Flag that the robot's thread and the caller share for a request. It is set by the one that acts first: the thread,
+/// which takes the request, or the caller, which gives the request up.
+#[derive(Clone, Default)]
+pub struct Claim(Arc<AtomicBool>);
+
+impl Claim {
+    /// Sets the flag. Returns false if it was already set, so that the request had been taken or given up before.
+    pub fn take(&self) -> bool {
+        !self.0.swap(true, Ordering::AcqRel)
+    }
+
+    /// Returns an error if the flag is set. Before the request is sent to the thread, this means that the caller has
+    /// given it up.
+    pub fn check(&self) -> Result<(), String> {
+        if self.0.load(Ordering::Acquire) {
+            return Err(
+                "the request was not started, because its sender closed the connection: send the request again"
+                    .to_owned(),
+            );
+        }
+        Ok(())
+    }
+}
+
+impl PendingRequest {
+    pub(super) fn respond(self, response: Result<(), String>) {
+        // The caller may no longer wait for the response.
+        let _ = self.reply.send(response);
+    }
+}
+
+/// A lease of a robot's port.
+pub struct PortLease {
+    /// Name of the command that has the port.
+    pub to: String,
+    pub is_over: Arc<AtomicBool>,
+}
