@@ -52,8 +52,8 @@ fn an_unconfigured_board_is_detected_and_configured() {
     let mut client = Client::new(Box::new(sim), "sim");
     let error = client.open_session_for(&robot("growbot-a")).unwrap_err();
     assert!(matches!(error, ClientError::NotConfigured { .. }), "{error}");
-    let refused = client.clear_fault(&Permit::standalone()).unwrap_err().to_string();
-    assert!(refused.contains("not configured") && refused.contains("growbot configure"), "{refused}");
+    let refused = client.clear_fault(&Permit::standalone()).unwrap_err();
+    assert!(matches!(refused, ClientError::Refused { refusal: Refusal::NotConfigured, .. }), "{refused}");
     client.configure(&robot("growbot-b")).unwrap();
     client.open_session_for(&robot("growbot-b")).unwrap();
 }

@@ -75,8 +75,8 @@ pub struct GrowthRequest<'a> {
     pub simulated: bool,
 }
 
-/// Reason why a growth is refused before anything is sent to its board. The message names no remedy, because it depends on the
-/// program: each adds its own.
+/// Reason why a growth is refused before anything is sent to its board. The message names no remedy, because each
+/// program has its own.
 #[derive(Debug, thiserror::Error)]
 pub enum GrowthRefusal<'a> {
     /// The plan has warnings because of which growbot refuses to grow it.

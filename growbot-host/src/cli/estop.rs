@@ -74,7 +74,8 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
     }
     for error in &skipped {
         growbot_host::warning!(
-            "the settings cannot be read, so robots that are named only in the settings are not stopped: {error}"
+            "the settings cannot be read, so robots that are named only in the settings are not stopped: {}",
+            remedies::message(error)
         );
     }
     found

@@ -29,7 +29,10 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.resolve_from_files(InvalidFiles::Skip(&mut skipped));
     let robot = args.robot.load_from_files(InvalidFiles::Skip(&mut skipped));
     for error in &skipped {
-        growbot_host::warning!("the settings cannot be read and are not used for this stop: {error}");
+        growbot_host::warning!(
+            "the settings cannot be read and are not used for this stop: {}",
+            remedies::message(error)
+        );
     }
     let port = port?;
     if let Some(owned) = find_service_robot(&port)? {

@@ -147,7 +147,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     simulation.sag = args.sag;
     simulation.scene = opened.scene();
     if let Some(unclear) = unclear {
-        growbot_host::warning!("{unclear}");
+        growbot_host::warning!("{}", remedies::message(&unclear));
     }
     let body = args.body_format()?;
     args.samples.as_deref().map_or(Ok(()), |samples| Samples::check(samples, args.json))?;
