@@ -1,5 +1,5 @@
-//! Conditions of a robot that cause notices. The database stores those that were reported last, so that each is reported
-//! once.
+//! Conditions of a robot that cause notices. The database stores those that were reported last, so that each is
+//! reported once.
 
 use growbot_core::link::message::{Fault, PauseCause, ResetCause, State, Status};
 use rusqlite::{Connection, OptionalExtension};
