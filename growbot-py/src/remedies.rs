@@ -8,13 +8,14 @@ use growbot_client::plan_file::PlanFileError;
 use growbot_client::remedy::with_remedies;
 use growbot_client::run_log::{ReadRunLogError, RunLogError};
 use growbot_client::scene_planning::NoPathError;
+use growbot_sim::sim_daemon::SimDaemonError;
 
 /// Returns the text of an error with its remedies for Python.
 pub fn message(error: &(dyn Error + 'static)) -> String {
     with_remedies(error, |error, text| {
         let remedy =
             of_growth(error).or(of_no_path(error)).or(of_plan_file(error)).or(of_log(error)).or(of_read_log(error));
-        text + remedy.unwrap_or_default()
+        text + remedy.unwrap_or_default() + &of_simulated_robot(error)
     })
 }
 
@@ -45,4 +46,11 @@ fn of_plan_file(error: &(dyn Error + 'static)) -> Option<&'static str> {
 
 fn of_read_log(error: &(dyn Error + 'static)) -> Option<&'static str> {
     matches!(error.downcast_ref()?, ReadRunLogError::Header { .. }).then_some(": give the run log of a growth")
+}
+
+fn of_simulated_robot(error: &(dyn Error + 'static)) -> String {
+    match error.downcast_ref() {
+        Some(SimDaemonError::NotRunning(name)) => format!(" with `growbot power on --port sim:{name}`"),
+        _ => String::new(),
+    }
 }
