@@ -64,7 +64,7 @@ fn a_killed_service_resumes_and_lays_each_layer_once() {
             lab.start();
             done += 1;
         }
-        // While the service was away, a busy machine may have given the board the time to park. It then waits for a person.
+        // A busy machine may restart the service so late that the board has parked. It then waits for a person.
         let job = wait_for("the job ends", || {
             if lab.ask("GET", "/robots/lab", "").1["board_state"] == "parked" {
                 lab.ask("POST", "/robots/lab/commands", r#"{"command":"continue"}"#);

@@ -53,8 +53,8 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
     owner_within(port, RESPONSE_TIMEOUT)
 }
 
-/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop. A robot that
-/// is simulated inside the service can be stopped only by the service, so there the timeout is longer.
+/// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop. A robot
+/// that is simulated inside the service can be stopped only by the service, so there the timeout is longer.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
     let limit = if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY };
     owner_of(service_in_emergency()?, port, limit).ok().flatten()
