@@ -23,7 +23,7 @@ use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
 use crate::margin::near_obstacle;
 use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where, roll_from};
-use crate::plan_file::{SceneRefJson, format_hash};
+use crate::plan_file::json::{SceneRefJson, format_hash};
 use crate::self_collision::closest_self_approach;
 use crate::warning::NEAR_OBSTACLE;
 

@@ -5,7 +5,7 @@
 
 mod check;
 mod check_error;
-mod json;
+pub(crate) mod json;
 
 use std::path::Path as FilePath;
 

@@ -14,11 +14,13 @@
 //! - `page` has the files of the page, and `command_socket` receives its commands.
 //! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks
 //!   the tokens, and [`page_listener`] takes a socket from the service manager. `access` are the rights of a client,
-//!   `connections` bounds the connections, and `limits` the other resources that clients of each role can use. `workers` is the thread on which requests
-//!   other than commands are handled. `state_lock` prevents a second service from using the same files.
+//!   `connections` bounds the connections, and `limits` the other resources that clients of each role can use.
+//!   `workers` is the thread on which requests other than commands are handled. `state_lock` prevents a second service
+//!   from using the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `alert` are the conditions that cause them,
 //!   `notification_queue` stores them, and `notifier` sends them.
 //! - [`client`] is the client of the user's socket.
+
 mod access;
 mod alert;
 pub mod api;

@@ -12,7 +12,8 @@ use nalgebra::Vector3;
 
 use super::centreline::{points_along, thinned};
 
-/// Greatest number of points of the body that are examined, without the first. A body of 1 m has about one point per millimetre.
+/// Greatest number of points of the body that are examined, without the first. A body of 1 m has about one point per
+/// millimetre.
 const MAX_POINTS: usize = 1500;
 
 /// Returns the least distance (mm) between two walls where one part of a tube passes another part. `diameter` is that

@@ -4,7 +4,7 @@ use growbot_client::port::PortError;
 use growbot_core::robot::RobotError;
 
 use super::qemu::QemuError;
-use super::rp2040::Rp2040Error;
+use super::rp2040::node_process::Rp2040Error;
 use crate::sim_daemon::SimDaemonError;
 
 /// Reason why a port could not be opened.

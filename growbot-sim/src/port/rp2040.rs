@@ -8,7 +8,7 @@
 //! run in lock-step: the emulator stops at the first step after which a sensor reading could change, and after a
 //! millisecond at the latest.
 
-mod node_process;
+pub(super) mod node_process;
 
 use std::cell::{RefCell, RefMut};
 use std::collections::VecDeque;
