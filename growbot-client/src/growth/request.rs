@@ -153,6 +153,22 @@ pub struct GrowthBoard<'a> {
 }
 
 impl<'a> GrowthRequest<'a> {
+    /// Creates a request to grow a plan from its first layer on a robot that is not simulated, without scene and
+    /// feedback.
+    pub fn new(robot: &'a Robot, plan: &'a Plan) -> Self {
+        Self {
+            robot,
+            plan,
+            beginning: Beginning::FirstLayer,
+            scene: None,
+            scene_error: None,
+            overrides: &[],
+            feedback: None,
+            imperfection: ErrorModel::default(),
+            simulated: false,
+        }
+    }
+
     /// Checks everything that can be checked without the board.
     ///
     /// # Errors
@@ -326,17 +342,7 @@ mod tests {
     }
 
     fn request<'a>(robot: &'a Robot, plan: &'a Plan) -> GrowthRequest<'a> {
-        GrowthRequest {
-            robot,
-            plan,
-            beginning: Beginning::FirstLayer,
-            scene: None,
-            scene_error: None,
-            overrides: &[],
-            feedback: None,
-            imperfection: ErrorModel::default(),
-            simulated: true,
-        }
+        GrowthRequest { simulated: true, ..GrowthRequest::new(robot, plan) }
     }
 
     /// Returns a scene with a shaft round a straight body, with this distance from its centreline to the walls.

@@ -10,7 +10,6 @@ use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest,
 use growbot_client::input::display_name;
 use growbot_client::run_log::RecordedRun;
 use growbot_core::link::message::{BoardInfo, State};
-use growbot_core::simulation::ErrorModel;
 use growbot_sim::port::TipSettings;
 
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
@@ -127,15 +126,10 @@ pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
         InterruptedLayerChoice::Keep => OnInterrupted::Skip,
     };
     let request = GrowthRequest {
-        robot,
-        plan,
         beginning: Beginning::Resume { record: record.as_ref(), interrupted },
         scene: opened.scene(),
-        scene_error: None,
-        overrides: &[],
-        feedback: None,
-        imperfection: ErrorModel::default(),
         simulated: port.is_simulated(),
+        ..GrowthRequest::new(robot, plan)
     };
     let job = request.job();
     show(&board, job.plan_id, &port)?;

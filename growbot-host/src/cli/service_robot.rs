@@ -220,7 +220,7 @@ impl ServiceRobot {
     /// Shows a job until it ends. Ctrl-C stops the job, but closing the terminal does not.
     fn follow(&self, job: &Job, options: &ServiceGrowthOptions) -> Result<(), Failure> {
         self.stop_on_interrupt();
-        let mut show = JobProgress::new(job, self.robot.simulated);
+        let mut show = JobProgress::new(job);
         let mut after = 0;
         let mut result = None;
         loop {
@@ -341,7 +341,7 @@ struct JobProgress {
 }
 
 impl JobProgress {
-    fn new(job: &Job, _simulated: bool) -> Self {
+    fn new(job: &Job) -> Self {
         let progress = Progress::start(Some(u64::from(job.layers)), ResultTiming::AtEnd);
         Self { progress, state: "starting".to_owned(), laid: 0, layers: job.layers, finish: None, is_silent: false }
     }

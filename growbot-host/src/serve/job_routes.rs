@@ -15,13 +15,12 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
 use futures_util::stream::{BoxStream, StreamExt, once, unfold};
 use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
-use growbot_client::growth::{Beginning, GrowthRefusal, GrowthRequest, Override};
+use growbot_client::growth::{GrowthRefusal, GrowthRequest, Override};
 use growbot_client::plan::Plan;
 use growbot_client::run_log::{RecordedRun, utc_now};
 use growbot_client::stop_signal::Permit;
 use growbot_client::warning::BLOCKING;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::ErrorModel;
 use growbot_pictures::view::{Subject, page};
 use schemars::JsonSchema;
 use serde::Deserialize;
@@ -125,15 +124,11 @@ pub(super) fn make_job(
     let PlanInScene { plan, scene } = plan(&robot)?;
     let overrides = Override::given([(wanted.force, Override::Warnings), (wanted.ignore_scene, Override::Scene)]);
     let request = GrowthRequest {
-        robot: &robot,
-        plan: &plan,
-        beginning: Beginning::FirstLayer,
         scene: scene.as_ref(),
-        scene_error: None,
         overrides: &overrides,
         feedback: wanted.feedback.then_some(DEFAULT_SENSOR_NOISE),
-        imperfection: ErrorModel::default(),
         simulated: keeper.is_simulated(),
+        ..GrowthRequest::new(&robot, &plan)
     };
     request.check().map_err(|refusal| refused(&refusal, &plan))?;
     let (ignore_scene, board_job) = (request.ignores_scene(), request.job());

@@ -16,7 +16,6 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
-use growbot_core::simulation::ErrorModel;
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulated_tip::ground_truth;
 use time::OffsetDateTime;
@@ -42,15 +41,11 @@ impl RobotWorker {
         }
         let commands = self.announce_growth(&job, permit);
         let request = GrowthRequest {
-            robot: &robot,
-            plan: &plan,
-            beginning: Beginning::FirstLayer,
             scene: scene.as_ref(),
-            scene_error: None,
             overrides: if job.ignore_scene { &[Override::Scene] } else { &[] },
             feedback: feedback.then_some(DEFAULT_SENSOR_NOISE),
-            imperfection: ErrorModel::default(),
             simulated: self.is_simulated(),
+            ..GrowthRequest::new(&robot, &plan)
         };
         let board_job = request.job();
         let path = self.shared.jobs().log_path(&job.id);
@@ -142,15 +137,10 @@ impl RobotWorker {
             }
         };
         let request = GrowthRequest {
-            robot: &robot,
-            plan: &plan,
             beginning: Beginning::Resume { record: Some(&record), interrupted: OnInterrupted::Redo },
             scene: scene.as_ref(),
-            scene_error: None,
-            overrides: &[],
-            feedback: None,
-            imperfection: ErrorModel::default(),
             simulated: self.is_simulated(),
+            ..GrowthRequest::new(&robot, &plan)
         };
         let board_job = request.job();
         let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {

@@ -6,7 +6,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{Beginning, CommandQueue, GrowthBoard, GrowthRequest, JobEvent, OnParked, Outcome};
+use growbot_client::growth::{CommandQueue, GrowthBoard, GrowthRequest, JobEvent, OnParked, Outcome};
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::run_log::RunLog;
@@ -15,7 +15,6 @@ use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_core::simulation::ErrorModel;
 use growbot_host::output::print;
 use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use rustyline::completion::Completer;
@@ -274,17 +273,7 @@ impl ConsoleSession {
         let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
         let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
         let simulated = self.port.is_simulated();
-        let request = GrowthRequest {
-            robot: &self.robot,
-            plan: &plan,
-            beginning: Beginning::FirstLayer,
-            scene: None,
-            scene_error: None,
-            overrides: &[],
-            feedback: None,
-            imperfection: ErrorModel::default(),
-            simulated,
-        };
+        let request = GrowthRequest { simulated, ..GrowthRequest::new(&self.robot, &plan) };
         for warning in &plan.warnings {
             growbot_host::warning!("{}: {}", warning.code, warning.message);
         }
