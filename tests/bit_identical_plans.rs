@@ -7,13 +7,13 @@
 //! default 14.
 
 use growbot_client::client::Client;
-use growbot_client::robot_file;
 use growbot_core::job::{job_layers, summarize};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{Message, PassiveRequest, PlanRequest, Planned, ReadLayers, StoredLayers};
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 

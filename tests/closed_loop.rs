@@ -4,8 +4,6 @@
 //! `GROWBOT_LOOPS=1000 cargo test --release -p growbot-tests --test it closed_loop:: -- --nocapture` grows a thousand
 //! bodies of each kind.
 
-use growbot_client::arrival::Arrival;
-use growbot_client::robot_file;
 use growbot_core::path::{Leg, length};
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
@@ -16,7 +14,9 @@ use growbot_core::simulation::{
 };
 use growbot_core::slicing::{LIMIT_SLACK, Slicing, layers};
 use growbot_core::tracking::SensorNoise;
-use growbot_sim::parallel;
+use growbot_plan::arrival::Arrival;
+use growbot_plan::parallel;
+use growbot_plan::robot_file;
 use nalgebra::Vector3;
 
 /// Default number of bodies for each distance and each bias.

@@ -2,12 +2,12 @@
 //! restarts with it.
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
     Configure, DescriptionError, MAX_DESCRIPTION_PART, MaintenanceTask, PassiveRequest, Refusal, ResetCause, State,
 };
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 

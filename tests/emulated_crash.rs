@@ -3,7 +3,6 @@
 use std::path::{Path, PathBuf};
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
     BeginJob, Effect, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status,
@@ -11,6 +10,7 @@ use growbot_core::link::message::{
 };
 use growbot_firmware::emulated_tip as table;
 use growbot_host::crash::{CrashReport, FirmwareImage};
+use growbot_plan::robot_file;
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;

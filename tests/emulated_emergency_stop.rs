@@ -8,7 +8,6 @@ use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
@@ -20,6 +19,7 @@ use growbot_core::link::message::{
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;

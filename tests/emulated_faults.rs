@@ -5,7 +5,6 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
@@ -13,6 +12,7 @@ use growbot_core::link::message::{
     AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, PassiveRequest, Start, State,
 };
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;

@@ -2,17 +2,17 @@
 //! where a growth without feedback does not.
 
 use growbot_client::client::Client;
-use growbot_client::feedback::Feedback;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{
-    CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job,
-};
+use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::feedback::Feedback;
+use growbot_plan::growth_report::{GrowthReport, MeasuredBy, Outcome};
+use growbot_plan::job::{Job, JobEvent};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 
@@ -23,7 +23,7 @@ fn robot() -> Robot {
     let text = std::fs::read_to_string(file).unwrap().replace("[sensors]\n", sensors);
     let folder = std::env::temp_dir().join(format!("growbot-feedback-{}.toml", std::process::id()));
     std::fs::write(&folder, text).unwrap();
-    let robot = growbot_client::robot_file::load(&folder).unwrap();
+    let robot = growbot_plan::robot_file::load(&folder).unwrap();
     let _ = std::fs::remove_file(folder);
     robot
 }

@@ -2,13 +2,15 @@
 
 use growbot_client::client::Client;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::simulated_tip::SimulatedTip;

@@ -8,15 +8,15 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::{
-    Command, CommandQueue, GrowthOptions, GrowthReport, Job, JobEvent, OnParked, Outcome, as_built_hash, grow_job,
-};
-use growbot_client::robot_file;
+use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, PauseCause, Refusal, State};
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
 use growbot_core::robot::{DigitalInput, Robot};
+use growbot_plan::growth_report::{GrowthReport, Outcome, as_built_hash};
+use growbot_plan::job::{Command, Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_sim::tip::TipFault;
 use growbot_tests::firmware;

@@ -15,7 +15,6 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
@@ -23,6 +22,7 @@ use growbot_core::link::message::{
     AppendLayers, BeginJob, EnergizingRequest, Fault, HostSilencePolicy, PassiveRequest, Start, State, Status,
 };
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::{TipFault, TipModel};

@@ -6,17 +6,19 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::feedback::Feedback;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{CommandQueue, GrowthOptions, Job, JobEvent, MeasuredBy, OnParked, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::{FilamentMotion, Robot};
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::feedback::Feedback;
+use growbot_plan::growth_report::{MeasuredBy, Outcome};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 

@@ -13,18 +13,17 @@ use std::rc::Rc;
 use std::thread;
 use std::time::Duration;
 
+use goals::{RADIUS, goal};
 use growbot_client::client::Client;
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::job::summarize;
 use growbot_core::link::message::{Message, PassiveRequest, PlanRequest};
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
+use growbot_plan::robot_file;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
-
-use goals::{RADIUS, goal};
 
 /// A kind of goals: their distance in radii, their number, the number planned by default, and the time limit of a plan
 /// on the Pico, s.

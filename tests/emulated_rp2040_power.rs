@@ -10,13 +10,13 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
-};
-use growbot_client::robot_file;
+use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::rp2040::Rp2040Emulator;
 use growbot_tests::pico_firmware;
 use growbot_tests::recovery::crash::{self, Interruption, Recovery};

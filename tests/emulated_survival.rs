@@ -16,11 +16,8 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
-};
+use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::crash::CrashRecord;
@@ -28,6 +25,9 @@ use growbot_core::link::message::{Empty, EnergizingRequest, Fault, HostSilencePo
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::recovery::crash::{self, Interruption, Recovery};

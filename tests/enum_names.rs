@@ -3,8 +3,6 @@
 use std::collections::BTreeSet;
 use std::fmt::Debug;
 
-use growbot_client::growth::{Command, MeasuredBy};
-use growbot_client::run_log::{BodyKind, OutcomeKind};
 use growbot_core::link::message::{DriverProblem, Fault, Motor, PauseCause, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::robot::{BoardKind, Signal};
@@ -17,6 +15,9 @@ use growbot_host::serve::notification::NotificationEvent;
 use growbot_host::settings::Key;
 use growbot_pictures::export::body::LayerSource;
 use growbot_pictures::export::foxglove::Topic;
+use growbot_plan::growth_report::MeasuredBy;
+use growbot_plan::job::Command;
+use growbot_plan::run_log::{BodyKind, OutcomeKind};
 use growbot_sim::tip::TipFault;
 use serde::{Deserialize, Serialize};
 

@@ -10,7 +10,7 @@ mod trial;
 use std::io::{BufRead, BufReader};
 use std::time::Duration;
 
-use growbot_client::robot_file;
+use growbot_plan::robot_file;
 use growbot_sim::port::qemu::{Qemu, QemuSocket};
 use growbot_tests::{build_image, firmware};
 

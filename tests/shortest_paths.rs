@@ -9,12 +9,12 @@
 
 use std::time::Instant;
 
-use growbot_client::robot_file;
 use growbot_core::path::length;
 use growbot_core::plan::{Planner, plan};
 use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use growbot_tests::reference_search::table::{Row, Stratum, read};
 use growbot_tests::reference_search::{Effort, Problem, helicoid, shortest};
 use nalgebra::Vector3;

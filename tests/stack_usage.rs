@@ -4,13 +4,15 @@
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
-use growbot_client::robot_file;
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_core::link::message::{HostSilencePolicy, Message, PassiveRequest, PlanRequest, ResetCause, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_firmware::emulated_tip as table;
+use growbot_plan::growth_report::Outcome;
+use growbot_plan::job::Job;
+use growbot_plan::robot_file;
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;
 use growbot_tests::tip_memory::TipMemoryView;

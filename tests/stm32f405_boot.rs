@@ -9,12 +9,12 @@ use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::stream::Stream;
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{
     BeginJob, BootReport, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, PassiveRequest, Refusal,
     Start, State,
 };
+use growbot_plan::robot_file;
 use growbot_sim::image_seal::seal;
 use growbot_tests::{firmware, netduinoplus2};
 

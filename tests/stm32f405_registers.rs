@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
 use growbot_client::port::stream::Stream;
-use growbot_client::robot_file;
 use growbot_core::link::message::{ResetCause, State};
+use growbot_plan::robot_file;
 use growbot_tests::netduinoplus2::{self, Board, RegisterWrite, Setup};
 use growbot_tests::{firmware, wiring};
 

@@ -6,8 +6,8 @@ use std::path::Path;
 
 use growbot_client::client::Client;
 use growbot_client::port::stream::Stream;
-use growbot_client::robot_file;
 use growbot_core::robot::{BoardKind, Signal};
+use growbot_plan::robot_file;
 use growbot_tests::firmware;
 use growbot_tests::netduinoplus2::{self, RegisterWrite, Setup};
 use growbot_tests::wiring::{Row, WIRING, pin_of, rows, rp2040_rows};

@@ -5,10 +5,12 @@
 //! sensors by the body that the tip has laid.
 
 use growbot_core::layer::{Layer, grow};
+use growbot_plan::arrival::Arrival;
+use growbot_plan::growth_report::{GrowthReport, MeasuredBy, Outcome};
+use growbot_plan::job::{Job, JobEvent};
 
-use crate::arrival::Arrival;
 use crate::client::ClientError;
-use crate::growth::{GrowthError, GrowthReport, Job, JobEvent, MeasuredBy, Outcome};
+use crate::growth::GrowthError;
 use crate::port::PortError;
 
 /// Read access to the body of a simulated tip, while a port communicates with its board.

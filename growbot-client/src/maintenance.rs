@@ -5,11 +5,10 @@ use std::path::Path;
 
 use growbot_core::link::message::{MaintenanceTask, celsius};
 use growbot_core::robot::Robot;
-
-use crate::pose_text::parse_number;
-pub use crate::robot_file::MaterialPreset;
-use crate::robot_file::{self, RobotFileError};
-use crate::suggest::did_you_mean;
+use growbot_plan::pose_text::parse_number;
+pub use growbot_plan::robot_file::MaterialPreset;
+use growbot_plan::robot_file::{self, RobotFileError};
+use growbot_plan::suggest::did_you_mean;
 
 /// Material presets of a robot file, by name of the material.
 #[derive(Debug, Clone, Default, PartialEq)]

@@ -19,7 +19,7 @@ use crate::trigonometry;
 /// The result is continuous in `bend` through 0, where it is a pure translation along z.
 ///
 /// ```
-/// use growbot_core::kinematics::step;
+/// use crate::kinematics::step;
 /// // A quarter circle of radius 100 mm with the material at alpha = 0 bends towards -x.
 /// let quarter = std::f64::consts::FRAC_PI_2;
 /// let tip_from_end = step(0.0, quarter, 100.0 * quarter);
@@ -133,9 +133,11 @@ impl Inputs {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use core::f64::consts::{FRAC_PI_2, PI, TAU};
+
     use proptest::prelude::*;
+
+    use super::*;
 
     /// Computes Eq 4 by composition: a turn to the bend direction, a rotation about the centre of curvature, and a turn
     /// back.

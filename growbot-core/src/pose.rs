@@ -110,7 +110,7 @@ impl Pose {
     /// Creates a pose from x, y and z in mm, and heading and pitch in degrees.
     ///
     /// ```
-    /// use growbot_core::pose::Pose;
+    /// use crate::pose::Pose;
     /// let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     /// assert!((up.direction() - nalgebra::Vector3::z()).norm() < 1e-15);
     /// assert!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 91.0]).is_err());
@@ -204,8 +204,9 @@ pub fn angle_between(a: &Vector3<f64>, b: &Vector3<f64>) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use proptest::prelude::*;
+
+    use super::*;
 
     proptest! {
         #[test]

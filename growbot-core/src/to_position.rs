@@ -38,7 +38,7 @@ const MAX_POSITION_ERROR: f64 = 1e-12;
 /// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position (radii) in
 /// the plane, shortest first. There is always one.
 /// ```
-/// use growbot_core::to_position::planar;
+/// use crate::to_position::planar;
 /// assert_eq!(planar(10.0, 0.0)[0].length(), 10.0);
 /// // Inside the circle to the left: first right, then left.
 /// let [near, ..] = &planar(0.0, 0.5)[..] else { panic!() };
@@ -190,13 +190,15 @@ fn arrival(start: &Pose, point: &Position, path: &[Segment]) -> Pose {
 
 #[cfg(test)]
 mod tests {
+    use core::f64::consts::{FRAC_PI_2, PI};
+
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
     use super::*;
     use crate::dubins2::{self, PlanarPose};
     use crate::plan::goal_error;
     use crate::testing::robot_a;
-    use core::f64::consts::{FRAC_PI_2, PI};
-    use nalgebra::Vector3;
-    use proptest::prelude::*;
 
     const ARCS: [PathType; 2] = [PathType::Lsr, PathType::Rsl];
 

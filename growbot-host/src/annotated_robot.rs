@@ -5,8 +5,8 @@
 
 use std::path::Path;
 
-use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file::{self, RobotFileError};
 use toml_edit::{DocumentMut, Item};
 
 use crate::schema;

@@ -4,9 +4,9 @@ use std::path::Path;
 
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
-use growbot_client::crash::{Caller, CodeLocation, CrashJson, hex};
-use growbot_client::input::{InputError, read_bytes};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
+use growbot_plan::crash::{Caller, CodeLocation, CrashJson, hex};
+use growbot_plan::input::{InputError, read_bytes};
 use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
 

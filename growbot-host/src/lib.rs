@@ -1,14 +1,12 @@
 //! The library of the `growbot` command.
 //!
-//! Boards, growths, plans and run logs are in growbot-client, simulated robots in growbot-sim, pages, pictures and
+//! Plans and run logs are in growbot-plan, boards and growths in growbot-client, simulated robots in growbot-sim, pages, pictures and
 //! exports in growbot-pictures. This library contains:
 //!
 //! - [`settings`]: settings for all commands, such as the default robot and port
 //! - [`annotated_robot`]: explanation of a robot
 //! - [`robot_questions`]: creation of a robot file
 //! - [`schema`]: JSON Schemas of files
-//! - [`batch`]: many plans from a CSV stream
-//! - [`workspace`]: goals within reach, as numbers and as a picture
 //! - [`watch`]: a live page of an active growth on this machine
 //! - [`reproduce`]: reproduction of the paper's experiments, with page and figures
 //! - [`serve`]: the service that owns robots
@@ -24,7 +22,6 @@
 #![forbid(unsafe_code)]
 
 pub mod annotated_robot;
-pub mod batch;
 pub mod clock_text;
 pub mod crash;
 pub mod messages;
@@ -39,9 +36,7 @@ pub mod settings;
 mod settings_paths;
 pub mod sim_process;
 pub mod text_wrap;
-pub mod via_csv;
 pub mod watch;
-pub mod workspace;
 
 /// The book's chapter about the libraries. Its code is compiled and run as doctests.
 #[cfg(doctest)]

@@ -1,7 +1,7 @@
 //! Messages on standard error in one style: `error:`, `warning:` or `note:`, then the text, in lines of 80 columns.
 //!
 //! Control characters are removed, so that text from outside cannot control the terminal
-//! ([`growbot_client::sanitize`]).
+//! ([`growbot_plan::sanitize`]).
 
 use std::env;
 use std::fmt;
@@ -9,7 +9,7 @@ use std::io::{self, IsTerminal, Write};
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use clap::ColorChoice;
-use growbot_client::sanitize::one_line;
+use growbot_plan::sanitize::one_line;
 
 use crate::text_wrap::{TERMINAL_WIDTH, wrap};
 

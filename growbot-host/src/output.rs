@@ -1,13 +1,13 @@
 //! Results on standard output, whose reader may close it. Everything else is a message ([`crate::messages`]).
 //!
 //! Control characters are removed, so that text from outside cannot control the terminal
-//! ([`growbot_client::sanitize`]).
+//! ([`growbot_plan::sanitize`]).
 
 use std::io::{self, IsTerminal, Write};
 use std::path::Path;
 
-use growbot_client::atomic_file::{FileError, write_atomic};
-use growbot_client::sanitize::lines;
+use growbot_plan::atomic_file::{FileError, write_atomic};
+use growbot_plan::sanitize::lines;
 
 /// Errors of writing a result.
 #[derive(Debug, thiserror::Error)]

@@ -10,10 +10,10 @@ use std::env::{self, VarError};
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use growbot_client::input::{self, InputError};
-use growbot_client::robot_file::{self, RobotFileError};
-use growbot_client::suggest::did_you_mean;
-use growbot_client::user_dirs::config_dir;
+use growbot_plan::input::{self, InputError};
+use growbot_plan::robot_file::{self, RobotFileError};
+use growbot_plan::suggest::did_you_mean;
+use growbot_plan::user_dirs::config_dir;
 use schemars::JsonSchema;
 use serde::Deserialize;
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use growbot_client::robot_file;
+use growbot_plan::robot_file;
 
 /// Returns the robot that a settings file names: a built-in name, or a path, which is resolved from the file's
 /// directory.

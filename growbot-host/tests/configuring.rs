@@ -1,7 +1,5 @@
 //! Tests of `growbot configure` on a simulated robot that keeps running: the board stores another robot description.
 
-use crate::running;
-
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
@@ -9,10 +7,12 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::port::Port;
-use growbot_client::robot_file;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use running::growbot;
 use serde_json::Value;
+
+use crate::running;
 
 fn json(ran: &running::Ran) -> Value {
     serde_json::from_str(&ran.out).unwrap()

@@ -1,13 +1,13 @@
 //! Tests of `growbot robots`, `new-robot`, `completions` and `man`, as users and scripts run them.
 
-use crate::running;
-
 use std::fs;
 use std::process::Stdio;
 
-use growbot_client::robot_file;
+use growbot_plan::robot_file;
 use running::{PROGRAM, command, growbot, growbot_reading};
 use serde_json::Value;
+
+use crate::running;
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))

@@ -7,8 +7,8 @@ mod transcript;
 use std::path::{Component, Path};
 
 use blocks::{Document, beside, for_users, root};
-use growbot_client::robot_file;
 use growbot_host::settings;
+use growbot_plan::robot_file;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in, runs};
 

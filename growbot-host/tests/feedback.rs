@@ -7,15 +7,8 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::feedback::Feedback;
-use growbot_client::growth::{
-    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job, JobEvent, MeasuredBy, OnInterrupted,
-    OnParked, Outcome, grow_job, resume_job,
-};
-use growbot_client::plan::{Plan, PlanOptions};
+use growbot_client::growth::{CommandQueue, GrowthError, GrowthOptions, OnInterrupted, OnParked, grow_job, resume_job};
 use growbot_client::port::{Port, PortError};
-use growbot_client::robot_file;
-use growbot_client::run_log::{RecordedRun, RunLog};
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, ResetCause, State};
 use growbot_core::plan::Planner;
@@ -23,6 +16,12 @@ use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::feedback::Feedback;
+use growbot_plan::growth_report::{GrowthReport, MeasuredBy, Outcome};
+use growbot_plan::job::{Command, Job, JobEvent};
+use growbot_plan::plan::{Plan, PlanOptions};
+use growbot_plan::robot_file;
+use growbot_plan::run_log::{RecordedRun, RunLog};
 use growbot_sim::port::sim::Sim;
 use running::growbot;
 use serde_json::Value;

@@ -3,16 +3,16 @@
 //! written is reported at once.
 #![cfg(unix)]
 
-use crate::running;
-
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::process::Stdio;
 
-use growbot_client::sanitize::is_control;
+use growbot_plan::sanitize::is_control;
 use running::{PROGRAM, Ran, command, growbot, growbot_reading, in_lines};
 use serde_json::Value;
 use tempfile::TempDir;
+
+use crate::running;
 
 /// A directory with a plan, the run log of its growth with a simulated tip that lays layers imperfectly, a robot file
 /// and a batch of goals.
@@ -316,7 +316,7 @@ fn any_simulated_run_is_marked_as_simulated() {
 #[test]
 fn replay_and_page_report_a_stop_for_clock_drift() {
     let files = Files::new();
-    let drift = growbot_client::client::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
+    let drift = growbot_plan::clock_drift::ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
     let log = fs::read_to_string(files.path("run.jsonl")).unwrap();
     let end = serde_json::json!({ "event": "end", "result": { "outcome": "clock-drift", "clock_drift": drift } });
     let run = files.path("drift.jsonl");

@@ -6,18 +6,18 @@
 //! `GROWBOT_HOSTILE_FILES`, `GROWBOT_HOSTILE_BOARDS`, `GROWBOT_HOSTILE_SECONDS` (the time limit of one run) and
 //! `GROWBOT_HOSTILE_SEED` change these numbers.
 
-use crate::hostile;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use growbot_core::random::Rng;
-use growbot_sim::parallel;
+use growbot_plan::parallel;
 use hostile::boards::{self, Manner};
 use hostile::mutation::mutated;
 use hostile::{faults, number, run};
+
+use crate::hostile;
 
 fn limit() -> Duration {
     Duration::from_secs(number("GROWBOT_HOSTILE_SECONDS", 60))

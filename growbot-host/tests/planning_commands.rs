@@ -1,12 +1,12 @@
 //! Tests of `growbot rmin`, `plan` and `layers` as users and scripts run them: results, exit codes, messages.
 
-use crate::running;
-
 use std::fs;
 use std::path::Path;
 
 use running::{PROGRAM, Ran, command, growbot, growbot_reading};
 use serde_json::Value;
+
+use crate::running;
 
 /// Arguments for a plan with known results. The planner `two-plane` is given, so that improvements of other planners do
 /// not change the results.
@@ -427,7 +427,7 @@ fn an_id_is_returned_unchanged_with_control_characters_escaped() {
     assert_eq!(ran.out.lines().count(), 2, "{}", ran.out);
     for line in ran.out.lines() {
         assert_eq!(json(line)["id"], id, "{line}");
-        assert!(!line.contains(growbot_client::sanitize::is_control), "{line:?}");
+        assert!(!line.contains(growbot_plan::sanitize::is_control), "{line:?}");
         assert!(line.contains("\\u009b2J\\u202e\\u2066\\u2028\\tb\u{e4}"), "{line}");
     }
 }

@@ -1,10 +1,6 @@
 //! Tests of the service as its users meet it: the running program, killed and restarted, with valid and invalid
 //! requests.
 
-use crate::fake_board::FakeBoard;
-use crate::lab;
-use crate::running;
-
 use std::fs;
 use std::io::Write;
 use std::os::unix::net::UnixStream;
@@ -13,12 +9,16 @@ use std::process::Stdio;
 use std::thread::sleep;
 use std::time::Duration;
 
-use growbot_client::growth::as_built_hash;
-use growbot_client::run_log::RecordedRun;
 use growbot_core::random::Rng;
+use growbot_plan::growth_report::as_built_hash;
+use growbot_plan::run_log::RecordedRun;
 use lab::{GOAL, LAYERS, Lab, http, wait_for};
 use running::command;
 use serde_json::{Value, json};
+
+use crate::fake_board::FakeBoard;
+use crate::lab;
+use crate::running;
 
 /// Returns the indices of the layers that a run log reports as laid, in the order of the log.
 fn laid(log: &Path) -> Vec<u64> {

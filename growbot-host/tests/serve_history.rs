@@ -2,7 +2,7 @@
 
 use std::process::Stdio;
 
-use growbot_client::run_log::RecordedRun;
+use growbot_plan::run_log::RecordedRun;
 use rustix::process::{Pid, Resource, Rlimit, prlimit};
 use serde_json::{Value, json};
 

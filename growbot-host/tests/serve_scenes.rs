@@ -1,12 +1,12 @@
 //! Tests of jobs of the service in scenes with obstacles.
 
-use crate::lab;
-
 use std::fs;
 
-use growbot_client::run_log::RecordedRun;
+use growbot_plan::run_log::RecordedRun;
 use lab::{Lab, http};
 use serde_json::{Value, json};
+
+use crate::lab;
 
 /// Scene with a ball beside the straight path upwards.
 const BALL: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5.0\n[[ball]]\ncenter_mm = [70, 0, 40]\nradius_mm = 40\n";

@@ -1,25 +1,25 @@
 //! Tests of the live page of a growth, requested over HTTP by all kinds of clients. The server must respond only to
 //! clients on this machine that know the secret token.
 
-use crate::running;
-
 use std::io::{BufRead, BufReader, ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream, UdpSocket};
 use std::sync::Arc;
 
-use growbot_client::growth::{CommandQueue, Job, JobEvent};
-use growbot_client::plan::{Plan, PlanOptions};
+use growbot_client::growth::CommandQueue;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::watch::WatchPage;
 use growbot_pictures::view::Subject;
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::plan::{Plan, PlanOptions};
+use running::{PATIENCE, growbot};
 use serde_json::{Value, json};
 
-use running::{PATIENCE, growbot};
+use crate::running;
 
 /// Starts the live page of a growth of 40 mm. The page can send commands only if `orders` is given.
 fn watch(orders: Option<Arc<CommandQueue>>) -> WatchPage {
-    let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+    let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
     let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
     let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();

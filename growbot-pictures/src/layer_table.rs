@@ -2,14 +2,13 @@
 
 use std::io::{self, Write};
 
-use growbot_client::degrees::degrees_below_turn;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
-
-use crate::table::{NumberFormat, Table};
+use growbot_plan::degrees::degrees_below_turn;
+use growbot_plan::table::{NumberFormat, Table};
 
 /// Adds the columns of a layer's values. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
 pub fn layer_columns<'a, R>(table: Table<'a, R>, layer: impl Fn(&R) -> Layer + 'a) -> Table<'a, R> {
@@ -42,9 +41,11 @@ pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use growbot_client::robot_file;
     use std::f64::consts::TAU;
+
+    use growbot_plan::robot_file;
+
+    use super::*;
 
     #[test]
     fn rows_are_numbered_from_0_with_values_in_range() {

@@ -4,9 +4,9 @@
 //! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it
 //! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
 //! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`)
-//! - [`table`]: tables as CSV, JSON, text and HTML
 //! - [`layer_table`]: the layers of a plan as CSV
-//! - [`figures`], [`duration`]: numbers and times as text
+//! - [`duration`]: times as text
+//! - [`workspace`]: goals within reach as a picture
 //!
 //! Lengths are in mm. Angles are in radians in computations, and in degrees in texts and files.
 #![forbid(unsafe_code)]
@@ -14,7 +14,6 @@
 pub mod drawing;
 pub mod duration;
 pub mod export;
-pub mod figures;
 pub mod layer_table;
-pub mod table;
 pub mod view;
+pub mod workspace;

@@ -115,7 +115,7 @@ fn check_length(name: &str, length: usize, longest: usize) -> Result<(), Error> 
 const LONGEST_TEXT: u64 = 64 << 20;
 
 /// Reads a text file. Returns its text, and its name for messages. This function replaces
-/// `growbot_client::input::read_text`, which records the file as an input that may not be overwritten. A Python program
+/// `growbot_plan::input::read_text`, which records the file as an input that may not be overwritten. A Python program
 /// may overwrite its input.
 pub fn text_of_file(path: &Path) -> Result<(String, String), Error> {
     let (bytes, name) = bytes_of_file(path, LONGEST_TEXT)?;

@@ -1,8 +1,8 @@
 //! NumPy arrays with named fields, and the array of layers.
 
-use growbot_client::degrees::degrees_below_turn;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
+use growbot_plan::degrees::degrees_below_turn;
 use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;

@@ -9,13 +9,12 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    Beginning, Command, CommandQueue, GrowthBoard, GrowthRequest, LogTarget, OnParked, Override,
-};
-use growbot_client::run_log::{BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, to_run_events};
+use growbot_client::growth::{Beginning, CommandQueue, GrowthBoard, GrowthRequest, LogTarget, OnParked, Override};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::ErrorModel;
+use growbot_plan::job::Command;
+use growbot_plan::run_log::{BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, to_run_events};
 use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use pyo3::prelude::*;

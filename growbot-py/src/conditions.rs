@@ -1,12 +1,12 @@
 //! Reading of `growbot.Conditions`: errors of simulated layers and measurements, and feedback. Names and limits are
 //! those of the options of the command `growbot`.
 
-use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_core::angle::radians;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, Disturbance, MAX_ERROR, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_sim::simulation::Simulation;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;

@@ -3,10 +3,10 @@
 
 use std::fmt::Display;
 
-use growbot_client::scene_planning::ScenePlanError;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
+use growbot_plan::scene_planning::ScenePlanError;
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -178,7 +178,7 @@ impl From<ScenePlanError> for Error {
         match error {
             ScenePlanError::Plan(error) => error.into(),
             ScenePlanError::NoPath(error) => {
-                use growbot_client::scene_planning::NoPathError;
+                use growbot_plan::scene_planning::NoPathError;
                 let message = remedies::message(&error);
                 match error {
                     NoPathError::Start { distance, need } | NoPathError::Goal { distance, need } => {

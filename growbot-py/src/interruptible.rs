@@ -3,7 +3,7 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
-use growbot_sim::parallel;
+use growbot_plan::parallel;
 use pyo3::prelude::*;
 
 use crate::error::Error;

@@ -1,12 +1,12 @@
 //! State of a plan for Python's pickle: tuples of plain values that restore the plan bit for bit. The JSON of a plan
 //! cannot, because its angles are in degrees.
 
-use growbot_client::plan::{Plan, SceneClearance, SearchSummary};
-use growbot_client::warning::Warning;
 use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
 use growbot_core::plan::{Planner, requirements};
 use growbot_core::robot::Robot;
+use growbot_plan::plan::{Plan, SceneClearance, SearchSummary};
+use growbot_plan::warning::Warning;
 use nalgebra::Vector3;
 
 use crate::error::{Error, ErrorKind};

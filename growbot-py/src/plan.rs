@@ -5,16 +5,16 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use growbot_client::atomic_file::write_atomic;
-use growbot_client::margin::planning_margin_mm;
-use growbot_client::plan::{self as client, Goal, PlanOptions};
-use growbot_client::plan_file::{self, PlanFile, SegmentJson};
-use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Pose as CorePose, tip_direction};
 use growbot_core::robot::Robot as Described;
 use growbot_core::slicing::{Slicing, layers};
 use growbot_pictures::view::Subject;
+use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::margin::planning_margin_mm;
+use growbot_plan::plan::{self as client, Goal, PlanOptions};
+use growbot_plan::plan_file::{self, PlanFile, SegmentJson};
+use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList, PyType};
@@ -453,7 +453,7 @@ impl PyPlan {
     /// Reasons against growing the plan.
     #[getter]
     fn warnings(&self) -> Vec<PlanWarning> {
-        let warning = |warning: &growbot_client::warning::Warning| PlanWarning {
+        let warning = |warning: &growbot_plan::warning::Warning| PlanWarning {
             code: warning.code.clone(),
             message: warning.message.clone(),
             value: warning.value,

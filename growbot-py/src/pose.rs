@@ -1,9 +1,9 @@
 //! Class `growbot.Pose`, and conversion of arguments to poses and goals.
 
-use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::Goal;
-use growbot_client::pose_text::pose_of_numbers;
 use growbot_core::pose::{Frame, Pose as Inner, Position};
+use growbot_plan::degrees::{shortest_degrees, shortest_heading};
+use growbot_plan::plan::Goal;
+use growbot_plan::pose_text::pose_of_numbers;
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;

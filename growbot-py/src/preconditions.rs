@@ -3,8 +3,8 @@
 use std::ffi::CString;
 
 use growbot_client::growth::GrowthRefusal;
-use growbot_client::margin::near_obstacle;
-use growbot_client::scene_planning::{SceneCheckError, check_clearance};
+use growbot_plan::margin::near_obstacle;
+use growbot_plan::scene_planning::{SceneCheckError, check_clearance};
 use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use growbot_client::plan as client;
 use growbot_core::robot::Robot as Described;
+use growbot_plan::plan as client;
 use pyo3::prelude::*;
 
 /// A path that has been checked to end at its goal, with its properties.

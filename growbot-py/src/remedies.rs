@@ -4,10 +4,10 @@
 use std::error::Error;
 
 use growbot_client::growth::GrowthError;
-use growbot_client::plan_file::PlanFileError;
-use growbot_client::remedy::with_remedies;
-use growbot_client::run_log::{ReadRunLogError, RunLogError};
-use growbot_client::scene_planning::NoPathError;
+use growbot_plan::plan_file::PlanFileError;
+use growbot_plan::remedy::with_remedies;
+use growbot_plan::run_log::{ReadRunLogError, RunLogError};
+use growbot_plan::scene_planning::NoPathError;
 use growbot_sim::sim_daemon::SimDaemonError;
 
 /// Returns the text of an error with its remedies for Python.

@@ -3,14 +3,14 @@
 use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
-use growbot_client::plan_file::format_hash;
-use growbot_client::robot_file;
+use growbot_core::robot::Robot as Described;
+use growbot_plan::plan_file::format_hash;
+use growbot_plan::robot_file;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};
 
 use crate::arguments::{path, text, text_of_file, wrong_type};
 use crate::error::{Error, ErrorKind};
-use growbot_core::robot::Robot as Described;
 
 /// Maximum number of letters of a quoted reason in an error message.
 const MAX_REASON: usize = 300;

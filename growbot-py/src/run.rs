@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use growbot_client::input::MAX_LOG_BYTES;
-use growbot_client::plan as client;
-use growbot_client::run_log::{Events, RecordedRun, RunEvent, RunLine};
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
+use growbot_plan::input::MAX_LOG_BYTES;
+use growbot_plan::plan as client;
+use growbot_plan::run_log::{Events, RecordedRun, RunEvent, RunLine};
 use pyo3::prelude::*;
 use pyo3::types::PyType;
 

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use growbot_client::plan as client;
-use growbot_client::plan_deviation::{PlanDeviation, centreline};
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::{SimulatedBody, Subject};
+use growbot_plan::plan as client;
+use growbot_plan::plan_deviation::{PlanDeviation, centreline};
 use growbot_sim::simulation::{Simulation, SimulationResult as CoreResult};
 use numpy::PyArray1;
 use pyo3::prelude::*;

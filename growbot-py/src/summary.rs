@@ -1,9 +1,9 @@
 //! Class `growbot.SimulationSummary`: statistics over many growths, in constant memory. Sums are exact, so partial
 //! results can be merged in any order.
 
-use growbot_client::plan_file::format_hash;
 use growbot_core::hash::Hasher;
-use growbot_sim::parallel;
+use growbot_plan::parallel;
+use growbot_plan::plan_file::format_hash;
 use growbot_sim::simulation::SimulationResult;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::statistics::Statistics;

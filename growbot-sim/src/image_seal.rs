@@ -4,8 +4,8 @@
 use std::path::Path;
 use std::{fs, io};
 
-use growbot_client::atomic_file::{FileError, write_atomic};
 use growbot_firmware::image_seal::{EMPTY, PARTS, SEAL_WORDS, SEALED, SYMBOL, Seal, crc_of};
+use growbot_plan::atomic_file::{FileError, write_atomic};
 use object::elf::{FileHeader32, PT_LOAD};
 use object::read::elf::{ElfFile32, ProgramHeader};
 use object::{Endianness, Object, ObjectSection, ObjectSymbol};

@@ -4,7 +4,7 @@
 //! - [`port`]: boards that drive the simulated tip (the real controller in this process, or the firmware in an
 //!   emulator), and [`port::open`], which opens any port by its name;
 //! - [`simulated_tip`]: the body that a simulated tip has really laid, and manual actions on it;
-//! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores ([`parallel`]);
+//! - [`simulation`]: disturbed growths without a board, once or a million times, on all cores;
 //! - [`image_seal`]: seals of firmware images.
 //!
 //! Lengths are in mm. Angles are in radians in computations, and in degrees in texts and files. Names that end in a
@@ -12,7 +12,6 @@
 #![forbid(unsafe_code)]
 
 pub mod image_seal;
-pub mod parallel;
 pub mod port;
 pub mod sim_daemon;
 pub mod simulated_tip;

@@ -6,13 +6,15 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthReport, Job, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_client::port::{Port, PortError};
-use growbot_client::robot_file;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::random::Rng;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::Job;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 
 /// A simulated robot whose clock runs `rate` times as fast as its host's, on a connection that delays responses.

@@ -6,9 +6,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    Command, CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job, JobEvent, OnParked, Outcome, grow_job,
-};
+use growbot_client::growth::{CommandQueue, GrowthError, GrowthOptions, OnParked, grow_job};
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::FrameDecoder;
@@ -16,6 +14,8 @@ use growbot_core::link::message::{HostSilencePolicy, Message, PauseCause, State}
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Command, Job, JobEvent};
 use growbot_sim::port::sim::Sim;
 
 /// Grows 20 upright layers. `order` receives all events and can push commands to the queue. Returns the report and the
@@ -57,7 +57,7 @@ fn try_to_grow_with(
     mut order: impl FnMut(&JobEvent, &CommandQueue),
     line: impl FnOnce(Sim) -> Box<dyn Port>,
 ) -> (Result<GrowthReport, GrowthError>, Vec<JobEvent>) {
-    let robot: Robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+    let robot: Robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
     let path = [Segment::Straight { length: 20.0 * 0.774 }];
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     let goal = Pose::from_frame(&end(&path, &start.frame()));

@@ -3,11 +3,11 @@
 use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BeginJob, Cancel, PassiveRequest, Refusal, ResetCause, State};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
 use growbot_firmware::description_store::DescriptionStore;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::flash::SECTOR_BYTES;
 

@@ -9,16 +9,16 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
-};
-use growbot_client::robot_file;
+use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 
 use crate::disturbed::{Board, Disturbance, DisturbedLine, ENDLESS, KILLED};

@@ -11,15 +11,15 @@
 //! -10 % to all layers of a growth. The sensors are those that feedback assumes: odometry to 1 % of a layer, gravity's
 //! direction to 0.5 degrees. The scenes are generated around a path that is free for robot A with a margin of 5 mm.
 
-use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::robot_file;
-use growbot_client::scene_planning::{self, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{DirectionSensor, SimulatedSensors};
 use growbot_core::slicing::Slicing;
+use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::robot_file;
+use growbot_plan::scene_planning::{self, MAX_LENGTH_MM, SceneOptions};
 use growbot_scene::centreline::{TipPose, any_perpendicular};
 use growbot_scene::random_scenes::{self, FAMILIES, TubeLimits};
 use growbot_scene::scene_file::LoadedScene;

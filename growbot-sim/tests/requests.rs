@@ -6,12 +6,12 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError, StopOutcome};
 use growbot_client::port::{Port, PortError};
-use growbot_client::robot_file;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::message::{BeginJob, Message, PassiveRequest, Refusal, State};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 

@@ -71,10 +71,10 @@ mod tests {
 
     use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
     use growbot_core::link::message::{PauseCause, RefusalResponse, ResetCause, SCHEMA_HASH, State, Status};
+    use growbot_plan::robot_file;
 
     use super::*;
     use crate::port::{Port, PortError};
-    use crate::robot_file;
 
     /// A board that another host takes after `part` parts of a description.
     struct TakenAt {

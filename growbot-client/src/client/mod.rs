@@ -20,7 +20,6 @@ use std::collections::VecDeque;
 use growbot_core::link::frame::{FrameDecoder, next_seq};
 use growbot_core::link::message::{Empty, Message};
 
-pub use self::clock::ClockDrift;
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::{ClientError, MOVE_FILAMENT, SEND_DESCRIPTION};

@@ -6,8 +6,9 @@ use growbot_core::link::message::{
     BootReport, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, PassiveRequest,
     ReadLayers, Refusal, SensorReadings, Status,
 };
+use growbot_plan::clock_drift::ClockDrift;
 
-use super::clock::{ClockDrift, ClockSample, ClockWatch};
+use super::clock::{ClockSample, ClockWatch};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
 use crate::stop_signal::Permit;

@@ -10,11 +10,12 @@
 //! layer, unless the board lost power.
 
 use growbot_core::link::message::{Accepted, Amend, Empty, MAX_LAYERS_PER_MESSAGE, Message, PassiveRequest, Refusal};
+use growbot_plan::clearance_guard::ClearanceViolation;
+use growbot_plan::feedback::Correction;
+use growbot_plan::job::{Amendment, Job, JobEvent};
 
-use super::{Amendment, Job, JobEvent, JobRunner, PendingAmendment, UploadState};
-use crate::clearance_guard::ClearanceViolation;
+use super::{JobRunner, PendingAmendment, UploadState};
 use crate::client::ClientError;
-use crate::feedback::Correction;
 
 /// Maximum number of layers after the laid ones that are sent to the board with feedback.
 const HORIZON: u32 = 64;

@@ -3,81 +3,17 @@
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use growbot_core::link::message::MaintenanceTask;
-use growbot_core::robot::Robot;
-use serde::{Deserialize, Serialize};
-use strum::{EnumString, IntoStaticStr, VariantArray};
+use growbot_plan::job::Command;
 
-use crate::robot_file::MaterialPreset;
 use crate::stop_signal::{Permit, StopLevel};
 
-/// A command of a user during a growth.
-#[derive(
-    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, EnumString, IntoStaticStr, VariantArray,
-)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-#[repr(u8)]
-pub enum Command {
-    /// Continue after a pause.
-    Continue = 1,
-    /// Pause after the layer in progress.
-    Pause,
-    /// In a pause: heat the nozzle, to change filament.
-    Preheat,
-    /// In a pause: pull filament out.
-    Unload,
-    /// In a pause: push filament in.
-    Load,
-    /// In a pause: push filament through the nozzle.
-    Purge,
-    /// Switch heater and steppers off. The body can be resumed.
-    Stop,
-    /// Switch heater and steppers off before anything else. The board stays off until the stop is cleared.
-    EmergencyStop,
-}
-
-impl Command {
-    /// All commands.
-    pub const ALL: [Self; 8] = *Self::VARIANTS.as_array().unwrap();
-
-    /// Returns the name of the command in URLs and run logs.
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
-
-    /// Returns the board's maintenance task for this command, with the lengths of the default material preset. `None`
-    /// for a command that is not a maintenance task.
-    pub(super) fn task(self, robot: &Robot) -> Option<MaintenanceTask> {
-        let MaterialPreset { load_mm, unload_mm, purge_mm, .. } = MaterialPreset::default();
-        let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
-        match self {
-            Self::Preheat => {
-                let target_centi_c = (robot.description().heater.target_c * 100.0).round() as i32;
-                Some(MaintenanceTask::Preheat { target_centi_c })
-            }
-            Self::Unload => Some(feed(-unload_mm)),
-            Self::Load => Some(feed(load_mm)),
-            Self::Purge => Some(feed(purge_mm)),
-            Self::Continue | Self::Pause | Self::Stop | Self::EmergencyStop => None,
-        }
-    }
-
-    /// Reports whether the command may be sent again if the connection was lost before its response. Moves of filament
-    /// may not, because they might be executed twice.
-    pub(super) fn may_be_repeated(self) -> bool {
-        !matches!(self, Self::Unload | Self::Load | Self::Purge)
-    }
-
-    /// Returns the message for a command that is not sent again although it is unknown whether the board executed it.
-    pub(super) fn uncertain_message(self) -> String {
-        format!(
-            "the connection was lost, so it is unknown whether the robot executed `{}`: check the robot's state before \
-             you send the command again",
-            self.name()
-        )
-    }
+/// Returns the message for a command that is not sent again although it is unknown whether the board executed it.
+pub(super) fn uncertain_message(command: Command) -> String {
+    format!(
+        "the connection was lost, so it is unknown whether the robot executed `{}`: check the robot's state before \
+         you send the command again",
+        command.name()
+    )
 }
 
 impl From<StopLevel> for Command {

@@ -4,137 +4,22 @@
 mod amendment;
 mod commands;
 mod monitor;
-mod report;
 mod request;
 mod start;
 
-use growbot_core::job::{job_layers, plan_id};
-use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::link::crash::CrashWords;
 use growbot_core::link::message::{
-    Accepted, BoardInfo, BootReport, EnergizingRequest, HostSilencePolicy, InterruptedLayer, LayerReadings, Message,
-    PassiveRequest, Refusal, ResetCause, Start, State, Status,
+    Accepted, BoardInfo, BootReport, EnergizingRequest, HostSilencePolicy, InterruptedLayer, Message, PassiveRequest,
+    Refusal, ResetCause, Start, State, Status,
 };
-use growbot_core::path::{Segment, length};
-use growbot_core::pose::Pose;
-use growbot_core::robot::Robot;
-use serde::{Deserialize, Serialize};
+use growbot_plan::feedback::Feedback;
+use growbot_plan::growth_report::GrowthReport;
+use growbot_plan::job::{Job, JobEvent};
 
-pub use self::commands::{Command, CommandQueue};
-pub use self::report::{GrowthReport, MeasuredBy, Outcome, as_built_hash, as_built_or_commanded};
+pub use self::commands::CommandQueue;
 pub use self::request::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
-use crate::clearance_guard::{ClearanceViolation, Detour};
 use crate::client::{Client, ClientError};
-use crate::feedback::{EncoderReference, Feedback};
-use crate::plan::Plan;
 use crate::stop_signal::Permit;
-
-/// A job: the layers of a path, which a robot's board has to lay.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Job<'a> {
-    /// Robot that lays the layers.
-    pub robot: &'a Robot,
-    /// Pose at which the body begins.
-    pub start: &'a Pose,
-    /// Pose that the tip should have after the last layer.
-    pub goal: &'a Pose,
-    /// Length of the path from start to goal, mm.
-    pub length: f64,
-    /// Plan id: the hash of the robot's description and the layers.
-    pub plan_id: u64,
-    /// Layers in order, each in the 12 bytes of the link.
-    pub layers: Vec<LayerBytes>,
-}
-
-impl<'a> Job<'a> {
-    /// Creates the job of a plan. `robot` must be the robot for which the plan was made.
-    pub fn of_plan(robot: &'a Robot, plan: &'a Plan) -> Self {
-        Self::new(robot, &plan.start, &plan.goal, &plan.path)
-    }
-
-    /// Creates the job of a path from `start` to `goal`, whose layers are computed for this robot.
-    pub fn new(robot: &'a Robot, start: &'a Pose, goal: &'a Pose, path: &[Segment]) -> Self {
-        let layers: Vec<LayerBytes> = job_layers(path, robot).collect();
-        Self { robot, start, goal, length: length(path), plan_id: plan_id(robot, &layers), layers }
-    }
-}
-
-/// An event of a job.
-#[derive(Debug, Clone, PartialEq)]
-pub enum JobEvent {
-    /// The board reported that it changed to this state.
-    State(State),
-    /// The board reported its identity and state, when a session was opened.
-    Board(BoardInfo),
-    /// The board has restarted because its firmware crashed. Contains the recorded crash.
-    Crash(CrashWords),
-    /// The board reported its status, which the host requests when no events arrive.
-    Status(Status),
-    /// The board has laid a layer.
-    Laid {
-        /// Index of the layer, from 0.
-        index: u32,
-        /// The layer as built. `None` if it is unknown.
-        as_built: Option<LayerBytes>,
-        /// Sensor readings of the board after the layer. `None` without readings.
-        measured: Option<LayerReadings>,
-    },
-    /// Simulated layers with their errors, as the plastic of a simulated tip lies. A layer is reported once it no
-    /// longer changes; the last layers are reported at the end.
-    Simulated {
-        /// Index of the first layer.
-        from: u32,
-        /// The layers with their errors.
-        layers: Vec<Layer>,
-    },
-    /// The feedback measures growth from this reading of the filament's encoder on.
-    EncoderReference(EncoderReference),
-    /// An amendment is about to be sent to the board. It takes effect unless `AmendmentRejected` follows.
-    Amendment(Amendment),
-    /// The board has not accepted the latest amendment. Contains the reason, or `None` if the amendment only arrived
-    /// too late.
-    AmendmentRejected(Option<String>),
-    /// With feedback in a scene: the remaining layers follow another path, because the previous path would be too near
-    /// to an obstacle.
-    Detour(Detour),
-    /// With feedback in a scene: the remaining layers would be too near to an obstacle and no other path was found, so
-    /// the board is commanded to pause.
-    ClearanceViolation(ClearanceViolation),
-    /// With feedback: further layers of the job, after those in its latest amendment, are sent to the board.
-    LayersSent {
-        /// Index of the first layer.
-        from: u32,
-        /// The sent layers, each in the 12 bytes of the link.
-        layers: Vec<LayerBytes>,
-    },
-    /// A command of a user is about to be executed.
-    Command(Command),
-    /// The latest command of a user failed. Contains the reason.
-    CommandFailed(String),
-    /// The board does not respond. The host tries to reconnect.
-    NoResponse,
-    /// The board responds again.
-    Reconnected,
-}
-
-/// Amendment of a job: a replacement of its layers from an index on.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-pub struct Amendment {
-    /// New plan id of the job.
-    #[serde(with = "crate::run_log::hash")]
-    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
-    pub plan_id: u64,
-    /// Index of the first replaced layer.
-    pub from: u32,
-    /// Total number of layers of the job after the amendment.
-    pub total: u32,
-    /// The first replacement layers, at most 64. The other ones are sent later.
-    #[serde(with = "crate::run_log::layers")]
-    #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
-    pub layers: Vec<LayerBytes>,
-}
 
 /// Error of a growth that could not start, or whose result is unknown.
 #[derive(Debug, thiserror::Error)]

@@ -8,16 +8,15 @@ use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
     Empty, Fault, LayerLaid, Message, PassiveRequest, PauseCause, Refusal, State, Status,
 };
+use growbot_plan::arrival::Arrival;
+use growbot_plan::feedback::Feedback;
+use growbot_plan::growth_report::{GrowthReport, MeasuredBy, Outcome, as_built_or_commanded};
+use growbot_plan::job::{Command, JobEvent};
 
 use super::amendment::IN_ENGINE;
-use super::commands::QueuedCommand;
-use super::{
-    Command, CommandQueue, GrowthError, GrowthReport, JobEvent, JobRunner, MeasuredBy, OnInterrupted, OnParked,
-    Outcome, as_built_or_commanded, is_crash, report_crash,
-};
-use crate::arrival::Arrival;
+use super::commands::{QueuedCommand, uncertain_message};
+use super::{CommandQueue, GrowthError, JobRunner, OnInterrupted, OnParked, is_crash, report_crash};
 use crate::client::ClientError;
-use crate::feedback::Feedback;
 use crate::stop_signal::StopLevel;
 
 /// Maximum time to wait for an event of the board before the command queue is polled.
@@ -189,7 +188,7 @@ impl JobRunner<'_> {
                 // A command that did not reach the board is kept for the next session.
                 self.execute(&order, on_event).inspect_err(|_| match command.may_be_repeated() {
                     true => orders.requeue(order),
-                    false => on_event(&JobEvent::CommandFailed(command.uncertain_message())),
+                    false => on_event(&JobEvent::CommandFailed(uncertain_message(command))),
                 })?;
                 stopped_by = Some(command).filter(|command| *command >= Command::Stop);
                 questions.ask = true;

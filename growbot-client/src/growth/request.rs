@@ -6,20 +6,19 @@ use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::clearance_guard::{ClearanceViolation, SceneContext};
+use growbot_plan::feedback::{Feedback, can_measure};
+use growbot_plan::growth_report::GrowthReport;
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::plan::Plan;
+use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunLogError, RunOrigin};
+use growbot_plan::scene_planning::SceneCheckError;
+use growbot_plan::warning::BLOCKING;
 use growbot_scene::scene_file::LoadedScene;
 
-use super::{
-    CommandQueue, GrowthError, GrowthOptions, GrowthReport, Job, JobEvent, OnInterrupted, OnParked, grow_job,
-    resume_job,
-};
-use crate::clearance_guard::{ClearanceViolation, SceneContext};
+use super::{CommandQueue, GrowthError, GrowthOptions, OnInterrupted, OnParked, grow_job, resume_job};
 use crate::client::Client;
-use crate::feedback::{Feedback, can_measure};
 use crate::ground_truth::{GroundTruth, grow_with_ground_truth};
-use crate::plan::Plan;
-use crate::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunLogError, RunOrigin};
-use crate::scene_planning::SceneCheckError;
-use crate::warning::BLOCKING;
 
 /// A check of a growth that the user ignores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -326,12 +325,13 @@ impl<'a> GrowthRequest<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::robot_file;
-    use crate::scene_planning::attach_scene;
     use growbot_core::plan::Planner;
     use growbot_core::pose::Pose;
     use growbot_core::simulation::Disturbance;
+    use growbot_plan::robot_file;
+    use growbot_plan::scene_planning::attach_scene;
+
+    use super::*;
 
     const UP: [f64; 5] = [0.0, 0.0, 0.0, 0.0, 90.0];
     const NOISE: SensorNoise = SensorNoise { odometry: 0.01, direction: 0.2 };

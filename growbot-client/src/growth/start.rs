@@ -3,12 +3,11 @@
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{BeginJob, BoardInfo, PassiveRequest, Resume, State, Status};
 use growbot_core::robot::Robot;
+use growbot_plan::feedback::EncoderReference;
+use growbot_plan::job::{Job, JobEvent};
 
-use super::{
-    CommandQueue, GrowthError, GrowthOptions, Job, JobEvent, JobRunner, OnInterrupted, is_crash, report_crash,
-};
+use super::{CommandQueue, GrowthError, GrowthOptions, JobRunner, OnInterrupted, is_crash, report_crash};
 use crate::client::{Client, ClientError};
-use crate::feedback::EncoderReference;
 
 impl<'a> JobRunner<'a> {
     /// Begins a new job on the board and sends as many layers as the board can store.

@@ -24,9 +24,8 @@ mod planar_path;
 #[cfg(test)]
 mod tests;
 
-pub use planar_path::{Direction, PathType, PlanarPath, PlanarPose};
-
 use path_types::{PlanarGoal, Tangent, lengths};
+pub use planar_path::{Direction, PathType, PlanarPath, PlanarPose};
 
 /// Max difference in length (radii) of paths that count as equally long: the rounding error that [`path_types`]
 /// accepts. Of such paths, the first in the order of [`PathType::ALL`] is returned, so that ties are decided in the
@@ -36,7 +35,7 @@ const TIE: f64 = 1e-12;
 /// Returns the shortest planar path from the start to a goal.
 ///
 /// ```
-/// use growbot_core::dubins2::{PlanarPose, PathType, shortest};
+/// use crate::dubins2::{PlanarPose, PathType, shortest};
 /// let path = shortest(&PlanarPose { x: 10.0, y: 0.0, heading: 0.0 });
 /// assert_eq!(path.length(), 10.0);
 /// let behind = shortest(&PlanarPose { x: -1.0, y: 0.0, heading: 0.0 });

@@ -115,7 +115,7 @@ impl Slices<'_> {
 /// ```
 /// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
 /// # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
-/// # let robot = growbot_core::robot::Robot::new(toml::from_str(file).unwrap()).unwrap();
+/// # let robot = crate::robot::Robot::new(toml::from_str(file).unwrap()).unwrap();
 /// let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 }];
 /// assert_eq!(layers(&path, &robot, Slicing::Exact).count(), 65);
 /// let heights: f64 = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer.height).sum();
@@ -324,14 +324,15 @@ impl FusedIterator for SlicedLayers<'_> {}
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector3;
+    use proptest::prelude::*;
+
     use super::*;
     use crate::helicoid::Helicoid;
     use crate::layer::grow;
     use crate::path::end;
     use crate::pose::Frame;
     use crate::testing::robot_a;
-    use nalgebra::Vector3;
-    use proptest::prelude::*;
 
     fn segment() -> impl Strategy<Value = Segment> {
         prop_oneof![

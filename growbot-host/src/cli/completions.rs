@@ -3,8 +3,8 @@
 use clap::builder::PossibleValuesParser;
 use clap::{Args, Command, CommandFactory};
 use clap_complete::Shell;
-use growbot_client::robot_file;
 use growbot_host::output::print;
+use growbot_plan::robot_file;
 
 use super::{Cli, Failure, ROBOT};
 

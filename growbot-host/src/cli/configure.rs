@@ -7,12 +7,12 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::client::ClientError;
 use growbot_client::port::PortError;
-use growbot_client::robot_file;
-use growbot_client::sanitize::json_line;
 use growbot_core::link::message::BoardInfo;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
 use growbot_host::{note, warning};
+use growbot_plan::robot_file;
+use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
 use super::service_robot::lease_port;

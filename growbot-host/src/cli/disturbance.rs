@@ -1,10 +1,10 @@
 //! Errors of simulated robots: the layers' errors, the sensors' noise, and the seed of both.
 
 use clap::Args;
-use growbot_client::pose_text::{parse_angle, parse_number};
 use growbot_core::angle::radians;
 use growbot_core::simulation::{Disturbance, MAX_ERROR};
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::pose_text::{parse_angle, parse_number};
 
 /// Errors of simulated layers and sensors.
 #[derive(Debug, Clone, Args)]
@@ -124,8 +124,9 @@ fn within(number: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use clap::Parser;
+
+    use super::*;
 
     #[derive(Debug, Parser)]
     struct Alone {

@@ -4,14 +4,14 @@ use std::path::PathBuf;
 use std::slice;
 
 use clap::{Args, ValueEnum};
-use growbot_client::atomic_file::write_atomic;
-use growbot_client::run_log::BodyKind;
 use growbot_host::output::{is_standard_output, print_bytes};
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
 use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
+use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::run_log::BodyKind;
 
 use super::Failure;
 use super::opened::Opened;
@@ -188,7 +188,7 @@ impl ExportArgs {
                 None => Err(Failure::bad_input(format!(
                     "{} is a plan, but MCAP holds the recording of a growth: give a run log, as `growbot grow --log` \
                      writes it",
-                    growbot_client::input::display_name(&self.body)
+                    growbot_plan::input::display_name(&self.body)
                 ))),
             },
         }

@@ -8,10 +8,10 @@ use std::process::Command;
 use std::{fmt, fs, io};
 
 use clap::{Args, ValueEnum};
-use growbot_client::robot_file;
 use growbot_core::robot::{BoardDescription, BoardKind, Robot};
 use growbot_host::output::print;
 use growbot_host::{note, warning};
+use growbot_plan::robot_file;
 use growbot_sim::image_seal::{self, SealError};
 use growbot_sim::uf2;
 

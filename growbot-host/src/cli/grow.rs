@@ -3,14 +3,14 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_client::growth::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
-use growbot_client::robot_file;
-use growbot_client::run_log::RunLog;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::duration::duration_text;
+use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::robot_file;
+use growbot_plan::run_log::RunLog;
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 
@@ -297,8 +297,9 @@ impl GrowArgs {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use clap::CommandFactory;
+
+    use super::*;
 
     #[test]
     fn the_main_job_is_a_valid_command() {

@@ -1,19 +1,19 @@
 //! Growth on the command line: progress, log, result and exit code.
 
 use clap::ValueEnum;
-use growbot_client::clearance_guard::Detour;
-use growbot_client::client::ClockDrift;
-use growbot_client::forecast::Forecast;
-use growbot_client::growth::{
-    Command, GrowthBoard, GrowthError, GrowthReport, GrowthRequest, Job, JobEvent, OnParked, Outcome,
-};
-use growbot_client::run_log::{GrowthResult, RunLog, RunLogError};
-use growbot_client::sanitize::json_line;
+use growbot_client::growth::{GrowthBoard, GrowthError, GrowthRequest, OnParked};
 use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_host::watch::WatchPage;
+use growbot_plan::clearance_guard::Detour;
+use growbot_plan::clock_drift::ClockDrift;
+use growbot_plan::forecast::Forecast;
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Command, Job, JobEvent};
+use growbot_plan::run_log::{GrowthResult, RunLog, RunLogError};
+use growbot_plan::sanitize::json_line;
 use time::OffsetDateTime;
 
 use super::terminal_commands::{TerminalCommands, waiting_hint};
@@ -358,20 +358,21 @@ impl GrowthProgress {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use growbot_client::arrival::Arrival;
     use growbot_client::client::ClientError;
-    use growbot_client::growth::MeasuredBy;
-    use growbot_client::plan::Plan;
     use growbot_core::link::message::Fault;
     use growbot_core::plan::Planner;
     use growbot_core::pose::Pose;
+    use growbot_plan::arrival::Arrival;
+    use growbot_plan::growth_report::MeasuredBy;
+    use growbot_plan::plan::Plan;
+
+    use super::*;
 
     const DRIFT: ClockDrift = ClockDrift { board_ms: 28_500, host_ms: [30_000, 30_100] };
 
     #[test]
     fn clock_drift_has_its_own_outcome_with_drift_and_limit() {
-        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
         let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
         let plan = Plan::new(&robot, &up(0.0), &up(2.1), 100.0, Planner::Shortest).unwrap();
         let grown = |outcome| GrowthReport {

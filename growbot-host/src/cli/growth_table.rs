@@ -1,18 +1,18 @@
 //! The table at the end of a growth.
 
-use growbot_client::arrival::{Arrival, PoseDifference};
-use growbot_client::feedback::FeedbackReport;
-use growbot_client::growth::{GrowthReport, MeasuredBy};
-use growbot_client::plan::Plan;
-use growbot_client::plan_deviation::{BodyClearance, PlanDeviation};
-use growbot_client::run_log::GrowthResult;
 use growbot_core::angle::degrees;
 use growbot_core::layer::SECTORS;
 use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::figures::fixed;
+use growbot_plan::arrival::{Arrival, PoseDifference};
+use growbot_plan::feedback::FeedbackReport;
+use growbot_plan::figures::fixed;
+use growbot_plan::growth_report::{GrowthReport, MeasuredBy};
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_deviation::{BodyClearance, PlanDeviation};
+use growbot_plan::run_log::GrowthResult;
 
 use super::simulated_prefix;
 

@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::atomic_file::format_from_extension;
-use growbot_client::plan_file;
 use growbot_host::output::{OutputError, write_to};
 use growbot_pictures::layer_table::write_layers;
+use growbot_plan::atomic_file::format_from_extension;
+use growbot_plan::plan_file;
 
 use super::Failure;
 

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 
 use clap::{Args, Command, CommandFactory};
 use clap_mangen::Man;
-use growbot_client::suggest::did_you_mean;
 use growbot_host::output::print;
+use growbot_plan::suggest::did_you_mean;
 
 use super::{Cli, Failure, output_dir};
 

@@ -4,13 +4,13 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::atomic_file::format_from_extension;
-use growbot_client::input::is_standard_input;
-use growbot_client::robot_file;
 use growbot_host::messages::print_prompt as ask_line;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::robot_questions::{ASKED_FIELDS, Draft, NAME, NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
+use growbot_plan::atomic_file::format_from_extension;
+use growbot_plan::input::is_standard_input;
+use growbot_plan::robot_file;
 use serde_json::Value;
 
 use super::typed_answer::read_answer;

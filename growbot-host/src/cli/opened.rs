@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use growbot_client::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
-use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, LoadedPlan, PlanFileError};
-use growbot_client::run_log::RecordedRun;
 use growbot_core::robot::Robot;
 use growbot_pictures::view::{NamedScene, Subject};
+use growbot_plan::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_file::{self, LoadedPlan, PlanFileError};
+use growbot_plan::run_log::RecordedRun;
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 

@@ -3,8 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-use growbot_client::atomic_file::{FileError, write_atomic};
 use growbot_host::output::is_standard_output;
+use growbot_plan::atomic_file::{FileError, write_atomic};
 
 use super::Failure;
 

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use growbot_client::atomic_file::{FileError, format_from_extension};
 use growbot_host::output::{OutputError, is_standard_output, refuse_terminal};
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
+use growbot_plan::atomic_file::{FileError, format_from_extension};
 use strum::IntoStaticStr;
 
 use super::Failure;

@@ -5,17 +5,17 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::atomic_file::{AtomicFile, format_from_extension};
-use growbot_client::input::{self, BoundedLines};
-use growbot_client::plan::Plan;
-use growbot_client::plan_file::PlanFile;
-use growbot_client::pose_text::{TypedGoal, parse_goal};
-use growbot_client::scene_planning::MAX_LENGTH_MM;
 use growbot_core::robot::Robot;
-use growbot_host::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
 use growbot_host::clock_text::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
+use growbot_plan::atomic_file::{AtomicFile, format_from_extension};
+use growbot_plan::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
+use growbot_plan::input::{self, BoundedLines};
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_file::PlanFile;
+use growbot_plan::pose_text::{TypedGoal, parse_goal};
+use growbot_plan::scene_planning::MAX_LENGTH_MM;
 
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;

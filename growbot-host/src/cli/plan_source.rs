@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::input::display_name;
-use growbot_client::plan::Plan;
-use growbot_client::plan_file::{self, LoadedPlan};
-use growbot_client::pose_text::{TypedGoal, parse_goal};
-use growbot_client::scene_planning::{self, SceneCheckError};
+use growbot_plan::input::display_name;
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_file::{self, LoadedPlan};
+use growbot_plan::pose_text::{TypedGoal, parse_goal};
+use growbot_plan::scene_planning::{self, SceneCheckError};
 
 use super::opened::Opened;
 use super::scene_options::SceneArgs;

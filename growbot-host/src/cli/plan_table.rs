@@ -2,8 +2,6 @@
 
 use std::fmt::Write;
 
-use growbot_client::degrees::{shortest_degrees, shortest_heading};
-use growbot_client::plan::{Plan, SceneClearance, SearchSummary, path_type};
 use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
@@ -11,7 +9,9 @@ use growbot_core::pose::Pose;
 use growbot_host::clock_text::clock_text;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::figures::direction_text;
+use growbot_plan::degrees::{shortest_degrees, shortest_heading};
+use growbot_plan::figures::direction_text;
+use growbot_plan::plan::{Plan, SceneClearance, SearchSummary, path_type};
 use time::{Duration, OffsetDateTime};
 
 use super::remedies;

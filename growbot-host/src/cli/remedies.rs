@@ -5,21 +5,21 @@ use std::error::Error;
 
 use growbot_client::client::{ClientError, SEND_DESCRIPTION, StopOutcome};
 use growbot_client::growth::GrowthError;
-use growbot_client::input::InputError;
 use growbot_client::maintenance::MaintenanceError;
-use growbot_client::plan_file::{PlanCheckError, PlanFileError};
 use growbot_client::port::PortError;
-use growbot_client::remedy::with_remedies;
-use growbot_client::run_log::{ReadRunLogError, RunLogError};
-use growbot_client::scene_planning::{NoPathError, SceneCheckError};
-use growbot_client::warning::{SELF_COLLISION, Warning};
 use growbot_core::link::message::{Fault, Refusal};
-use growbot_host::batch::PathTooLong;
 use growbot_host::sim_process::SimProcessError;
 use growbot_host::watch::WatchError;
 use growbot_pictures::drawing::png::PngError;
 use growbot_pictures::export::mesh::MeshError;
 use growbot_pictures::view::ViewError;
+use growbot_plan::batch::PathTooLong;
+use growbot_plan::input::InputError;
+use growbot_plan::plan_file::{PlanCheckError, PlanFileError};
+use growbot_plan::remedy::with_remedies;
+use growbot_plan::run_log::{ReadRunLogError, RunLogError};
+use growbot_plan::scene_planning::{NoPathError, SceneCheckError};
+use growbot_plan::warning::{SELF_COLLISION, Warning};
 use growbot_sim::sim_daemon::SimDaemonError;
 
 /// Returns the text of an error with its remedies for users of the command line.
@@ -254,9 +254,9 @@ fn of_view(error: &ViewError) -> &'static str {
 
 #[cfg(test)]
 mod tests {
-    use growbot_client::plan_file;
-    use growbot_client::scene_planning::ScenePlanError;
-    use growbot_host::batch::QueryError;
+    use growbot_plan::batch::QueryError;
+    use growbot_plan::plan_file;
+    use growbot_plan::scene_planning::ScenePlanError;
     use growbot_sim::port::OpenError;
 
     use super::*;

@@ -3,21 +3,22 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::arrival::Arrival;
-use growbot_client::client::ClockDrift;
-use growbot_client::degrees::degrees_below_turn;
-use growbot_client::feedback::FeedbackReport;
-use growbot_client::growth::{Job, MeasuredBy, as_built_hash};
-use growbot_client::plan::Plan;
-use growbot_client::plan_file::format_hash;
-use growbot_client::run_log::{ArrivalJson, FeedbackResult, GrowthResult, RecordedRun};
-use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
-use growbot_pictures::figures::{direction_text, fixed};
-use growbot_pictures::table::{NumberFormat, Table};
+use growbot_plan::arrival::Arrival;
+use growbot_plan::clock_drift::ClockDrift;
+use growbot_plan::degrees::degrees_below_turn;
+use growbot_plan::feedback::FeedbackReport;
+use growbot_plan::figures::{direction_text, fixed};
+use growbot_plan::growth_report::{MeasuredBy, as_built_hash};
+use growbot_plan::job::Job;
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_file::format_hash;
+use growbot_plan::run_log::{ArrivalJson, FeedbackResult, GrowthResult, RecordedRun};
+use growbot_plan::sanitize::json_line;
+use growbot_plan::table::{NumberFormat, Table};
 
 use super::growth_table::deviates;
 use super::{Failure, robot_of, warn_of_damage};

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use growbot_client::client::Client;
-use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, Job, LogTarget, OnInterrupted};
-use growbot_client::input::display_name;
-use growbot_client::run_log::RecordedRun;
+use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted};
 use growbot_core::link::message::{BoardInfo, State};
+use growbot_plan::input::display_name;
+use growbot_plan::job::Job;
+use growbot_plan::run_log::RecordedRun;
 use growbot_sim::port::TipSettings;
 
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};

@@ -1,8 +1,8 @@
 //! `growbot rmin`: prints the tightest bend of a robot.
 
 use clap::Args;
-use growbot_client::sanitize::json_line;
 use growbot_host::output::print;
+use growbot_plan::sanitize::json_line;
 use serde::Serialize;
 
 use super::{Failure, RobotArg};

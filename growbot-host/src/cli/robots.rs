@@ -4,8 +4,6 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::robot_file;
-use growbot_client::sanitize::json_line;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
 use growbot_host::annotated_robot::{AnnotatedField, AnnotatedRobot};
@@ -13,6 +11,8 @@ use growbot_host::output::print;
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::robot_file;
+use growbot_plan::sanitize::json_line;
 use serde_json::{Value, json};
 
 use super::{Failure, ROBOT};

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
-use growbot_client::atomic_file::format_from_extension;
-use growbot_client::plan_file::format_hash;
-use growbot_client::sanitize::json_line;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_pictures::figures::fixed;
+use growbot_plan::atomic_file::format_from_extension;
+use growbot_plan::figures::fixed;
+use growbot_plan::plan_file::format_hash;
+use growbot_plan::sanitize::json_line;
 use growbot_scene::demo_scenes::{DemoScene, to_toml};
 use growbot_scene::scene::{Cloud, Mesh};
 use growbot_scene::scene_file::{self, SceneBox};

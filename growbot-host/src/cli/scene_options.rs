@@ -4,13 +4,13 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use clap::Args;
-use growbot_client::margin::planning_margin_mm;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::sanitize;
-use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneOptions, ScenePlanError};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
+use growbot_plan::margin::planning_margin_mm;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::sanitize;
+use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneOptions, ScenePlanError};
 use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use growbot_client::input;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
 use growbot_core::plan::{PlanError, Planner};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_host::via_csv;
+use growbot_plan::input;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
+use growbot_plan::via_csv;
 
 use super::Failure;
 use super::units::{self, mm};

@@ -14,7 +14,6 @@ use growbot_host::serve::page_listener::take_handed_over;
 use growbot_host::serve::server::Server;
 use growbot_host::serve::{Service, ServicePaths};
 use growbot_host::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
-
 use rustix::fs::Mode;
 use rustix::process::umask;
 

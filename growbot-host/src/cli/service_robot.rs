@@ -5,10 +5,6 @@ use std::sync::{Arc, Once};
 use std::time::Duration;
 
 use clap::Args;
-use growbot_client::plan::Plan;
-use growbot_client::plan_file::PlanFile;
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
-use growbot_client::sanitize::json_line;
 use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
@@ -21,6 +17,10 @@ use growbot_host::serve::job::{Job, JobState};
 use growbot_host::serve::page_urls::PageUrls;
 use growbot_host::serve::{PREFIX, RobotState, RobotStatus};
 use growbot_host::settings::{self, InvalidFiles, SettingsError};
+use growbot_plan::plan::Plan;
+use growbot_plan::plan_file::PlanFile;
+use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
+use growbot_plan::sanitize::json_line;
 use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -243,7 +243,7 @@ impl ServiceRobot {
     fn end(&self, job: &Job, result: Option<GrowthResult>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
         let log = self.log(&job.id)?;
         if let Some(path) = &options.log {
-            growbot_client::atomic_file::write_atomic(path, &log)?;
+            growbot_plan::atomic_file::write_atomic(path, &log)?;
         }
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
         let Some(result) = result else {

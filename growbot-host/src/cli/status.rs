@@ -4,10 +4,6 @@ use std::path::PathBuf;
 
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
-use growbot_client::forecast::Forecast;
-use growbot_client::robot_file;
-use growbot_client::run_log::{InterruptedLayerJson, utc_text};
-use growbot_client::sanitize::json_line;
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{
     BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, celsius,
@@ -16,7 +12,11 @@ use growbot_host::clock_text::local_clock_text;
 use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_host::output::print;
 use growbot_pictures::duration::duration_text;
-use growbot_pictures::figures::fixed;
+use growbot_plan::figures::fixed;
+use growbot_plan::forecast::Forecast;
+use growbot_plan::robot_file;
+use growbot_plan::run_log::{InterruptedLayerJson, utc_text};
+use growbot_plan::sanitize::json_line;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 
@@ -379,8 +379,9 @@ fn text_of(hello: &BoardInfo, is_simulated: bool) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use growbot_core::link::message::{DriverProblem, Motor};
+
+    use super::*;
 
     #[test]
     fn a_driver_problem_is_reported_with_cause_and_remedy() {

@@ -6,8 +6,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use growbot_client::growth::{Command, CommandQueue};
+use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::State;
+use growbot_plan::job::Command;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::getpgrp;
 use rustix::termios::tcgetpgrp;

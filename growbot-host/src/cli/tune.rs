@@ -5,10 +5,10 @@ use std::time::Duration;
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
-use growbot_client::pose_text::parse_number;
-use growbot_client::sanitize::json_line;
 use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
 use growbot_host::output::print;
+use growbot_plan::pose_text::parse_number;
+use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
 use super::growth_monitor::clock_drift_failure;
@@ -139,7 +139,7 @@ mod tests {
     use std::cell::RefCell;
     use std::rc::Rc;
 
-    use growbot_client::robot_file;
+    use growbot_plan::robot_file;
     use growbot_sim::port::sim::Sim;
 
     use super::*;

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::Duration;
 
-use growbot_client::atomic_file::write_atomic;
 use growbot_host::note;
+use growbot_plan::atomic_file::write_atomic;
 use growbot_sim::uf2;
 
 use super::Failure;

@@ -2,10 +2,10 @@
 
 use std::f64::consts::TAU;
 
-use growbot_client::plan::Goal;
-use growbot_client::pose_text::{TypedGoal, parse_angle, parse_length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::plan::Goal;
+use growbot_plan::pose_text::{TypedGoal, parse_angle, parse_length};
 
 /// Parses a length, mm.
 pub fn mm(text: &str) -> Result<f64, String> {

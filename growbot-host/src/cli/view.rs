@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 use std::slice;
 
 use clap::Args;
-use growbot_client::input::{display_name, is_standard_input};
 use growbot_host::output::write_to;
 use growbot_pictures::drawing::colours::Palette;
 use growbot_pictures::view::picture::Viewpoint;
 use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
 use growbot_pictures::view::{Subject, page, picture, plot};
+use growbot_plan::input::{display_name, is_standard_input};
 
 use super::Failure;
 use super::opened::Opened;

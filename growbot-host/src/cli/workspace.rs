@@ -3,16 +3,17 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_client::atomic_file::refuse_inputs;
-use growbot_client::plan_file::PoseJson;
-use growbot_client::pose_text::{parse_pose, pose_of_numbers};
-use growbot_client::sanitize::json_line;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, svg, workspace};
+use growbot_pictures::workspace::svg;
+use growbot_plan::atomic_file::refuse_inputs;
+use growbot_plan::plan_file::PoseJson;
+use growbot_plan::pose_text::{parse_pose, pose_of_numbers};
+use growbot_plan::sanitize::json_line;
+use growbot_plan::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, workspace};
 use serde_json::{Value, json};
 
 use super::output_format::OutputFormat;

@@ -2,17 +2,17 @@
 
 use std::path::Path;
 
-use growbot_client::margin::planning_margin_mm;
-use growbot_client::plan_file::{PoseJson, format_hash};
-use growbot_client::sanitize::json_line;
-use growbot_client::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::workspace::{
+use growbot_plan::margin::planning_margin_mm;
+use growbot_plan::plan_file::{PoseJson, format_hash};
+use growbot_plan::sanitize::json_line;
+use growbot_plan::scene_planning::{SceneOptions, ScenePlanError};
+use growbot_plan::table::{NumberFormat, Table};
+use growbot_plan::workspace::{
     GoalCounts, GoalResult, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace,
 };
-use growbot_pictures::table::{NumberFormat, Table};
 use growbot_scene::scene_file;
 use serde_json::{Value, json};
 

@@ -1,7 +1,5 @@
 //! The growths of the paper: planned between random poses, sliced into layers, laid, and compared with the goal.
 
-use growbot_client::arrival::Arrival;
-use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::path;
 use growbot_core::path::{Leg, Path};
 use growbot_core::plan::{PlanError, Planner, plan};
@@ -13,7 +11,9 @@ use growbot_core::simulation::{
 };
 use growbot_core::slicing::layers;
 use growbot_core::tracking::SensorNoise;
-use growbot_sim::parallel;
+use growbot_plan::arrival::Arrival;
+use growbot_plan::parallel;
+use growbot_plan::robot_file::{self, RobotFileError};
 use nalgebra::Vector3;
 
 use super::paper::{self, GROUPS, NOISE, ROBOTS};

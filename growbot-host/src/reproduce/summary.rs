@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use growbot_core::plan::Planner;
-use growbot_pictures::table::{NumberFormat, Table};
+use growbot_plan::table::{NumberFormat, Table};
 
 use super::comparison::{ExactErrors, OurMean, SignificanceTest};
 use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};

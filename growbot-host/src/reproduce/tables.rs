@@ -1,7 +1,7 @@
 //! All numbers as CSV files and as JSON.
 
 use growbot_core::robot::Robot;
-use growbot_pictures::table::{NumberFormat, Table, pose_columns};
+use growbot_plan::table::{NumberFormat, Table, pose_columns};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
 

@@ -5,8 +5,8 @@
 
 mod toml_values;
 
-use growbot_client::robot_file::{self, RobotFileError};
 use growbot_core::robot::{Robot, RobotError};
+use growbot_plan::robot_file::{self, RobotFileError};
 use toml_edit::{DocumentMut, Item, Value};
 use toml_values::{comment, look_up, look_up_mut, paths, remove, shown, trailing_comment};
 

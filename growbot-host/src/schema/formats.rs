@@ -3,8 +3,8 @@
 //! The schemas are derived from the types that read and write these files, with their doc comments. In files that
 //! growbot writes, a field that is always written is required, even if a reader does not need it.
 
-use growbot_client::plan_file::PlanFile;
-use growbot_client::run_log::{GrowthResult, RunLine};
+use growbot_plan::plan_file::PlanFile;
+use growbot_plan::run_log::{GrowthResult, RunLine};
 use growbot_scene::scene_file::SceneFile;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;

@@ -8,8 +8,8 @@
 pub mod formats;
 
 use growbot_client::maintenance::MaterialPreset;
-use growbot_client::robot_file;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
+use growbot_plan::robot_file;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
 

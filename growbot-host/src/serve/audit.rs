@@ -6,8 +6,8 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
-use growbot_client::run_log::utc_now;
-use growbot_client::sanitize::json_line;
+use growbot_plan::run_log::utc_now;
+use growbot_plan::sanitize::json_line;
 use serde::Serialize;
 
 use super::job_store::JobStoreError;

@@ -7,7 +7,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use growbot_client::growth::Command;
+use growbot_plan::job::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use growbot_client::growth::Command;
 use growbot_client::stop_signal::{Permit, StopLevel};
+use growbot_plan::job::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;

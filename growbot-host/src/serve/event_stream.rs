@@ -15,7 +15,7 @@ use axum::extract::ws::{Message, WebSocket};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt, unfold};
-use growbot_client::sanitize::json_line;
+use growbot_plan::sanitize::json_line;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
@@ -210,8 +210,9 @@ pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::io::Write;
+
+    use super::*;
 
     #[test]
     fn each_line_is_sent_once_when_complete() {

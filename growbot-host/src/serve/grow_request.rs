@@ -2,17 +2,17 @@
 
 use std::path::{Path, PathBuf};
 
-use growbot_client::margin::planning_margin_mm;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::plan_file::{self, LoadedPlan};
-use growbot_client::pose_text::{parse_goal, parse_pose};
-use growbot_client::sanitize::json_line;
-use growbot_client::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_core::hash::Hasher;
 use growbot_core::job::MAX_JOB_LAYERS;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::margin::planning_margin_mm;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::plan_file::{self, LoadedPlan};
+use growbot_plan::pose_text::{parse_goal, parse_pose};
+use growbot_plan::sanitize::json_line;
+use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

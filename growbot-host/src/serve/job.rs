@@ -1,7 +1,7 @@
 //! A job of the service, and its state.
 
-use growbot_client::run_log::{GrowthResult, OutcomeKind};
 use growbot_core::link::message::State;
+use growbot_plan::run_log::{GrowthResult, OutcomeKind};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr};

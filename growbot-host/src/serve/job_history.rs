@@ -2,8 +2,8 @@
 
 use std::sync::{MutexGuard, PoisonError};
 
-use growbot_client::run_log::{RecordedRun, RunLog, utc_now};
 use growbot_core::link::message::{State, Status};
+use growbot_plan::run_log::{RecordedRun, RunLog, utc_now};
 use rusqlite::named_params;
 
 use super::job::{Job, JobState};

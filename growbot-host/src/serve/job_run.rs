@@ -3,19 +3,20 @@
 use std::sync::Arc;
 
 use growbot_client::client::ClientError;
-use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
-use growbot_client::forecast::Forecast;
 use growbot_client::growth::{
-    Beginning, Command, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, Job as BoardJob, JobEvent, LogTarget,
-    OnInterrupted, OnParked, Outcome, Override,
+    Beginning, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted, OnParked, Override,
 };
-use growbot_client::plan::Plan;
 use growbot_client::port::time_since_boot;
-use growbot_client::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_text};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
+use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::forecast::Forecast;
+use growbot_plan::growth_report::Outcome;
+use growbot_plan::job::{Command, Job as BoardJob, JobEvent};
+use growbot_plan::plan::Plan;
+use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_text};
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulated_tip::ground_truth;
 use time::OffsetDateTime;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
 
-use growbot_client::run_log::{RecordedRun, utc_now};
+use growbot_plan::run_log::{RecordedRun, utc_now};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 
 use super::job::end_reason;

@@ -5,9 +5,9 @@
 //! notice. So a fault is reported once, although the service may be killed at any time. A notice is sent twice only if
 //! the service is killed between sending and recording.
 
-use growbot_client::run_log::utc_now;
-use growbot_client::sanitize::json_line;
 use growbot_core::link::message::Fault;
+use growbot_plan::run_log::utc_now;
+use growbot_plan::sanitize::json_line;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::{IntoStaticStr, VariantArray};

@@ -5,7 +5,7 @@ use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
-use growbot_client::user_dirs;
+use growbot_plan::user_dirs;
 
 use crate::ownership::{self, OwnershipError, Protection};
 

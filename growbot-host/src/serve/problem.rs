@@ -8,8 +8,8 @@ use aide::openapi::{Operation, Response as Described};
 use axum::http::header::CONTENT_TYPE;
 use axum::http::{Method, StatusCode};
 use axum::response::{IntoResponse, Response};
-use growbot_client::scene_planning::ScenePlanError;
 use growbot_core::plan::PlanError;
+use growbot_plan::scene_planning::ScenePlanError;
 use schemars::JsonSchema;
 use serde::Serialize;
 

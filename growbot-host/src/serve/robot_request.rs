@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
-use growbot_client::plan::Plan;
 use growbot_client::stop_signal::{Generation, Permit};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
+use growbot_plan::plan::Plan;
 use growbot_scene::scene_file::LoadedScene;
 
 use super::job::Job;

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use growbot_client::client::Client;
-use growbot_client::growth::Command;
 use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
+use growbot_plan::job::Command;
 
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;

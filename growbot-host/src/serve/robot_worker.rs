@@ -8,14 +8,15 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
-use growbot_client::growth::{Command, CommandQueue};
+use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
-use growbot_client::robot_file;
-use growbot_client::run_log::RunLog;
 use growbot_client::stop_signal::{Permit, StopSignal};
 use growbot_core::link::message::{Cancel, Fault, PassiveRequest, State, Status, celsius};
 use growbot_core::robot::Robot;
+use growbot_plan::job::Command;
+use growbot_plan::robot_file;
+use growbot_plan::run_log::RunLog;
 use growbot_sim::port::{self, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
 

@@ -5,8 +5,8 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process;
 
-use growbot_client::run_log::utc_now;
-use growbot_client::sanitize::one_line;
+use growbot_plan::run_log::utc_now;
+use growbot_plan::sanitize::one_line;
 use rustix::fs::{FlockOperation, flock};
 use rustix::process::geteuid;
 

@@ -6,9 +6,9 @@ use std::io::{self, ErrorKind};
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use growbot_client::atomic_file::write_atomic;
-use growbot_client::run_log::utc_now;
 use growbot_client::stop_signal::{StopLevel, StopSignal};
+use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::run_log::utc_now;
 use serde::{Deserialize, Serialize};
 
 use super::paths::ServicePaths;

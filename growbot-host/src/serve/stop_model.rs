@@ -13,9 +13,9 @@ use std::time::{Duration, Instant};
 use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
-use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use strum::VariantArray;
 
 use super::access::Access;

@@ -1,11 +1,11 @@
 //! Tracks the state of a growth, and computes the part that a page has not yet received.
 
-use growbot_client::growth::{Job, JobEvent};
-use growbot_client::run_clock::RunClock;
-use growbot_client::run_log::{BodyKind, GrowthResult, hex_of};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{Fault, PauseCause, State, Status, celsius};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::run_clock::RunClock;
+use growbot_plan::run_log::{BodyKind, GrowthResult, hex_of};
 use serde::Serialize;
 
 /// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
@@ -290,19 +290,20 @@ impl GrowthTracker {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use growbot_client::growth::Amendment;
-    use growbot_client::run_log::OutcomeKind;
     use growbot_core::path::{Segment, end};
     use growbot_core::pose::Pose;
+    use growbot_plan::job::Amendment;
+    use growbot_plan::run_log::OutcomeKind;
     use serde_json::{Value, json};
+
+    use super::*;
 
     fn update_of(watched: &GrowthTracker, seen: &mut UpdateCursor) -> Value {
         serde_json::to_value(watched.update_for(seen)).unwrap()
     }
 
     fn watched(known: &[Option<LayerBytes>]) -> GrowthTracker {
-        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
         let path = [Segment::Straight { length: 7.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_frame(&end(&path, &start.frame()));
@@ -410,7 +411,7 @@ mod tests {
     fn a_log_failure_is_reported_until_it_recovers() {
         let mut watched = watched(&[]);
         watched.set_warning(Some("disk full".to_owned()));
-        watched.ingest(&JobEvent::Command(growbot_client::growth::Command::Pause));
+        watched.ingest(&JobEvent::Command(growbot_plan::job::Command::Pause));
         assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], "disk full");
         watched.set_warning(None);
         assert_eq!(update_of(&watched, &mut UpdateCursor::default())["warning"], Value::Null);

@@ -4,10 +4,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use growbot_client::growth::{CommandQueue, Job, JobEvent};
+use growbot_client::growth::CommandQueue;
 use growbot_client::port::time_since_boot;
-use growbot_client::run_log::GrowthResult;
 use growbot_core::layer_bytes::LayerBytes;
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::run_log::GrowthResult;
 use tokio::sync::watch;
 
 use super::growth_tracker::GrowthTracker;

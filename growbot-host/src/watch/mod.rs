@@ -26,10 +26,11 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use growbot_client::growth::{CommandQueue, Job, JobEvent};
-use growbot_client::run_log::GrowthResult;
+use growbot_client::growth::CommandQueue;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_pictures::view::{Subject, ViewError, page};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::run_log::GrowthResult;
 use tokio::sync::oneshot;
 
 pub use self::live_growth::LiveGrowth;

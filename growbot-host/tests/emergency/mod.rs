@@ -11,10 +11,10 @@ use std::thread::{self, JoinHandle, sleep};
 use std::time::{Duration, Instant};
 
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::State;
 use growbot_core::random::Rng;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use serialport::{SerialPort, TTYPort};

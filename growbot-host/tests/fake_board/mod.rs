@@ -9,9 +9,9 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame, MAX_BODY_LEN};
 use growbot_core::link::message::{BoardInfo, Hello, Message, Refusal, RefusalResponse};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use serialport::{SerialPort, TTYPort};
 

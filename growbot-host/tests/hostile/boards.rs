@@ -7,11 +7,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::port::Port;
-use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::frame::{self, FrameDecoder, FrameHeader, LinkFrame};
 use growbot_core::link::message::{BoardInfo, LayerLaid, Message, Refusal, RefusalResponse, Status};
 use growbot_core::random::Rng;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 
 /// Time after which a board closes its connection. The host must then end.

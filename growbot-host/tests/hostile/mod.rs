@@ -10,7 +10,7 @@ use std::process::Stdio;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use growbot_client::sanitize::is_control;
+use growbot_plan::sanitize::is_control;
 
 use crate::running::{PROGRAM, command};
 

@@ -1,13 +1,13 @@
 //! A body for exports: its layers, with the tip's frame before and after each of them.
 
-use growbot_client::plan::Plan;
-use growbot_client::run_log::RecordedRun;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
+use growbot_plan::plan::Plan;
+use growbot_plan::run_log::RecordedRun;
 
 /// Source of a layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -139,7 +139,7 @@ impl ExportedBody {
 impl ExportedBody {
     /// Returns a body of these layers that starts straight up from the origin.
     pub(super) fn of_layers(robot: &Robot, layers: impl IntoIterator<Item = (Layer, LayerSource)>) -> Self {
-        let up = growbot_client::pose_text::parse_pose("0,0,0,0,90").unwrap();
+        let up = growbot_plan::pose_text::parse_pose("0,0,0,0,90").unwrap();
         Self::new(robot, &up, layers.into_iter())
     }
 }

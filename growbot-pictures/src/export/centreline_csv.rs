@@ -4,10 +4,10 @@ use std::iter::once;
 
 use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, tip_direction};
+use growbot_plan::table::{NumberFormat, Table};
 
 use super::body::{BodyLayer, ExportedBody};
 use crate::layer_table::layer_columns;
-use crate::table::{NumberFormat, Table};
 
 /// Number of layers laid, the tip after them, the layer laid last, and its source.
 type Row = (usize, Frame, Layer, &'static str);
@@ -35,10 +35,11 @@ pub fn write(body: &ExportedBody, commanded: Option<&ExportedBody>) -> String {
 
 #[cfg(test)]
 mod tests {
+    use growbot_plan::figures::shortest;
+    use growbot_plan::robot_file;
+
     use super::super::body::LayerSource;
     use super::*;
-    use crate::figures::shortest;
-    use growbot_client::robot_file;
 
     const HEADER: &str = "laid,x_mm,y_mm,z_mm,direction_x,direction_y,direction_z,alpha_deg,height_mm,tilt_deg,source";
 

@@ -4,8 +4,8 @@
 //! in the frame `base`, z up. growbot's own fields are in mm and degrees, as their names state. Unknown values are left
 //! out.
 
-use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
+use growbot_plan::run_log::BoardStatus;
 use nalgebra::{Point3, UnitQuaternion};
 use serde::Serialize;
 use serde_json::{Map, Value, json};

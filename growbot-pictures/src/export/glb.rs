@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn each_body_vertex_has_the_colour_of_its_layer() {
-        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
         let layer = |tilt| Layer { alpha: 0.0, height: 0.8, tilt };
         let body = ExportedBody::of_layers(&robot, (0..20).map(|_| (layer(0.01), LayerSource::Planned)));
         let resolution = MeshResolution { segments: 8, layers_per_ring: 1 };

@@ -1,23 +1,21 @@
 //! The events of a run log over time, as MCAP (<https://mcap.dev/spec>), which Foxglove plays.
 //!
-//! Times are those of [`growbot_client::run_clock`].
+//! Times are those of [`growbot_plan::run_clock`].
 
 use std::collections::{BTreeMap, HashMap};
 use std::io::Cursor;
 
-use growbot_client::clearance_guard::Detour;
-use growbot_client::degrees::degrees_below_turn;
-use growbot_client::plan::Plan;
-use growbot_client::run_clock::{RunClock, events, time_for};
-use growbot_client::run_log::{
-    BoardRecord, BoardStatus, GrowthResult, MeasuredJson, OutcomeKind, RecordedRun, RunEvent,
-};
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::Fault;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
+use growbot_plan::clearance_guard::Detour;
+use growbot_plan::degrees::degrees_below_turn;
+use growbot_plan::plan::Plan;
+use growbot_plan::run_clock::{RunClock, events, time_for};
+use growbot_plan::run_log::{BoardRecord, BoardStatus, GrowthResult, MeasuredJson, OutcomeKind, RecordedRun, RunEvent};
 use mcap::records::MessageHeader;
 use mcap::{McapError, WriteOptions, Writer};
 use serde_json::json;
@@ -380,15 +378,15 @@ impl Recorder {
 #[cfg(test)]
 mod tests {
     use growbot_core::plan::Planner;
+    use growbot_core::simulation::ErrorModel;
+    use growbot_plan::job::Job;
+    use growbot_plan::pose_text::parse_pose;
+    use growbot_plan::robot_file;
+    use growbot_plan::run_log::{RunLog, RunOrigin};
     use mcap::MessageStream;
     use serde_json::Value;
 
     use super::*;
-    use growbot_client::growth::Job;
-    use growbot_client::pose_text::parse_pose;
-    use growbot_client::robot_file;
-    use growbot_client::run_log::{RunLog, RunOrigin};
-    use growbot_core::simulation::ErrorModel;
 
     /// Returns the messages of the recording of a log with these lines after its header: topic, time in ms, message.
     fn recorded(lines: &[Value]) -> Vec<(String, u64, Value)> {

@@ -236,13 +236,13 @@ mod tests {
     use std::collections::HashMap;
 
     use growbot_core::plan::Planner;
+    use growbot_plan::plan::Plan;
+    use growbot_plan::pose_text::parse_pose;
+    use growbot_plan::robot_file;
     use proptest::prelude::*;
 
     use super::super::body::LayerSource;
     use super::*;
-    use growbot_client::plan::Plan;
-    use growbot_client::pose_text::parse_pose;
-    use growbot_client::robot_file;
 
     const ROUND: MeshResolution = MeshResolution { segments: 64, layers_per_ring: 1 };
 

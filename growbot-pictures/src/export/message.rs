@@ -1,7 +1,7 @@
 //! Messages of a recording, before they are encoded as JSON or CDR.
 
-use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
+use growbot_plan::run_log::BoardStatus;
 use nalgebra::Point3;
 use serde_json::{Value, json};
 

@@ -38,10 +38,10 @@ pub mod tum;
 
 #[cfg(test)]
 mod tests {
-    use growbot_client::plan::Plan;
-    use growbot_client::pose_text::parse_pose;
-    use growbot_client::robot_file;
     use growbot_core::plan::Planner;
+    use growbot_plan::plan::Plan;
+    use growbot_plan::pose_text::parse_pose;
+    use growbot_plan::robot_file;
     use growbot_scene::scene_file;
 
     use super::body::ExportedBody;

@@ -41,10 +41,10 @@ fn encode(mesh: &BodyMesh, robot: &str, name: &str) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use growbot_plan::run_log::BodyKind;
     use nalgebra::Point3;
 
     use super::*;
-    use growbot_client::run_log::BodyKind;
 
     #[test]
     fn the_bytes_match_the_format() {

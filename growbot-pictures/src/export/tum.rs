@@ -3,9 +3,9 @@
 
 use std::fmt::Write;
 
-use growbot_client::plan::Plan;
 use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
+use growbot_plan::plan::Plan;
 use nalgebra::UnitQuaternion;
 
 use super::body::ExportedBody;
@@ -47,9 +47,10 @@ fn row(text: &mut String, at: f64, frame: &Frame) {
 
 #[cfg(test)]
 mod tests {
+    use growbot_plan::robot_file;
+
     use super::super::body::LayerSource;
     use super::*;
-    use growbot_client::robot_file;
 
     #[test]
     fn rows_for_the_start_and_each_layer() {

@@ -2,9 +2,9 @@
 
 use std::iter::once;
 
-use growbot_client::plan_deviation::centreline;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
+use growbot_plan::plan_deviation::centreline;
 use nalgebra::Vector3;
 
 /// Greatest number of points of a line next to a body, without the first.

@@ -2,10 +2,10 @@
 
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_plan::figures::fixed;
 
 use crate::drawing::canvas::Canvas;
 use crate::drawing::colours::{Palette, hex, mixed};
-use crate::figures::fixed;
 
 /// Percentiles of the heights of layers at which the scale of colours begins and ends, unless a range is given. So
 /// outliers do not stretch the scale.
@@ -111,8 +111,9 @@ fn heights(layers: &[Layer], tip_radius: f64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use growbot_core::layer_bytes::LayerEncoder;
+
+    use super::*;
 
     fn scale(heights: &[f64], range: Option<[f64; 2]>) -> HeightScale {
         let mut encoder = LayerEncoder::default();

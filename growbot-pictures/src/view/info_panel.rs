@@ -1,11 +1,11 @@
 //! The numbers next to a picture, as text: groups of names and values.
 
-use growbot_client::arrival::Arrival;
-use growbot_client::plan_deviation::{PlanDeviation, centreline};
-use growbot_client::run_log::BodyKind;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Pose;
+use growbot_plan::arrival::Arrival;
+use growbot_plan::plan_deviation::{PlanDeviation, centreline};
+use growbot_plan::run_log::BodyKind;
 
 use super::scene_view::SceneView;
 use super::self_clearance::self_clearance;

@@ -1,8 +1,8 @@
 //! The page's data of a body: JSON for its script (growbot-pictures/viewer/src/subject.js). Lengths are in mm.
 
-use growbot_client::client::ClockDrift;
-use growbot_client::run_log::{RecordedRun, hex_of};
 use growbot_core::pose::{Frame, Pose};
+use growbot_plan::clock_drift::ClockDrift;
+use growbot_plan::run_log::{RecordedRun, hex_of};
 use growbot_scene::obstacle_selection::ObstacleSelection;
 use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;

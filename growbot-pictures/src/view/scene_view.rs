@@ -1,9 +1,9 @@
 //! The scene around a body: the part of the scene that is shown, and the point where the body is nearest to an
 //! obstacle.
 
-use growbot_client::scene_planning::{laid, segment};
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::Segment;
+use growbot_plan::scene_planning::{laid, segment};
 use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
 use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
 use nalgebra::Vector3;

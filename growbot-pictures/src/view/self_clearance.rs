@@ -2,7 +2,7 @@
 //!
 //! Every body is near itself along its own length. Only a point where one part of the body passes another part counts.
 //! Such a point is a local minimum of the distance between two points of the centreline that are more than `pi D / 2`
-//! apart along it (see [`growbot_client::self_collision`]).
+//! apart along it (see [`growbot_plan::self_collision`]).
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -49,10 +49,12 @@ fn nearest_pass(points: &[(Vector3<f64>, f64)], neighbourhood: f64) -> Option<f6
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use std::f64::consts::TAU;
+
     use growbot_core::layer::Layer;
     use growbot_core::layer_bytes::LayerEncoder;
-    use std::f64::consts::TAU;
+
+    use super::*;
 
     /// Returns the layers of an arc of this radius through `turn` radians, followed by a straight line.
     fn bent(radius: f64, turn: f64, straight: f64) -> Vec<LayerBytes> {

@@ -20,14 +20,14 @@ use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::Robot;
+pub use open_error::OpenError;
 use paced::PacedSim;
 use qemu::QemuError;
+pub use tip_settings::TipSettings;
 
 use crate::sim_daemon::{DaemonPort, RemoteTip, StateDir};
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::Variation;
-pub use open_error::OpenError;
-pub use tip_settings::TipSettings;
 
 impl From<QemuError> for PortError {
     fn from(error: QemuError) -> Self {
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_robot_beyond_board_limits_is_simulated_but_not_emulated() {
-        let robot = growbot_client::robot_file::load("growbot-c".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-c".as_ref()).unwrap();
         let settings = TipSettings::default();
         assert!(open(&PortName::Sim, &robot, &settings).is_ok());
         let Err(refused) = open(&PortName::Emulator(None), &robot, &settings) else { panic!("it is emulated") };

@@ -58,7 +58,7 @@ mod tests {
 
     #[test]
     fn time_passes_no_faster_than_the_pace() {
-        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
         let mut paced = PacedSim::new(Sim::new(robot), 100.0);
         paced.sim.run_for(Duration::from_secs(300));
         let [before, early, late] = [0, 1, 4].map(Duration::from_secs).map(|passed| paced.wait(passed));

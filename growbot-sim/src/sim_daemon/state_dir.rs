@@ -5,8 +5,8 @@ use std::io;
 use std::os::unix::fs::DirBuilderExt;
 use std::path::{Path, PathBuf};
 
-use growbot_client::user_dirs;
 use growbot_core::robot::{MAX_ENCODED_LEN, Robot};
+use growbot_plan::user_dirs;
 use rustix::fs::{FlockOperation, flock};
 
 use super::SimDaemonError;
@@ -122,7 +122,7 @@ impl StateDir {
 
     fn write(&self, name: &str, bytes: &[u8]) -> Result<(), SimDaemonError> {
         let path = self.file(name);
-        let written = growbot_client::atomic_file::write_atomic(&path, bytes);
+        let written = growbot_plan::atomic_file::write_atomic(&path, bytes);
         written.map_err(|error| self.failed("write", path, io::Error::other(error)))
     }
 

@@ -3,15 +3,15 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    CommandQueue, GrowthOptions, Job, JobEvent, OnInterrupted, Outcome, as_built_hash, grow_job, resume_job,
-};
-use growbot_client::plan::Plan;
-use growbot_client::robot_file;
+use growbot_client::growth::{CommandQueue, GrowthOptions, OnInterrupted, grow_job, resume_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::{Outcome, as_built_hash};
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::plan::Plan;
+use growbot_plan::robot_file;
 
 use super::{DaemonPort, SimDaemonError, StateDir, serve};
 use crate::port::{PortName, TipSettings, open, open_for_emergency_stop};

@@ -8,12 +8,12 @@
 use std::cmp::Reverse;
 use std::convert::Infallible;
 
+use growbot_plan::parallel;
 use serde::{Deserialize, Serialize};
 
 use super::obstacles::{Contact, ObstacleReport};
 use super::statistics::Statistics;
 use super::{SagResult, Simulation, SimulationResult};
-use crate::parallel;
 
 /// Number of growths whose outcomes are stored at a time.
 const BATCH: u64 = 16_384;
@@ -188,12 +188,13 @@ impl Campaign {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use growbot_client::plan::Plan;
-    use growbot_client::pose_text::parse_pose;
-    use growbot_client::robot_file;
     use growbot_core::plan::Planner;
     use growbot_core::slicing::Slicing;
+    use growbot_plan::plan::Plan;
+    use growbot_plan::pose_text::parse_pose;
+    use growbot_plan::robot_file;
+
+    use super::*;
 
     #[test]
     fn results_do_not_depend_on_threads_and_runs_can_be_repeated_alone() {

@@ -8,10 +8,6 @@ pub mod campaign;
 pub mod obstacles;
 pub mod statistics;
 
-use growbot_client::arrival::Arrival;
-use growbot_client::clearance_guard::SceneContext;
-use growbot_client::plan::Plan;
-use growbot_client::warning::Warning;
 use growbot_core::angle::wrap_positive;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
@@ -22,6 +18,10 @@ use growbot_core::simulation::{
     grow_closed_loop_while, grow_open_loop,
 };
 use growbot_core::slicing::{SlicedLayers, Slicing, layers};
+use growbot_plan::arrival::Arrival;
+use growbot_plan::clearance_guard::SceneContext;
+use growbot_plan::plan::Plan;
+use growbot_plan::warning::Warning;
 use growbot_scene::scene_file::LoadedScene;
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +100,7 @@ impl<'a> Simulation<'a> {
     /// ```
     /// use growbot_core::{plan::Planner, slicing::Slicing};
     /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
-    /// use growbot_sim::simulation::Simulation;
+    /// use crate::simulation::Simulation;
     /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("200,100,600,0,45").unwrap());
     /// let plan = Plan::new(&robot, &start, &goal, 100.0, Planner::Shortest).unwrap();
@@ -241,11 +241,12 @@ impl<'a> Simulation<'a> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use growbot_client::pose_text::parse_pose;
-    use growbot_client::robot_file;
     use growbot_core::layer::grow;
     use growbot_core::plan::Planner;
+    use growbot_plan::pose_text::parse_pose;
+    use growbot_plan::robot_file;
+
+    use super::*;
 
     fn plan(robot: &Robot, from: &str, to: &str) -> Plan {
         let (start, goal) = (parse_pose(from).unwrap(), parse_pose(to).unwrap());

@@ -1,12 +1,12 @@
 //! A simulated growth among the obstacles of a scene: contacts of its true body, detours and pauses.
 
-use growbot_client::clearance_guard::{ClearanceGuard, SceneContext};
 use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::DisturbedLayer;
 use growbot_core::tracking::Tracker;
+use growbot_plan::clearance_guard::{ClearanceGuard, SceneContext};
 use growbot_scene::centreline::{Curve, arc_segments};
 use growbot_scene::clearance::{DistanceQueries, RequiredClearance, is_clear};
 use growbot_scene::scene::{Obstacle, Scene};

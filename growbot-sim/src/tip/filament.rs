@@ -139,7 +139,7 @@ mod tests {
     use super::*;
 
     fn filament() -> SimulatedFilament {
-        SimulatedFilament::new(&growbot_client::robot_file::load("growbot-a".as_ref()).unwrap())
+        SimulatedFilament::new(&growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap())
     }
 
     #[test]

@@ -60,7 +60,7 @@ impl TipModel {
 
 #[cfg(test)]
 mod tests {
-    use growbot_client::robot_file;
+    use growbot_plan::robot_file;
 
     use super::*;
     use crate::tip::{Motor, Variation};

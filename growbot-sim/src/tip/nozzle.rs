@@ -234,7 +234,7 @@ mod tests {
     const TICK_HZ: u64 = 4000;
 
     fn nozzle() -> (Nozzle, Heater) {
-        let robot = growbot_client::robot_file::load("growbot-a".as_ref()).unwrap();
+        let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
         (Nozzle::new(&robot, &Variation::default()), robot.description().heater)
     }
 

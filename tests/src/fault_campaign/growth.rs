@@ -1,14 +1,14 @@
 //! One growth with one fault.
 
 use growbot_client::client::ClientError;
-use growbot_client::robot_file;
 use growbot_core::link::message::{Fault, State};
+use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use growbot_sim::tip::{CartridgeParameters, Motor, STEINHART_HART_104GT_2, Variation};
 
 use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;
-use growbot_core::random::Rng;
 
 /// Number of layers of the job. Half of them are sent at first, and the growth pauses until the others are sent.
 const LAYERS: u32 = 6;

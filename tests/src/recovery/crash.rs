@@ -5,12 +5,12 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{
-    CommandQueue, GrowthError, GrowthReport, Job, JobEvent, OnInterrupted, Outcome, grow_job, resume_job,
-};
+use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, ResetCause, State, Status};
+use growbot_plan::growth_report::{GrowthReport, Outcome};
+use growbot_plan::job::{Job, JobEvent};
 
 use super::{Board, CuttablePort, ReferenceGrowth, late_board};
 

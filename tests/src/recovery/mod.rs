@@ -11,14 +11,16 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, Job, JobEvent, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_client::port::{Port, PortError};
-use growbot_client::robot_file;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::growth_report::Outcome;
+use growbot_plan::job::{Job, JobEvent};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 
 /// Returns robot A with faster homing and growth, so that campaigns do not take long.

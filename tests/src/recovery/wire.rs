@@ -8,9 +8,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, Job, Outcome, grow_job};
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_core::link::message::HostSilencePolicy;
+use growbot_plan::growth_report::Outcome;
+use growbot_plan::job::Job;
 
 use super::{Body, ReferenceGrowth, late_board, robot};
 

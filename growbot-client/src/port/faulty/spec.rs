@@ -3,8 +3,8 @@
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::pose_text::parse_number;
-use crate::suggest::did_you_mean;
+use growbot_plan::pose_text::parse_number;
+use growbot_plan::suggest::did_you_mean;
 
 /// Step in which the remaining time of a stall or a cut is counted down, and minimum duration of a stall.
 pub(super) const STEP: Duration = Duration::from_millis(10);
@@ -111,7 +111,7 @@ impl FromStr for FaultSpec {
     type Err = FaultSpecError;
 
     /// ```
-    /// use growbot_client::port::faulty::FaultSpec;
+    /// use crate::port::faulty::FaultSpec;
     /// let spec: FaultSpec = "drop=1%, flip=1e-4, stall=2s@0.1%, seed=7".parse().unwrap();
     /// assert_eq!((spec.drop, spec.flip, spec.stall, spec.seed), (0.01, 1e-4, 0.001, 7));
     /// assert!("drop=200%".parse::<FaultSpec>().is_err());

@@ -13,7 +13,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_pictures::layer_table::layer_columns;
-use growbot_pictures::table::{NumberFormat, Table};
+use growbot_plan::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
 use crate::cli::status::BoardReport;

@@ -1,10 +1,10 @@
 //! The commands of the console, as text and as values.
 
 use growbot_client::maintenance;
-use growbot_client::plan::Goal;
-use growbot_client::pose_text::{parse_goal, parse_number, parse_pose};
-use growbot_client::suggest::did_you_mean;
 use growbot_core::pose::Pose;
+use growbot_plan::plan::Goal;
+use growbot_plan::pose_text::{parse_goal, parse_number, parse_pose};
+use growbot_plan::suggest::did_you_mean;
 
 use crate::cli::usage;
 

@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use growbot_client::user_dirs;
+use growbot_plan::user_dirs;
 
 /// Returns the file of the history, and creates its directory, that of stored state. `None` if the directory is not
 /// known or cannot be created.

@@ -10,8 +10,8 @@ mod session;
 mod tui;
 
 use clap::Args;
-use growbot_client::input::note_standard_input;
 use growbot_core::pose::Pose;
+use growbot_plan::input::note_standard_input;
 use growbot_sim::port::TipSettings;
 
 use super::service_robot::lease_port;

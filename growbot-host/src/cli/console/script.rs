@@ -6,9 +6,9 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use growbot_client::input::BoundedLines;
 use growbot_core::link::message::State;
 use growbot_core::robot::Robot;
+use growbot_plan::input::BoundedLines;
 
 use super::commands::{BoardRequest, ConsoleCommand, parse};
 use crate::cli::SelectedPort;

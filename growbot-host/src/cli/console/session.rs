@@ -6,16 +6,18 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthBoard, GrowthRequest, JobEvent, OnParked, Outcome};
+use growbot_client::growth::{CommandQueue, GrowthBoard, GrowthRequest, OnParked};
 use growbot_client::maintenance::MaterialPresets;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
-use growbot_client::run_log::RunLog;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{HostSilencePolicy, Message, State};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
+use growbot_plan::growth_report::Outcome;
+use growbot_plan::job::JobEvent;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::run_log::RunLog;
 use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use rustyline::completion::Completer;
 use rustyline::error::ReadlineError;
@@ -384,8 +386,8 @@ mod tests {
     use std::cell::RefCell;
     use std::rc::Rc;
 
-    use growbot_client::robot_file;
     use growbot_core::link::message::State;
+    use growbot_plan::robot_file;
     use growbot_sim::port::sim::Sim;
 
     use super::*;

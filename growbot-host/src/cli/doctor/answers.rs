@@ -5,7 +5,7 @@ use std::sync::mpsc::{self, Receiver, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
-use growbot_client::pose_text::parse_number;
+use growbot_plan::pose_text::parse_number;
 
 use crate::cli::typed_answer::read_answer;
 

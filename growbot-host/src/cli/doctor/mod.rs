@@ -17,9 +17,9 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_client::sanitize::json_line;
 use growbot_host::note;
 use growbot_host::output::print;
+use growbot_plan::sanitize::json_line;
 use growbot_sim::port::TipSettings;
 
 use self::answers::OperatorInput;

@@ -5,11 +5,11 @@ use std::fs;
 use std::io::{ErrorKind, Read};
 use std::path::Path;
 
-use growbot_client::atomic_file::write_atomic;
-use growbot_client::run_log::utc_text;
-use growbot_client::sanitize::{json_line, one_line};
 use growbot_core::robot::Robot;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::run_log::utc_text;
+use growbot_plan::sanitize::{json_line, one_line};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strum::IntoStaticStr;

@@ -5,11 +5,11 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
-use growbot_client::sanitize::one_line;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::sanitize::one_line;
 use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::CommandQueue;
-use growbot_client::robot_file;
 use growbot_core::link::message::{MaintenanceTask, State};
 use growbot_core::robot::{Robot, RobotDescription};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 use growbot_sim::tip::manual_action::ManualAction;

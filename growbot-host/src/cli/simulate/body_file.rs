@@ -2,8 +2,6 @@
 
 use std::path::Path;
 
-use growbot_client::atomic_file::write_atomic;
-use growbot_client::run_log::BodyKind;
 use growbot_host::output::is_standard_output;
 use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mesh::MeshResolution;
@@ -11,6 +9,8 @@ use growbot_pictures::export::obstacles::scene_view;
 use growbot_pictures::export::{centreline_csv, glb, stl};
 use growbot_pictures::view::picture::{self, PictureOptions};
 use growbot_pictures::view::{Subject, page};
+use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::run_log::BodyKind;
 
 use super::super::Failure;
 use super::super::output_format::OutputFormat;

@@ -1,8 +1,8 @@
 //! Errors of layers and measurements in a simulation, with their distributions: JSON, text, columns.
 
-use growbot_client::run_log::{Distribution, DisturbancesJson, Unit};
 use growbot_core::simulation::{ErrorModel, SimulatedSensors};
 use growbot_core::tracking::SensorNoise;
+use growbot_plan::run_log::{Distribution, DisturbancesJson, Unit};
 use growbot_sim::simulation::Simulation;
 use serde::Serialize;
 

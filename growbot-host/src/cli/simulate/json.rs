@@ -1,11 +1,11 @@
 //! Simulated growths as JSON for scripts.
 
-use growbot_client::plan_deviation::PlanDeviation;
-use growbot_client::plan_file::TipPoseJson;
-use growbot_client::run_log::ArrivalJson;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::tracking::Estimate;
+use growbot_plan::plan_deviation::PlanDeviation;
+use growbot_plan::plan_file::TipPoseJson;
+use growbot_plan::run_log::ArrivalJson;
 use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics};
 use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;

@@ -10,16 +10,16 @@ use std::path::PathBuf;
 use std::thread;
 
 use clap::{Args, ValueEnum};
-use growbot_client::atomic_file::refuse_inputs;
-use growbot_client::feedback::DEFAULT_SENSOR_NOISE;
-use growbot_client::plan_deviation::{PlanDeviation, centreline};
-use growbot_client::sanitize::json_line;
-use growbot_client::warning::Warning;
 use growbot_core::simulation::{DirectionSensor, Disturbance, DisturbedLayer, SimulatedSensors};
 use growbot_core::slicing::Slicing;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::view::{SimulatedBody, Subject};
+use growbot_plan::atomic_file::refuse_inputs;
+use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::plan_deviation::{PlanDeviation, centreline};
+use growbot_plan::sanitize::json_line;
+use growbot_plan::warning::Warning;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 

@@ -3,9 +3,9 @@
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use growbot_client::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
 use growbot_host::output::{OutputError, is_standard_output};
-use growbot_pictures::table::{NumberFormat, Table, pose_columns};
+use growbot_plan::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
+use growbot_plan::table::{NumberFormat, Table, pose_columns};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use super::super::Failure;

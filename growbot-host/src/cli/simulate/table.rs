@@ -1,9 +1,9 @@
 //! Tables at the end of simulated growths.
 
-use growbot_client::plan_deviation::PlanDeviation;
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
-use growbot_pictures::figures::fixed;
+use growbot_plan::figures::fixed;
+use growbot_plan::plan_deviation::PlanDeviation;
 use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics, WorstRun};
 use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;

@@ -3,11 +3,10 @@
 mod cdr;
 mod types;
 
-pub use types::definition;
-
-use growbot_client::run_log::BoardStatus;
 use growbot_core::pose::Frame;
+use growbot_plan::run_log::BoardStatus;
 use nalgebra::{Point3, UnitQuaternion};
+pub use types::definition;
 
 use self::cdr::Cdr;
 use super::foxglove::{FRAME, LogLevel};

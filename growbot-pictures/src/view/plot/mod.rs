@@ -3,15 +3,15 @@
 //!
 //! If there are more than 800 layers, each stretch of layers becomes one point: their mean, and for the heights around
 //! the wall also the minimum and the maximum. The time of a run log is that of recordings
-//! ([`growbot_client::run_clock`]).
+//! ([`growbot_plan::run_clock`]).
 
 pub(crate) mod series;
 
 use std::fmt::Write;
 
-use growbot_client::run_log::BodyKind;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
+use growbot_plan::run_log::BodyKind;
 
 use self::series::{LayerSeries, TemperatureReading, Timeline, deviation_from_plan};
 use super::info_panel::{caption, measured};

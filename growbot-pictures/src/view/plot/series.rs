@@ -1,12 +1,12 @@
 //! Series to plot of a body: one value for each layer, and the temperatures in a run log.
 
-use growbot_client::plan::Plan;
-use growbot_client::run_clock::{RunClock, events, time_for};
-use growbot_client::run_log::RunEvent;
 use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::pose::Frame;
+use growbot_plan::plan::Plan;
+use growbot_plan::run_clock::{RunClock, events, time_for};
+use growbot_plan::run_log::RunEvent;
 
 use crate::view::centreline::points_along;
 
@@ -121,8 +121,9 @@ fn seconds(clock: &RunClock) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use growbot_core::layer_bytes::LayerEncoder;
+
+    use super::*;
 
     fn straight(heights: &[f64]) -> Vec<LayerBytes> {
         let mut encoder = LayerEncoder::default();

@@ -1,15 +1,17 @@
 use embedded_storage::nor_flash::NorFlash;
 use growbot_client::client::Client;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{CommandQueue, GrowthReport, Job, JobEvent, grow_job};
+use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
 use growbot_firmware::safety::retained::RetainedStore;
+use growbot_plan::growth_report::GrowthReport;
+use growbot_plan::job::{Job, JobEvent};
 
 use super::*;
 
 fn robot() -> Robot {
-    growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
+    growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
 /// Grows an upright body of this many layers.

@@ -13,7 +13,7 @@ use super::*;
 mod faults;
 
 fn robot() -> Robot {
-    growbot_client::robot_file::load("growbot-a".as_ref()).unwrap()
+    growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap()
 }
 
 /// Returns a tip without noise, with a nozzle at 200 degrees Celsius and both motors enabled.

@@ -2,9 +2,9 @@
 
 use std::iter::once;
 
-use growbot_client::plan_deviation::centreline;
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
+use growbot_plan::plan_deviation::centreline;
 
 /// Maximum number of consecutive layers whose reports may be lost, if the console does not know the plan of the job.
 const MAX_UNREPORTED: usize = 65_536;

@@ -1,11 +1,11 @@
 //! Draws the model as text and braille. This module depends neither on a terminal nor on a board.
 
-use growbot_client::forecast::Forecast;
-use growbot_client::sanitize::is_control;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status, celsius};
 use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
+use growbot_plan::forecast::Forecast;
+use growbot_plan::sanitize::is_control;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -355,12 +355,13 @@ fn clock(seconds: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::prompt::Prompt;
-    use super::super::testing::{laid, model, status};
-    use super::*;
     use growbot_core::link::message::{DriverProblem, DriverReport, Fault, Motor, SensorReadings};
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
+
+    use super::super::prompt::Prompt;
+    use super::super::testing::{laid, model, status};
+    use super::*;
 
     /// Returns the screen as text, line by line.
     fn drawn(model: &ConsoleModel, width: u16, height: u16) -> Vec<String> {

@@ -28,14 +28,14 @@ use body::TrackedBody;
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
 use growbot_client::maintenance::MaterialPresets;
-use growbot_client::plan::{Goal, Plan, PlanOptions};
 use growbot_client::stop_signal::Permit;
-use growbot_client::warning::BLOCKING;
 use growbot_core::job::job_layers;
 use growbot_core::layer_bytes::decode;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::warning::BLOCKING;
 use keys::Action;
 use model::ConsoleModel;
 use poller::BoardPoller;
@@ -311,11 +311,12 @@ impl TuiApp {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crossterm::event::{KeyCode, KeyModifiers};
-    use growbot_client::robot_file;
     use growbot_core::link::message::State;
+    use growbot_plan::robot_file;
     use growbot_sim::port::sim::Sim;
+
+    use super::*;
 
     /// Returns a console on a simulated robot, without a terminal.
     fn console() -> TuiApp {

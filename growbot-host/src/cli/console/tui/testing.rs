@@ -1,10 +1,10 @@
 //! Messages of boards for the tests of this folder.
 
-use growbot_client::robot_file;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::message::{LayerLaid, Message, PauseCause, State, Status};
 use growbot_core::pose::Pose;
+use growbot_plan::robot_file;
 
 use super::model::ConsoleModel;
 

@@ -1,3 +1,0 @@
-//! Tests of the public interface of growbot-client.
-
-mod laid_centrelines;

@@ -1,0 +1,727 @@
+//! Planning of paths through a scene with obstacles. Each leg is proven to be clear of all obstacles, of itself and of
+//! the earlier legs.
+
+use std::cell::Cell;
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use growbot_core::compact_number::CompactNumber;
+use growbot_core::job::job_layers;
+use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::decode;
+use growbot_core::path::{self, Segment};
+use growbot_core::plan::{PlanError, Planner};
+use growbot_core::pose::{Frame, Pose};
+use growbot_core::robot::Robot;
+use growbot_scene::centreline::{TipPose, to_path_segments};
+use growbot_scene::clearance::{Clearance, RequiredClearance};
+use growbot_scene::path_clearance::{CLEARANCE_TOLERANCE_MM, clearance, clearance_until, is_path_clear, point_along};
+use growbot_scene::planner::{
+    self, InfeasibleReason, PlanningProblem, SearchBudget, SearchOutcome, SearchResolution, ViaPath,
+};
+use growbot_scene::scene_file::{LoadedScene, SceneError, load};
+
+use crate::margin::near_obstacle;
+use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where, roll_from};
+use crate::plan_file::json::{SceneRefJson, format_hash};
+use crate::self_collision::closest_self_approach;
+use crate::warning::NEAR_OBSTACLE;
+
+/// Tolerance of the required clearance, as a fraction of it. A path whose clearance exceeds the required one by less
+/// than this may be rejected.
+const SLACK: f64 = 1e-3;
+/// Maximum number of distance queries of a search for each unit of `--effort`. They take about 0.1 s.
+const WORK_PER_EFFORT: u64 = 100_000;
+/// Default effort of a search, in units of about 0.1 s.
+pub const EFFORT: u64 = 5;
+/// Additional time after the deadline of the search for computing the clearance of the plan, because the search may use
+/// all of its time.
+const GRACE: Duration = Duration::from_millis(200);
+/// Default limit of the length of a body, mm.
+pub const MAX_LENGTH_MM: f64 = 1e7;
+
+/// Maximum distance between the path that [`laid`] returns and the layers in fixed point that a board receives, mm. It
+/// is subtracted from each proven clearance. `tests/laid_centrelines.rs` measures it.
+pub const MAX_LAYER_OFFSET_MM: f64 = 1e-4;
+
+/// Maximum clearance that is reported, mm. It is also the clearance in an empty scene.
+pub const MAX_CLEARANCE: f64 = 1e7;
+
+/// A scene with obstacles, and the limits of the search for a path through it.
+#[derive(Debug)]
+pub struct SceneOptions<'a> {
+    /// Name of the scene's file, which is written to the plan.
+    pub file: &'a str,
+    /// Obstacles of the scene, loaded from `file`.
+    pub loaded: &'a LoadedScene,
+    /// Minimum distance that a path must keep between the outside of the tube and all obstacles, mm. The default is
+    /// [`planning_margin_mm`](crate::margin::planning_margin_mm).
+    pub margin: f64,
+    /// Segments of the existing body and the frame of its tip, with which the new path must not collide. `None` without
+    /// an existing body.
+    pub grown: Option<(&'a [Segment], &'a Frame)>,
+    /// Maximum effort of the search, in units of 100,000 distance queries. Unlike a limit in time, it gives the same
+    /// result on every machine.
+    pub effort: u64,
+    /// Time at which the search ends with the best path found so far. `None` without a limit in time.
+    pub deadline: Option<Instant>,
+    /// True to end the search at the first path that is found, instead of searching for a shorter one.
+    pub first_only: bool,
+    /// Maximum length of the body, mm: [`MAX_LENGTH_MM`] by default.
+    pub max_length: f64,
+}
+
+/// Reason why no plan through a scene was found.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum NoPathError {
+    /// The start is too near to an obstacle.
+    #[error(
+        "the start is {}, but the centreline needs {} mm (half the tube plus the margin): choose another start, or \
+         lower the margin", place(.distance), CompactNumber(.need)
+    )]
+    Start {
+        /// Distance of the start from the nearest obstacle, mm. Negative inside.
+        distance: f64,
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
+        need: f64,
+    },
+    /// The goal is too near to an obstacle.
+    #[error(
+        "the goal is {}, but the centreline needs {} mm (half the tube plus the margin): choose another goal, or lower \
+         the margin", place(.distance), CompactNumber(.need)
+    )]
+    Goal {
+        /// Distance of the goal from the nearest obstacle, mm. Negative inside.
+        distance: f64,
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
+        need: f64,
+    },
+    /// The straight line to the goal is longer than the remaining length of the body.
+    #[error(
+        "the goal is {} mm from the start of its leg, but only {} mm of the maximum length remain",
+        CompactNumber(.distance), CompactNumber(.left)
+    )]
+    TooFar {
+        /// Distance of the goal from the start of its leg, mm.
+        distance: f64,
+        /// Remaining length of the body at the start of the leg, mm: the maximum length less the earlier legs.
+        left: f64,
+    },
+    /// Every passage between start and goal is too narrow for the tube and the margin.
+    #[error(
+        "no body can reach the goal: every passage between start and goal is narrower than the {} mm that the \
+         centreline needs on each side; make a passage of the scene wider, or lower the margin",
+        CompactNumber(.need)
+    )]
+    Separated {
+        /// Required distance of the centreline from obstacles, mm: half the tube's diameter plus the margin.
+        need: f64,
+    },
+    /// The search has tried all paths at its finest resolution, and none of them reaches the goal.
+    #[error(
+        "no path exists at the resolution of this search (arcs and lines of {} mm, bends in {rolls} directions, cells \
+         of {} mm): give a smaller radius, or another goal", CompactNumber(.step), CompactNumber(.cell)
+    )]
+    AtResolution {
+        /// Length of an arc or a line that the search appends to a path, mm.
+        step: f64,
+        /// Number of directions in which the search bends an arc.
+        rolls: u32,
+        /// Side of the cells into which the search divides positions, mm.
+        cell: f64,
+    },
+    /// The only path of the two-plane planner is too near to an obstacle.
+    #[error(
+        "no path of the planner two-plane is clear of the scene and of the body itself within the maximum length, and \
+         this planner does not search for others: use the planner shortest, which does"
+    )]
+    TwoPlaneBlocked,
+    /// The search ended without a path because its effort or its time was used up.
+    #[error("no path was found with this effort and time limit, but a path may exist")]
+    NotFound,
+}
+
+/// Formats the distance of a point from the nearest obstacle (mm, negative inside) for an error message.
+fn place(distance: &f64) -> String {
+    if *distance < 0.0 {
+        return format!("inside an obstacle, {} mm deep", CompactNumber(&-distance));
+    }
+    format!("{} mm from an obstacle", CompactNumber(distance))
+}
+
+impl NoPathError {
+    /// Returns the code of the error in the output of `--json`.
+    pub fn code(&self) -> &'static str {
+        if *self == Self::NotFound { "not-found-in-time" } else { "none-at-resolution" }
+    }
+
+    fn because(why: InfeasibleReason, need: f64, left: f64) -> Self {
+        match why {
+            InfeasibleReason::GoalTooFar(distance) => Self::TooFar { distance, left },
+            InfeasibleReason::StartTooClose(distance) => Self::Start { distance, need },
+            InfeasibleReason::GoalTooClose(distance) => Self::Goal { distance, need },
+            InfeasibleReason::Separated => Self::Separated { need },
+        }
+    }
+
+    fn at(SearchResolution { step, bend_directions: rolls, position, .. }: SearchResolution) -> Self {
+        Self::AtResolution { step, rolls, cell: position }
+    }
+}
+
+/// Error of planning through a scene: no path was found, or a parameter is not valid.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScenePlanError {
+    /// A parameter is not valid, for example a radius to which the robot cannot bend.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// No path through the scene was found.
+    #[error("{0}")]
+    NoPath(#[from] NoPathError),
+}
+
+/// Error of proving that a plan is clear of a scene.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneCheckError {
+    /// The scene cannot be read.
+    #[error("the plan leads through a scene: {0}; put the scene file next to the plan")]
+    Scene(#[from] SceneError),
+    /// The scene's file is not the one for which the plan was made.
+    #[error(
+        "the plan was made for {file} with hash {plan}, but the file has hash {here}: the scene has changed; plan \
+         again"
+    )]
+    OtherScene {
+        /// Name of the scene's file.
+        file: String,
+        /// Hash of the scene, as stored in the plan.
+        plan: String,
+        /// Hash of the scene's file as it is now.
+        here: String,
+    },
+    /// The body would come nearer to an obstacle than the scene's margin.
+    #[error(
+        "the plan would {} {obstacle} in {file}, {at:.0} mm along the body, but the margin is {margin} mm: plan \
+         through the scene",
+        describe_clearance(*found), margin = CompactNumber(margin)
+    )]
+    MarginViolated {
+        /// Name of the scene's file.
+        file: String,
+        /// Proven clearance between the outside of the tube and the obstacles, mm. Negative inside an obstacle.
+        found: f64,
+        /// Margin that the scene requires, mm.
+        margin: f64,
+        /// Length of the body from its start to the nearest place, mm.
+        at: f64,
+        /// Name of the obstacle that is too near.
+        obstacle: String,
+    },
+    /// The body would come nearer to an obstacle than the plan states.
+    #[error(
+        "the plan claims {claimed} mm of clearance in {file}, and {found} mm could be verified, less than it claims or \
+         less than its margin: plan again"
+    )]
+    ClearanceOverstated {
+        /// Name of the scene's file.
+        file: String,
+        /// Clearance that the plan states, mm.
+        claimed: f64,
+        /// Clearance that could be proven, mm.
+        found: f64,
+    },
+}
+
+/// Plans a path from the start through these goals, in order, that is clear of a scene. Each leg is the shortest
+/// candidate of the planner for empty space that is clear, or otherwise the result of a search around the obstacles.
+/// The direction at a position is the one in which the leg to it arrives.
+///
+/// # Errors
+/// Like [`Plan::new`], and if no path through the scene is found.
+pub fn plan(
+    robot: &Robot,
+    start: &Pose,
+    goals: &[Goal],
+    search: &PlanOptions,
+    through: &SceneOptions,
+) -> Result<Plan, ScenePlanError> {
+    plan_while(robot, start, goals, search, through, &|| Ok(()))
+}
+
+/// Like [`plan`], but calls `check` before each leg. An error of `check` ends the planning.
+///
+/// # Errors
+/// Like [`plan`], and the error of `check`.
+pub fn plan_while<E: From<ScenePlanError>>(
+    robot: &Robot,
+    start: &Pose,
+    goals: &[Goal],
+    search: &PlanOptions,
+    through: &SceneOptions,
+    check: &dyn Fn() -> Result<(), E>,
+) -> Result<Plan, E> {
+    let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
+    let legs_left = Cell::new(goals.len() as u32);
+    let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
+    let mut plan = Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| {
+        check()?;
+        Ok::<_, E>(leg.plan(from, goal, body, roll)?)
+    })?;
+    let (file, hash) = (through.file.to_owned(), through.loaded.hash);
+    // If the time runs out, report the clearance that was required of every leg.
+    let proven = nearest_until(&plan, robot, through.loaded, through.deadline.map(|deadline| deadline + GRACE));
+    let clearance = proven.map_or(through.margin + CLEARANCE_TOLERANCE_MM, |nearest| nearest.distance);
+    plan.warnings.extend(near_obstacle(&plan, robot, through.loaded, clearance));
+    plan.scene = Some(SceneClearance { file, hash, clearance, margin: through.margin });
+    Ok(plan)
+}
+
+/// Returns the centreline of the body that is laid for a path, as segments. Layers of arcs and lines lie exactly on the
+/// path. If the path contains a helicoidal arc, its layers are short arcs that deviate from it, so an arc for each
+/// layer is returned.
+pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
+    if !path.iter().any(|segment| matches!(segment, Segment::Helicoid { .. })) {
+        return path.to_vec();
+    }
+    let layers = job_layers(path, robot).map(|bytes| decode(&bytes));
+    layers.map(|layer| segment(&layer)).collect()
+}
+
+/// Returns the centreline of a layer as a segment.
+pub fn segment(&Layer { alpha, height: length, tilt: bend }: &Layer) -> Segment {
+    if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } }
+}
+
+/// Returns the proven clearance between the outside of a plan's tube and a scene, mm. [`MAX_CLEARANCE`] in an empty
+/// scene.
+fn tube_clearance_mm(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> f64 {
+    nearest(plan, robot, loaded).distance
+}
+
+/// Returns the proven clearance between the outside of a plan's tube and a scene (mm), and the length along the body at
+/// which it is smallest (mm).
+fn nearest(plan: &Plan, robot: &Robot, loaded: &LoadedScene) -> Clearance {
+    of_outside(clearance(&loaded.scene, &laid(&plan.path, robot), &plan.start.frame()), robot)
+}
+
+/// Like [`nearest`], but returns `None` if the deadline passes first.
+fn nearest_until(plan: &Plan, robot: &Robot, loaded: &LoadedScene, deadline: Option<Instant>) -> Option<Clearance> {
+    let body = laid(&plan.path, robot);
+    clearance_until(&loaded.scene, &body, &plan.start.frame(), deadline).map(|found| of_outside(found, robot))
+}
+
+/// Converts the clearance of a path's centreline to the clearance of the outside of the tube.
+fn of_outside(Clearance { distance, arc_length: at }: Clearance, robot: &Robot) -> Clearance {
+    Clearance {
+        distance: (distance - 0.5 * robot.outer_diameter() - MAX_LAYER_OFFSET_MM).min(MAX_CLEARANCE),
+        arc_length: at,
+    }
+}
+
+/// Returns a verb phrase for messages, such as "come within 1.20 mm of", for a body with this clearance (mm, negative
+/// inside). The name of the obstacle follows the phrase.
+pub(crate) fn describe_clearance(clearance: f64) -> String {
+    if clearance < 0.0 { format!("run {:.2} mm into", -clearance) } else { format!("come within {clearance:.2} mm of") }
+}
+
+/// Proves that a plan keeps the margin of a scene from all its obstacles, or touches none of them if the scene has no
+/// margin. The plan need not have been made for the scene.
+///
+/// # Errors
+/// If the plan does not keep the margin.
+pub fn check_clearance(
+    plan: &Plan,
+    robot: &Robot,
+    file: &str,
+    loaded: &LoadedScene,
+) -> Result<SceneClearance, SceneCheckError> {
+    let Clearance { distance: found, arc_length: at } = nearest(plan, robot, loaded);
+    let margin = loaded.margin.unwrap_or(0.0);
+    // The proven clearance is below the true one by up to the tolerance.
+    if found + CLEARANCE_TOLERANCE_MM >= margin {
+        return Ok(SceneClearance { file: file.to_owned(), hash: loaded.hash, clearance: found, margin });
+    }
+    let obstacle = loaded
+        .scene
+        .nearest(&point_along(&plan.path, &plan.start.frame(), at))
+        .map_or_else(String::new, |obstacle| obstacle.to_string());
+    Err(SceneCheckError::MarginViolated { file: file.to_owned(), found, margin, at, obstacle })
+}
+
+/// Adds a scene to a plan that was made without it, if [`check_clearance`] proves that the plan is clear of it. The
+/// plan gets a warning if the clearance is smaller than the expected deviation of the robot.
+///
+/// # Errors
+/// If the plan is not clear of the scene. The plan is not changed then.
+pub fn attach_scene(plan: &mut Plan, robot: &Robot, file: &str, loaded: &LoadedScene) -> Result<(), SceneCheckError> {
+    let scene = check_clearance(plan, robot, file, loaded)?;
+    plan.warnings.retain(|warning| warning.code != NEAR_OBSTACLE);
+    plan.warnings.extend(near_obstacle(plan, robot, loaded, scene.clearance));
+    plan.scene = Some(scene);
+    Ok(())
+}
+
+/// Loads the scene of a plan and proves again that the plan is clear of it. The file is `given`, or else the one that
+/// the plan names, relative to the directory `beside` of the plan or to the current directory.
+///
+/// # Errors
+/// If the scene is missing or has changed, or the body is nearer to it than the plan states.
+pub fn load_verified_scene(
+    written: &SceneRefJson,
+    plan: &Plan,
+    robot: &Robot,
+    beside: &Path,
+    given: Option<&Path>,
+) -> Result<(SceneClearance, LoadedScene), SceneCheckError> {
+    let beside = beside.join(&written.file);
+    let named = if beside.exists() { &beside } else { Path::new(&written.file) };
+    let loaded = load(given.unwrap_or(named))?;
+    let file = given.map_or_else(|| written.file.clone(), |given| given.display().to_string());
+    let here = format_hash(loaded.hash);
+    if here != written.hash {
+        return Err(SceneCheckError::OtherScene { file, plan: written.hash.clone(), here });
+    }
+    let found = tube_clearance_mm(plan, robot, &loaded);
+    let (claimed, margin) = (written.clearance_mm, written.margin_mm.or(loaded.margin).unwrap_or(0.0).max(0.0));
+    // The clearance in the plan was computed by the same proof, to its tolerance. The comparison rejects NaN too.
+    if claimed <= found + 2.0 * CLEARANCE_TOLERANCE_MM && found + CLEARANCE_TOLERANCE_MM >= margin {
+        Ok((SceneClearance { file, hash: loaded.hash, clearance: claimed.min(found), margin }, loaded))
+    } else {
+        Err(SceneCheckError::ClearanceOverstated { file, claimed, found })
+    }
+}
+
+/// Planner of the legs of one plan through a scene.
+struct LegSearch<'a> {
+    robot: &'a Robot,
+    search: &'a PlanOptions,
+    through: &'a SceneOptions<'a>,
+    /// Segments of the existing body.
+    grown: &'a [Segment],
+    /// Roll of the tip of the existing body relative to the frame of the start pose, radians.
+    from_grown: f64,
+    /// Number of legs that are not planned yet, among which the remaining time is divided.
+    legs_left: Cell<u32>,
+}
+
+impl LegSearch<'_> {
+    /// Returns the clearance that the centreline must have. Twice the tolerance of the proof is added, because the
+    /// clearance that is proven for the plan may be smaller than the true one.
+    fn need(&self) -> RequiredClearance {
+        let distance = 0.5 * self.robot.outer_diameter() + self.through.margin + 2.0 * CLEARANCE_TOLERANCE_MM;
+        RequiredClearance { distance, tolerance: SLACK * distance }
+    }
+
+    /// Returns the deadline of the next leg, which gets an equal part of the remaining time, and counts this leg as
+    /// planned.
+    fn deadline(&self) -> Option<Instant> {
+        let now = Instant::now();
+        let legs = self.legs_left.replace(self.legs_left.get().saturating_sub(1)).max(1);
+        self.through.deadline.map(|deadline| now + deadline.saturating_duration_since(now) / legs)
+    }
+
+    fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ScenePlanError> {
+        let (scene, need) = (&self.through.loaded.scene, self.need());
+        let left = self.through.max_length - path::length(body);
+        let is_clear_of_self = |path: &[Segment]| {
+            let mut whole = self.grown.to_vec();
+            whole.extend(body.iter().map(|segment| segment.rolled(self.from_grown)));
+            let before = path::length(&whole);
+            whole.extend(path.iter().map(|segment| segment.rolled(roll + self.from_grown)));
+            closest_self_approach(&whole, self.robot.outer_diameter(), before).is_none()
+        };
+        let base_from_start = from.frame();
+        let mut passed_over = 0;
+        let is_clear = |path: &[Segment]| {
+            let clear = path::length(path) <= left
+                && is_path_clear(scene, &laid(path, self.robot), &base_from_start, &need)
+                && is_clear_of_self(path);
+            passed_over += usize::from(!clear);
+            clear
+        };
+        if let Some((goal, chosen)) = plan_where(self.robot, from, goal, self.search, is_clear)? {
+            self.legs_left.set(self.legs_left.get().saturating_sub(1));
+            return Ok(PlannedLeg::chosen(goal, &chosen, passed_over));
+        }
+        let accept = |chain: &ViaPath| is_clear_of_self(&to_path_segments(&chain.segments, &base_from_start));
+        let problem = PlanningProblem {
+            scene,
+            start: TipPose::from(from),
+            goal: match goal {
+                Goal::Pose(pose) => planner::PlannerGoal::Pose(TipPose::from(pose)),
+                Goal::Position(position) => planner::PlannerGoal::Position { at: position.vector(), tolerance: 0.0 },
+            },
+            radius: self.search.radius,
+            required_clearance: need,
+            max_length: left,
+            accept: &accept,
+        };
+        if self.search.planner == Planner::TwoPlane {
+            let why = planner::check_feasibility(&problem).map(|why| NoPathError::because(why, need.distance, left));
+            return Err(why.unwrap_or(NoPathError::TwoPlaneBlocked).into());
+        }
+        let work = self.through.effort.saturating_mul(WORK_PER_EFFORT);
+        let budget =
+            SearchBudget { max_queries: work, deadline: self.deadline(), stop_at_first: self.through.first_only };
+        match planner::search(&problem, &budget, &mut |_| ()) {
+            SearchOutcome::Found(chain) => {
+                let path = to_path_segments(&chain.segments, &base_from_start);
+                let goal = arrival(goal, &path, &base_from_start);
+                Ok(PlannedLeg { goal, path, choice: None })
+            }
+            SearchOutcome::Infeasible(why) => Err(NoPathError::because(why, need.distance, left).into()),
+            SearchOutcome::ExhaustedAt(resolution) => Err(NoPathError::at(resolution).into()),
+            SearchOutcome::BudgetExhausted => Err(NoPathError::NotFound.into()),
+        }
+    }
+}
+
+/// Returns the pose at the end of a path to this goal. For a position, its direction is that in which the path arrives.
+fn arrival(goal: &Goal, path: &[Segment], base_from_start: &Frame) -> Pose {
+    match goal {
+        Goal::Pose(pose) => *pose,
+        Goal::Position(position) => Pose::from_frame(&path::end(path, base_from_start)).at(position),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use growbot_core::pose::Position;
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::margin::planning_margin_mm;
+    use crate::plan_file::{self, PlanFile, PlanFileError};
+    use crate::pose_text::parse_pose;
+    use crate::robot_file;
+
+    const SCENE: &str = "format = \"growbot-scene/1\"\nmargin_mm = 5\n[[ball]]\ncenter_mm = [0, 0, 300]\n\
+                         radius_mm = 60\n[[capsule]]\nfrom_mm = [-500, 100, 500]\nto_mm = [500, 100, 500]\n\
+                         radius_mm = 20\n";
+
+    struct PlanFixture {
+        directory: tempfile::TempDir,
+        robot: Robot,
+        start: Pose,
+        search: PlanOptions,
+    }
+
+    impl PlanFixture {
+        fn new() -> Self {
+            let directory = tempfile::tempdir().unwrap();
+            fs::write(directory.path().join("scene.toml"), SCENE).unwrap();
+            Self {
+                directory,
+                robot: robot_file::load(robot_file::DEFAULT.as_ref()).unwrap(),
+                start: parse_pose("0,0,0,0,90").unwrap(),
+                search: PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: true },
+            }
+        }
+
+        fn scene(&self) -> String {
+            self.directory.path().join("scene.toml").display().to_string()
+        }
+
+        fn plan(&self, goals: &[Goal]) -> Result<Plan, ScenePlanError> {
+            self.plan_within(goals, MAX_LENGTH_MM)
+        }
+
+        fn plan_within(&self, goals: &[Goal], max_length: f64) -> Result<Plan, ScenePlanError> {
+            let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
+            let (margin, grown) = (planning_margin_mm(&self.robot, &loaded), None);
+            let through = SceneOptions {
+                file: &file,
+                loaded: &loaded,
+                margin,
+                grown,
+                effort: 1,
+                deadline: None,
+                first_only: false,
+                max_length,
+            };
+            plan(&self.robot, &self.start, goals, &self.search, &through)
+        }
+    }
+
+    fn pose(text: &str) -> Goal {
+        Goal::Pose(parse_pose(text).unwrap())
+    }
+
+    fn position(x: f64, y: f64, z: f64) -> Goal {
+        Goal::Position(Position::new(Vector3::new(x, y, z)).unwrap())
+    }
+
+    #[test]
+    fn plans_are_clear_of_the_scene_and_read_back() {
+        let fixture = PlanFixture::new();
+        let chains = [
+            vec![position(0.0, 0.0, 800.0)],
+            vec![pose("0,100,700,0,90")],
+            vec![pose("200,0,300,0,90"), position(0.0, 0.0, 800.0)],
+            vec![position(0.0, 200.0, 300.0), pose("0,0,900,0,45")],
+        ];
+        for goals in chains {
+            let plan = fixture.plan(&goals).unwrap();
+            let scene = plan.scene.clone().unwrap();
+            assert!(scene.clearance >= 5.0, "{scene:?}");
+            assert!(plan.warnings.iter().all(|warning| warning.code != crate::warning::SELF_COLLISION));
+            let text = PlanFile::from(&plan).to_text();
+            let (_, read) = plan_file::read(&text, "plan.json", None).unwrap();
+            assert_eq!(read.scene.as_ref().map(|scene| scene.hash), Some(scene.hash));
+            assert!((read.requirements.length - plan.requirements.length).abs() < 1e-6);
+            // The clearance is proven again, so a plan that claims more is refused.
+            let promises = PlanFile {
+                scene: Some(SceneRefJson {
+                    file: scene.file.clone(),
+                    hash: format_hash(scene.hash),
+                    clearance_mm: scene.clearance + 0.01,
+                    margin_mm: Some(scene.margin),
+                }),
+                ..PlanFile::from(&plan)
+            };
+            let refused = plan_file::read(&promises.to_text(), "plan.json", None);
+            assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::ClearanceOverstated { .. }))));
+        }
+    }
+
+    #[test]
+    fn a_plan_is_refused_if_its_scene_is_changed_or_missing() {
+        let fixture = PlanFixture::new();
+        let text = PlanFile::from(&fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap()).to_text();
+        fs::write(fixture.scene(), SCENE.replace("= 60", "= 61")).unwrap();
+        let refused = plan_file::read(&text, "plan.json", None);
+        assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::OtherScene { .. }))));
+        fs::remove_file(fixture.scene()).unwrap();
+        let refused = plan_file::read(&text, "plan.json", None);
+        assert!(matches!(refused, Err(PlanFileError::Scene(SceneCheckError::Scene(_)))));
+    }
+
+    #[test]
+    fn a_plan_keeps_the_margin_with_which_it_was_made() {
+        let fixture = PlanFixture::new();
+        let plan = fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap();
+        let written = PlanFile::from(&plan).scene.unwrap();
+        assert_eq!(written.margin_mm, Some(5.0));
+        for (margin_mm, is_kept) in [(Some(5.0), true), (Some(500.0), false), (None, true), (Some(-90.0), true)] {
+            let scene = Some(SceneRefJson { margin_mm, ..written.clone() });
+            let read = plan_file::read(&PlanFile { scene, ..PlanFile::from(&plan) }.to_text(), "plan.json", None);
+            assert_eq!(read.is_ok(), is_kept, "{margin_mm:?}");
+        }
+        // The scene states no margin, so that of the robot is kept.
+        fs::write(fixture.scene(), SCENE.replace("margin_mm = 5\n", "")).unwrap();
+        let plan = fixture.plan(&[position(0.0, 0.0, 800.0)]).unwrap();
+        let scene = plan.scene.unwrap();
+        assert!(scene.margin == 4.82 && scene.clearance >= scene.margin, "{scene:?}");
+        assert!(plan.warnings.iter().all(|warning| warning.code != NEAR_OBSTACLE));
+    }
+
+    #[test]
+    fn no_plan_exceeds_the_maximum_length() {
+        let fixture = PlanFixture::new();
+        let goals = [position(200.0, 0.0, 300.0), position(0.0, 0.0, 800.0)];
+        let free = fixture.plan(&goals).unwrap().requirements.length;
+        for max_length in [free + 1.0, 700.0, 300.0] {
+            match fixture.plan_within(&goals, max_length) {
+                Ok(plan) => assert!(plan.requirements.length <= max_length && max_length > free),
+                // The second leg is 539 mm at least.
+                Err(ScenePlanError::NoPath(NoPathError::TooFar { distance, left })) => {
+                    assert!(distance > left && max_length < free);
+                }
+                Err(other) => panic!("{max_length}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn the_proof_of_a_long_body_ends_at_its_deadline() {
+        let fixture = PlanFixture::new();
+        // Along 100 m beside a wall, the proof needs fifty million distances, all of the same size.
+        let wall = "[[halfspace]]\npoint_mm = [0, 0, -900]\nnormal = [0, 0, 1]\n";
+        fs::write(fixture.scene(), SCENE.to_owned() + wall).unwrap();
+        let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());
+        let start = parse_pose("0,0,-500,0,0").unwrap();
+        let within = |seconds: f64| {
+            let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
+            let (margin, grown, max_length) = (5.0, None, MAX_LENGTH_MM);
+            let through = SceneOptions {
+                file: &file,
+                loaded: &loaded,
+                margin,
+                grown,
+                effort: 1,
+                deadline,
+                first_only: false,
+                max_length,
+            };
+            let far = [pose("100000,0,-500,0,0")];
+            plan(&fixture.robot, &start, &far, &fixture.search, &through).unwrap().scene.unwrap().clearance
+        };
+        // A plan that had no time reports only the clearance that it was made for.
+        assert_eq!(within(0.0), 5.0 + CLEARANCE_TOLERANCE_MM);
+        assert!(within(0.0) < within(600.0));
+    }
+
+    #[test]
+    fn planning_ends_at_the_first_error_of_its_check() {
+        let fixture = PlanFixture::new();
+        let (file, loaded) = (fixture.scene(), load(fixture.scene().as_ref()).unwrap());
+        let through = SceneOptions {
+            file: &file,
+            loaded: &loaded,
+            margin: 5.0,
+            grown: None,
+            effort: 1,
+            deadline: None,
+            first_only: false,
+            max_length: MAX_LENGTH_MM,
+        };
+        let goals = [pose("300,0,300,0,0"), pose("900,0,300,0,0")];
+        for allowed in 0..3 {
+            let calls = Cell::new(0);
+            let check = || {
+                calls.set(calls.get() + 1);
+                if calls.get() > allowed { Err(NoPathError::NotFound.into()) } else { Ok::<_, ScenePlanError>(()) }
+            };
+            let planned = plan_while(&fixture.robot, &fixture.start, &goals, &fixture.search, &through, &check);
+            // It is called before each of the two legs.
+            assert_eq!((planned.is_ok(), calls.get()), (allowed == 2, 2.min(allowed + 1)));
+        }
+    }
+
+    #[test]
+    fn the_two_plane_planner_tries_only_two_plane_paths() {
+        let fixture = PlanFixture::new();
+        let fixture = PlanFixture { search: PlanOptions { planner: Planner::TwoPlane, ..fixture.search }, ..fixture };
+        let refused = |goal| match fixture.plan(&[goal]) {
+            Err(ScenePlanError::NoPath(no_path)) => no_path,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(refused(pose("0,0,800,0,90")), NoPathError::TwoPlaneBlocked);
+        assert!(matches!(refused(pose("0,0,310,0,90")), NoPathError::Goal { .. }));
+        assert_eq!(NoPathError::TwoPlaneBlocked.code(), "none-at-resolution");
+        assert!(fixture.plan(&[pose("300,0,300,0,0")]).is_ok());
+    }
+
+    #[test]
+    fn unreachable_goals_are_refused_with_the_reason() {
+        let fixture = PlanFixture::new();
+        let refused = |goal| match fixture.plan(&[goal]) {
+            Err(ScenePlanError::NoPath(no_path)) => no_path,
+            other => panic!("{other:?}"),
+        };
+        assert!(matches!(refused(position(0.0, 0.0, 310.0)), NoPathError::Goal { .. }));
+        assert_eq!(refused(position(0.0, 0.0, 310.0)).code(), "none-at-resolution");
+        assert_eq!(NoPathError::NotFound.code(), "not-found-in-time");
+        let box_round_the_goal = (0..6).map(|side| {
+            let mut centre = [0.0, 0.0, 2000.0];
+            centre[side / 2] += if side % 2 == 0 { 100.0 } else { -100.0 };
+            let mut size = [210.0; 3];
+            size[side / 2] = 10.0;
+            format!("[[box]]\ncenter_mm = {centre:?}\nsize_mm = {size:?}\n")
+        });
+        fs::write(fixture.scene(), SCENE.to_owned() + &box_round_the_goal.collect::<String>()).unwrap();
+        assert!(matches!(refused(position(0.0, 0.0, 2000.0)), NoPathError::Separated { .. }));
+    }
+}

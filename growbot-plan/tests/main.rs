@@ -1,0 +1,3 @@
+//! Tests of the public interface of growbot-plan.
+
+mod laid_centrelines;
