@@ -1,20 +1,16 @@
 //! The library of the `growbot` command.
 //!
-//! Plans and run logs are in growbot-plan, boards and growths in growbot-client, simulated robots in growbot-sim, pages, pictures and
-//! exports in growbot-pictures. This library contains:
+//! Plans and run logs are in growbot-plan, boards and growths in growbot-client, simulated robots in growbot-sim, pages,
+//! pictures and exports in growbot-pictures, the service in growbot-serve, the paper's experiments in growbot-paper. This
+//! library contains:
 //!
 //! - [`settings`]: settings for all commands, such as the default robot and port
 //! - [`annotated_robot`]: explanation of a robot
 //! - [`robot_questions`]: creation of a robot file
 //! - [`schema`]: JSON Schemas of files
-//! - [`watch`]: a live page of an active growth on this machine
-//! - [`reproduce`]: reproduction of the paper's experiments, with page and figures
-//! - [`serve`]: the service that owns robots
-//! - [`sim_process`]: start and stop of persistent simulated robots
 //! - [`crash`]: source locations of a firmware crash
 //! - [`progress`]: display of progress
 //! - [`output`]: results on standard output
-//! - [`ownership`]: files and folders that no other user can change
 //! - [`messages`]: messages on standard error
 //! - [`text_wrap`]: line breaks in texts
 //!
@@ -26,17 +22,11 @@ pub mod clock_text;
 pub mod crash;
 pub mod messages;
 pub mod output;
-pub mod ownership;
 pub mod progress;
-pub mod reproduce;
 pub mod robot_questions;
 pub mod schema;
-pub mod serve;
 pub mod settings;
-mod settings_paths;
-pub mod sim_process;
 pub mod text_wrap;
-pub mod watch;
 
 /// The book's chapter about the libraries. Its code is compiled and run as doctests.
 #[cfg(doctest)]

@@ -1,7 +1,7 @@
 //! Messages on standard error in one style: `error:`, `warning:` or `note:`, then the text, in lines of 80 columns.
 //!
 //! Control characters are removed, so that text from outside cannot control the terminal
-//! ([`growbot_plan::sanitize`]).
+//! ([`growbot_plan::sanitize`]). Warnings that growbot's libraries log are printed in the same style.
 
 use std::env;
 use std::fmt;
@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use clap::ColorChoice;
 use growbot_plan::sanitize::one_line;
+use log::{LevelFilter, Log, Metadata, Record};
 
 use crate::text_wrap::{TERMINAL_WIDTH, wrap};
 
@@ -41,7 +42,11 @@ static LEVEL: AtomicU8 = AtomicU8::new(Verbosity::Normal as u8);
 static COLOURED: AtomicBool = AtomicBool::new(false);
 
 /// Sets the level of messages and their use of colours. `Auto` colours messages on terminals, unless `NO_COLOR` is set.
+/// From then on, warnings that growbot's libraries log are printed.
 pub fn set(level: Verbosity, colour: ColorChoice) {
+    if log::set_logger(&LoggedWarnings).is_ok() {
+        log::set_max_level(LevelFilter::Warn);
+    }
     LEVEL.store(level as u8, Ordering::Relaxed);
     COLOURED.store(is_coloured(colour), Ordering::Relaxed);
 }
@@ -125,6 +130,23 @@ pub fn print(kind: Severity, message: fmt::Arguments) {
 /// Prints a question, or a line that belongs to one, without a label.
 pub fn print_prompt(question: fmt::Arguments) {
     let _ = writeln!(io::stderr(), "{}", one_line(&question.to_string()));
+}
+
+/// Prints what growbot's libraries log. Other libraries log warnings too, which mean nothing to users.
+struct LoggedWarnings;
+
+impl Log for LoggedWarnings {
+    fn enabled(&self, metadata: &Metadata) -> bool {
+        metadata.target().starts_with("growbot_")
+    }
+
+    fn log(&self, record: &Record) {
+        if self.enabled(record.metadata()) {
+            print(Severity::Warning, *record.args());
+        }
+    }
+
+    fn flush(&self) {}
 }
 
 /// Formats a message with its label and line breaks.

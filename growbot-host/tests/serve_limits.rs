@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 /// Number of connections that send only a part of a request.
 const MANY: usize = 1500;
-/// Maximum number of open connections, as in growbot-host/src/serve/connections.rs. `STREAMS` is the maximum number of
+/// Maximum number of open connections, as in growbot-serve/src/connections.rs. `STREAMS` is the maximum number of
 /// open event streams, as in limits.rs.
 const CONNECTIONS: usize = 256;
 const STREAMS: usize = 64;

@@ -18,14 +18,14 @@ use lab::{GOAL, Lab, http, wait_for};
 use running::command;
 use serde_json::{Value, json};
 
-/// Maximum number of open connections, as in growbot-host/src/serve/connections.rs.
+/// Maximum number of open connections, as in growbot-serve/src/connections.rs.
 const CONNECTIONS: usize = 256;
-/// Maximum number of open connections of read-only clients, as in growbot-host/src/serve/connections.rs.
+/// Maximum number of open connections of read-only clients, as in growbot-serve/src/connections.rs.
 const VIEW_CONNECTIONS: usize = 128;
-/// Maximum number of open event streams for each role, as in growbot-host/src/serve/limits.rs.
+/// Maximum number of open event streams for each role, as in growbot-serve/src/limits.rs.
 const STREAMS: usize = 64;
 /// Maximum number of long responses that are sent to read-only clients at a time, as in
-/// growbot-host/src/serve/limits.rs.
+/// growbot-serve/src/limits.rs.
 const VIEW_DOWNLOADS: usize = 8;
 /// Maximum memory of the service after each load, kB.
 const MAX_MEMORY_KB: u64 = 100_000;

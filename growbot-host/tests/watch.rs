@@ -8,10 +8,10 @@ use std::sync::Arc;
 use growbot_client::growth::CommandQueue;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::watch::WatchPage;
 use growbot_pictures::view::Subject;
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::plan::{Plan, PlanOptions};
+use growbot_serve::watch::WatchPage;
 use running::{PATIENCE, growbot};
 use serde_json::{Value, json};
 

@@ -1,7 +1,7 @@
 """Prints the cost of Python compared with Rust, and the gain of two threads. Run it on a machine without other work. It
 checks nothing.
 
-    cargo build --release -p growbot-client --example plan_bench
+    cargo build --release -p growbot-plan --example plan_bench
     python growbot-py/tests/cost.py [PLAN_BENCH]
 
 Each batch of work takes about a millisecond. The rounds alternate, and the min of a batch's rounds counts.

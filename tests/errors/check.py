@@ -23,7 +23,7 @@ TEXTS_OF_SERVICE = 50
 # of other programs. This number may only fall.
 OPTIONS = 17
 
-CRATES = ("core", "scene", "client", "sim", "pictures", "host")
+CRATES = ("core", "scene", "plan", "client", "sim", "pictures", "serve", "paper", "host")
 TEXT = r"(?:String|&(?:'static )?str|Box<dyn [\w:]*Error\b[^;{]*?>|anyhow::Error|Cow<'static, str>)"
 TEXT_ERRORS = re.compile(
     # A result with a text as its error. The type of its value may contain angle brackets.
@@ -74,7 +74,7 @@ def findings(source: pathlib.Path) -> tuple[list[str], list[str], list[str]]:
         def found(match: re.Match, code: str = code, path: pathlib.Path = path) -> str:
             return f"{path}:{code.count(chr(10), 0, match.start()) + 1}: {' '.join(match[0].split())}"
 
-        (of_service if "/src/serve/" in path.as_posix() else texts).extend(map(found, TEXT_ERRORS.finditer(code)))
+        (of_service if "growbot-serve" in path.parts else texts).extend(map(found, TEXT_ERRORS.finditer(code)))
         options.extend(found(text) for text in STRING.finditer(code) if OPTION.search(re.sub(r"\\\n\s*", "", text[0])))
     return texts, of_service, options
 

@@ -383,7 +383,7 @@ def cpu():
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--helper", required=True, help="the program of tests/peers/src")
-    parser.add_argument("--plan-bench", required=True, help="the program of growbot-client/examples/plan_bench.rs")
+    parser.add_argument("--plan-bench", required=True, help="the program of growbot-plan/examples/plan_bench.rs")
     parser.add_argument("--versions", required=True, help="versions to print above the table")
     parser.add_argument("--dubins-paths", required=True, help="version of the crate dubins_paths")
     parser.add_argument("--dubins", required=True, help="version of the C library")

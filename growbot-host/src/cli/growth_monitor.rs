@@ -6,7 +6,6 @@ use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::watch::WatchPage;
 use growbot_plan::clearance_guard::Detour;
 use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::forecast::Forecast;
@@ -14,6 +13,7 @@ use growbot_plan::growth_report::{GrowthReport, Outcome};
 use growbot_plan::job::{Command, Job, JobEvent};
 use growbot_plan::run_log::{GrowthResult, RunLog, RunLogError};
 use growbot_plan::sanitize::json_line;
+use growbot_serve::watch::WatchPage;
 use time::OffsetDateTime;
 
 use super::terminal_commands::{TerminalCommands, waiting_hint};

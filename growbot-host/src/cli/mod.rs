@@ -72,8 +72,6 @@ use growbot_host::crash::ImageError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
 use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsError};
-use growbot_host::sim_process::SimProcessError;
-use growbot_host::watch::WatchError;
 use growbot_pictures::drawing::png::PngError;
 use growbot_pictures::export::mesh::MeshError;
 use growbot_pictures::view::ViewError;
@@ -85,7 +83,9 @@ use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::run_log::{ReadRunLogError, RecordedRun, RunLogError};
 use growbot_plan::scene_planning::SceneCheckError;
 use growbot_scene::scene_file::SceneError;
+use growbot_serve::watch::WatchError;
 use growbot_sim::port::{self, OpenError, OpenPort, PortName, TipSettings};
+use growbot_sim::sim_daemon::process::SimProcessError;
 use growbot_sim::sim_daemon::{SimDaemonError, StateDir};
 use growbot_sim::simulated_tip::SimulatedTip;
 

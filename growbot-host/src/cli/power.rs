@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
-use growbot_host::sim_process::{switch_on, wait_until_off};
 use growbot_plan::robot_file;
 use growbot_sim::port::PortName;
+use growbot_sim::sim_daemon::process::{switch_on, wait_until_off};
 use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
 
 use super::watch_options::parse_pace;

@@ -8,8 +8,6 @@ use growbot_client::growth::GrowthError;
 use growbot_client::maintenance::MaintenanceError;
 use growbot_client::port::PortError;
 use growbot_core::link::message::{Fault, Refusal};
-use growbot_host::sim_process::SimProcessError;
-use growbot_host::watch::WatchError;
 use growbot_pictures::drawing::png::PngError;
 use growbot_pictures::export::mesh::MeshError;
 use growbot_pictures::view::ViewError;
@@ -20,7 +18,9 @@ use growbot_plan::remedy::with_remedies;
 use growbot_plan::run_log::{ReadRunLogError, RunLogError};
 use growbot_plan::scene_planning::{NoPathError, SceneCheckError};
 use growbot_plan::warning::{SELF_COLLISION, Warning};
+use growbot_serve::watch::WatchError;
 use growbot_sim::sim_daemon::SimDaemonError;
+use growbot_sim::sim_daemon::process::SimProcessError;
 
 /// Returns the text of an error with its remedies for users of the command line.
 pub fn message(error: &(dyn Error + 'static)) -> String {

@@ -8,7 +8,7 @@ use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::reproduce::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABLES, paper, summary, tables};
+use growbot_paper::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABLES, paper, summary, tables};
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_plan::sanitize::json_line;
 

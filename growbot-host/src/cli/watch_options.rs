@@ -5,9 +5,9 @@ use std::sync::Arc;
 use clap::Args;
 use growbot_client::growth::CommandQueue;
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_host::watch::WatchPage;
 use growbot_pictures::view::Subject;
 use growbot_plan::job::Job;
+use growbot_serve::watch::WatchPage;
 use growbot_sim::port::PortName;
 
 use super::Failure;

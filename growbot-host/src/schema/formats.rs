@@ -6,12 +6,12 @@
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::{GrowthResult, RunLine};
 use growbot_scene::scene_file::SceneFile;
+use growbot_serve::notification::Notification;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
 
 use super::plain;
-use crate::serve::notification::Notification;
 use crate::settings::SettingsToml;
 
 /// Returns the schema of plan files.

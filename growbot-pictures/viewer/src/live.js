@@ -1,7 +1,7 @@
 // The page of a running growth: its plan, the layers that the board reports, the state, progress, temperature and
 // commands.
 //
-// Updates are events (growbot-host/src/watch/). Each contains the changes since the last one, with layers and readings
+// Updates are events (growbot-serve/src/watch/). Each contains the changes since the last one, with layers and readings
 // from an index on. Heartbeats between them show that the data are current.
 
 import { decodeLayers, growBody } from "./body.js";

@@ -5,22 +5,24 @@
 //! without a host. Its flash and its retained memory are files, so that it resumes correctly even after it was switched
 //! off in the middle of a layer.
 //!
-//! - [`StateDir`]: the directory of a robot; [`serve`]: the process; [`DaemonPort`]: the port to it;
-//!   `protocol`: their messages.
+//! - [`StateDir`]: the directory of a robot; [`serve`]: the process, which [`process`] starts; [`DaemonPort`]: the port
+//!   to it; `protocol`: their messages.
 
 mod persistence;
 mod port;
+pub mod process;
 mod protocol;
 mod server;
 mod state_dir;
 #[cfg(test)]
 mod tests;
 
+use std::io;
+use std::path::PathBuf;
+
 pub use self::port::{DaemonPort, RemoteTip};
 pub use self::server::serve;
 pub use self::state_dir::StateDir;
-use std::io;
-use std::path::PathBuf;
 
 /// Error of connecting to a simulated robot in the background, or of running it.
 #[derive(Debug, thiserror::Error)]

@@ -10,7 +10,7 @@ use super::job::{Job, JobState};
 use super::job_store::{COLUMNS, JobStore, JobStoreError, of_row};
 use super::job_updates::JobUpdate;
 use super::robot_worker::RobotWorker;
-use crate::serve::job::end_reason;
+use crate::job::end_reason;
 
 /// Reason of a job that failed because the board no longer stores it. If a board that stores the job is connected
 /// later, the job can be resumed.
@@ -78,7 +78,7 @@ impl RobotWorker {
         let mut store = self.shared.jobs();
         let jobs = match store.unsettled(&self.name, plan_id) {
             Ok(jobs) => jobs,
-            Err(error) => return crate::warning!("{error}"),
+            Err(error) => return log::warn!("{error}"),
         };
         for mut job in jobs.into_iter().filter(|job| Some(job.id.as_str()) != current) {
             // Without a readable log it is unknown which body the job has.

@@ -1,6 +1,8 @@
 //! Figure 8: errors of robots A, B and C by distance of the goal, and the position error of all robots by k.
 
 use growbot_core::plan::Planner;
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{Panel, Scale};
 
 use super::super::comparison::open_set;
 use super::super::experiments::ErrorQuantity;
@@ -10,8 +12,6 @@ use super::super::slicing_rule::SlicingRule;
 use super::super::statistics::SampleSummary;
 use super::chart::{CanvasExt, EXACT, Mark, PAPER, PanelExt, ROBOT, TABLE_STEP, TEXT_STEP, dashed, figure};
 use super::errors::group_ticks;
-use growbot_pictures::drawing::canvas::Canvas;
-use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 950.0);
 /// Robots that the panels A to C show, as indexes into `ROBOTS`.

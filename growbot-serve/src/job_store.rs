@@ -12,8 +12,8 @@ use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 use super::job::end_reason;
 use super::job_updates::KeptUpdates;
 use super::paths::ServicePaths;
-use crate::serve::job::{Job, JobState};
-use crate::serve::job_updates::JobUpdate;
+use crate::job::{Job, JobState};
+use crate::job_updates::JobUpdate;
 
 /// Time for which a change waits for other users of the database.
 pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
@@ -121,7 +121,7 @@ impl JobStore {
         if !is_new && !jobs.is_sound() {
             let aside = path.with_extension("damaged");
             fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, &error))?;
-            crate::warning!(
+            log::warn!(
                 "the list of jobs is damaged: it was rebuilt from the run logs, and the old file is kept as {}",
                 aside.display()
             );
@@ -188,7 +188,7 @@ impl JobStore {
             let record = match RecordedRun::open(&path) {
                 Ok(record) => record,
                 Err(error) => {
-                    crate::warning!("a job is missing from the list, because its run log cannot be read: {error}");
+                    log::warn!("a job is missing from the list, because its run log cannot be read: {error}");
                     continue;
                 }
             };
@@ -304,7 +304,7 @@ impl JobStore {
         if let Err(error) = self.write_kept()
             && !fails_already
         {
-            crate::warning!(
+            log::warn!(
                 "cannot write the list of jobs ({error}): its changes are kept in memory, and written once that is \
                  possible; if the disk is full, free space"
             );

@@ -27,8 +27,8 @@ use super::request_kind::MAX_BODY;
 use super::robot_status::RobotStatus;
 use super::service::Service;
 use super::{command_socket, event_routes, openapi};
-use crate::serve::access::Access;
-use crate::serve::page_urls::PageUrls;
+use crate::access::Access;
+use crate::page_urls::PageUrls;
 
 /// Returns the router of the API, and the OpenAPI document of its main routes.
 pub fn routes() -> (Router<Arc<Service>>, Value) {

@@ -160,7 +160,7 @@ impl NotifierThreads {
             let spawned =
                 thread::Builder::new().name(format!("{channel:?}")).spawn(move || run(&jobs, channel, &woken, &sink));
             if let Err(error) = spawned {
-                crate::warning!(
+                log::warn!(
                     "notifications by {channel:?} are not sent, because the service cannot start a thread: {error}"
                 );
             }
@@ -178,7 +178,7 @@ fn run(jobs: &Mutex<JobStore>, channel: NotificationChannel, woken: &Receiver<()
         let wait = match next {
             Ok(Some(next)) if next.due_ms <= now_ms() => {
                 if let Err(error) = deliver(jobs, &next, sink) {
-                    crate::warning!("{error}");
+                    log::warn!("{error}");
                     sleep(FIRST_RETRY_DELAY);
                 }
                 continue;
@@ -186,7 +186,7 @@ fn run(jobs: &Mutex<JobStore>, channel: NotificationChannel, woken: &Receiver<()
             Ok(Some(next)) => Duration::from_millis(u64::try_from(next.due_ms - now_ms()).unwrap_or(0)),
             Ok(None) => MAX_RETRY_DELAY,
             Err(error) => {
-                crate::warning!("{error}");
+                log::warn!("{error}");
                 MAX_RETRY_DELAY
             }
         };
@@ -209,14 +209,14 @@ fn deliver(jobs: &Mutex<JobStore>, next: &QueuedNotification, sink: &Notificatio
     let pause = FIRST_RETRY_DELAY.saturating_mul(1 << next.attempts.min(12)).min(MAX_RETRY_DELAY);
     let due_ms = now_ms() + as_ms(pause);
     if due_ms > next.created_ms + as_ms(MAX_AGE) {
-        crate::warning!(
+        log::warn!(
             "{by} did not accept a notification ({why}): the service has given up sending it after {} h",
             MAX_AGE.as_secs() / 3600
         );
         return lock(jobs).remove_notification(next.id);
     }
     if next.attempts == 0 {
-        crate::warning!("{by} did not accept a notification ({why}): the service will send it again");
+        log::warn!("{by} did not accept a notification ({why}): the service will send it again");
     }
     lock(jobs).reschedule_notification(next.id, due_ms)
 }

@@ -385,7 +385,7 @@ impl<'a> RunningJob<'a> {
         result.log_lines_missing = (missing > 0).then_some(missing);
         self.live_growth.end(result.clone());
         if let Err(error) = self.log.end(&result) {
-            crate::warning!("{error}");
+            log::warn!("{error}");
             self.keeper.keep_log(&self.job.id, std::mem::take(&mut self.log));
         }
         self.keeper.set_job_state(self.job, JobState::from_outcome(result.outcome), Some(why));

@@ -19,7 +19,7 @@ use tokio::time::timeout;
 use super::access::Access;
 use super::connections::ConnectionLimiter;
 use super::problem::Problem;
-use crate::serve::request_kind::{RequestKind, SHORT};
+use crate::request_kind::{RequestKind, SHORT};
 
 /// Maximum number of open streams of events for each role.
 const STREAMS: usize = 64;
@@ -220,11 +220,12 @@ pub fn holding<P: Send + Sync + 'static>(permit: P, response: Response) -> Respo
 
 #[cfg(test)]
 mod tests {
-    use super::*;
-    use crate::serve::audit::CommandSource;
     use std::future::Future;
     use std::sync::mpsc;
     use std::task::{Context, Waker};
+
+    use super::*;
+    use crate::audit::CommandSource;
 
     fn runtime() -> tokio::runtime::Runtime {
         tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap()

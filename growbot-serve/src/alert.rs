@@ -146,10 +146,10 @@ impl AlertUpdate {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::serve::ServicePaths;
-    use crate::serve::job_store::JobStore;
-    use crate::serve::job_updates::JobUpdate;
-    use crate::serve::notification::MAX_QUEUED_PER_CHANNEL;
+    use crate::ServicePaths;
+    use crate::job_store::JobStore;
+    use crate::job_updates::JobUpdate;
+    use crate::notification::MAX_QUEUED_PER_CHANNEL;
 
     fn jobs() -> (tempfile::TempDir, JobStore) {
         let directory = tempfile::tempdir().unwrap();

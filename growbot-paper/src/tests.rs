@@ -1,9 +1,10 @@
 //! Tests of whole reproductions: the paper's numbers, equal bytes on any number of threads, valid files.
 
-use super::*;
 use experiments::ErrorQuantity;
 use growbot_core::plan::Planner;
 use table2::Verdicts;
+
+use super::*;
 
 fn run(request: ReproduceRequest, threads: usize) -> Reproduction {
     Reproduction::run(request, threads, |_, _| ()).unwrap()

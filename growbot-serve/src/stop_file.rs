@@ -40,7 +40,7 @@ impl StopFile {
             }
             Err(error) if error.kind() == ErrorKind::NotFound => None,
             Err(error) => {
-                crate::warning!(
+                log::warn!(
                     "cannot read {}, the file of the unconfirmed stop of robot {robot} ({error}): the service sends \
                      the emergency stop instead",
                     path.display()
@@ -61,7 +61,7 @@ impl StopFile {
         }
         match self.write(level) {
             Ok(()) => *stored = level,
-            Err(error) => crate::warning!(
+            Err(error) => log::warn!(
                 "cannot write {} ({error}): if the service ends now, an unconfirmed stop is lost, or a confirmed stop \
                  is sent again; if the disk is full, free space",
                 self.path.display()
@@ -102,7 +102,7 @@ impl PauseFile {
         };
         match changed {
             Ok(()) => *is_stored = is_pending,
-            Err(error) => crate::warning!(
+            Err(error) => log::warn!(
                 "cannot change {} ({error}): if the service ends now, an order to pause is lost or repeated; if the \
                  disk is full, free space",
                 self.path.display()

@@ -1,11 +1,12 @@
 //! Figure 6: position error by noise of the growth, along the representative path of each group.
 
+use growbot_pictures::drawing::chart::{Panel, Scale};
+
 use super::super::experiments::{ErrorQuantity, GrowthSet};
 use super::super::paper::{GROUPS, NOISE};
 use super::super::reproduction::Reproduction;
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CLOSED, CanvasExt, EXACT, Mark, PanelExt, TABLE_STEP, TEXT_STEP, figure};
-use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 936.0);
 /// Limit below which an error is rounding and is not drawn.

@@ -1,4 +1,5 @@
-//! The service: one process that owns robots and handles the requests of programs and pages.
+//! The service: one process that owns robots and handles the requests of programs and pages. This crate knows no command
+//! line: the program that runs the service gives it the settings.
 //!
 //! - [`Service`] holds the robots. `service_context` is the state that their threads share: the jobs, the notices and a
 //!   counter of changes.
@@ -20,6 +21,12 @@
 //! - [`notification`] are notifications for users who do not watch a page. `alert` are the conditions that cause them,
 //!   `notification_queue` stores them, and `notifier` sends them.
 //! - [`client`] is the client of the user's socket.
+//! - [`watch`] is the live page of one growth, which also a program without a service shows.
+//! - [`ownership`] finds files and folders that another user can change, and [`settings_paths`] resolves the paths of a
+//!   settings file.
+//!
+//! Warnings of the service go to the `log` crate.
+#![forbid(unsafe_code)]
 
 mod access;
 mod alert;
@@ -52,6 +59,7 @@ pub mod notification;
 mod notification_queue;
 mod notifier;
 mod openapi;
+pub mod ownership;
 mod page;
 mod page_access;
 pub mod page_listener;
@@ -72,6 +80,7 @@ pub mod server;
 mod server_error;
 mod service;
 mod service_context;
+pub mod settings_paths;
 mod state_lock;
 mod stop_file;
 #[cfg(test)]
@@ -80,6 +89,7 @@ mod stop_model;
 mod stop_tests;
 mod stopper;
 mod tokens;
+pub mod watch;
 mod workers;
 
 pub use self::job_store::JobStoreError;

@@ -7,7 +7,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 use std::{env, io};
 
-use growbot_sim::sim_daemon::{DaemonPort, StateDir};
+use crate::sim_daemon::{DaemonPort, StateDir};
 
 /// Maximum time until a started process serves the robot, or a stopped one has ended.
 const LIMIT: Duration = Duration::from_secs(10);

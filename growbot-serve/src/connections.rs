@@ -219,7 +219,7 @@ pub async fn require_place(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::serve::audit::CommandSource;
+    use crate::audit::CommandSource;
 
     const CONTROL: Access = Access::Control(CommandSource::Web);
 

@@ -1,6 +1,8 @@
 //! Figure 4: errors in position, heading and pitch by distance of the goal, and lengths of the paths.
 
 use growbot_core::plan::Planner;
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{Panel, Scale};
 
 use super::super::comparison::open_set;
 use super::super::experiments::ErrorQuantity;
@@ -8,8 +10,6 @@ use super::super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::super::reproduction::Reproduction;
 use super::super::slicing_rule::SlicingRule;
 use super::chart::{CanvasExt, Mark, PAPER, PanelExt, TABLE_STEP, TEXT_STEP, figure};
-use growbot_pictures::drawing::canvas::Canvas;
-use growbot_pictures::drawing::chart::{Panel, Scale};
 
 const SIZE: (f64, f64) = (1000.0, 920.0);
 

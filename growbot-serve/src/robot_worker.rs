@@ -19,6 +19,7 @@ use growbot_plan::robot_file;
 use growbot_plan::run_log::RunLog;
 use growbot_sim::port::{self, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
+use growbot_sim::sim_daemon::process::switch_on;
 
 use super::alert::LastAlerts;
 use super::config::RobotEntry;
@@ -30,7 +31,6 @@ use super::robot_status::{RobotState, RobotStatus};
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
-use crate::sim_process::switch_on;
 use crate::watch::LiveGrowth;
 use crate::watch::heartbeat::{STALE_AFTER, status_age_s};
 

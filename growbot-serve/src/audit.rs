@@ -48,7 +48,7 @@ impl Audit {
         let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error: refused });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = file.write_all(line.as_bytes()) {
-            crate::warning!("cannot record a command in the audit log: {error}");
+            log::warn!("cannot record a command in the audit log: {error}");
         }
     }
 }

@@ -61,7 +61,7 @@ impl Stopper {
             StopSender { name: name.to_owned(), signal: Arc::clone(signal), connector, line: Arc::clone(&line) };
         let spawned = thread::Builder::new().name(format!("stop {name}")).spawn(move || sender.run(&received));
         if let Err(error) = spawned {
-            crate::warning!("cannot start the thread of the emergency stop at {name}: {error}");
+            log::warn!("cannot start the thread of the emergency stop at {name}: {error}");
         }
         Self { tasks, line, limit }
     }

@@ -1,5 +1,8 @@
 //! Figures 5 and 7: paths as planned and as grown, seen from the side.
 
+use growbot_pictures::drawing::canvas::Canvas;
+use growbot_pictures::drawing::chart::{number, round_below};
+use growbot_pictures::duration::duration_text;
 use nalgebra::Vector3;
 
 use super::super::experiments::{Example, PlannedSegment};
@@ -7,9 +10,6 @@ use super::super::paper::{self, GROUPS, ROBOTS};
 use super::super::poses::Endpoints;
 use super::super::reproduction::Reproduction;
 use super::chart::{CanvasExt, Mark, figure};
-use growbot_pictures::drawing::canvas::Canvas;
-use growbot_pictures::drawing::chart::{number, round_below};
-use growbot_pictures::duration::duration_text;
 
 /// Colour of planned arcs, as in the paper.
 const ARC: &str = "#c8102e";
