@@ -45,7 +45,7 @@ fn the_robots_image_is_small() {
 }
 
 /// Min free stack with which the handler of a crash keeps the stack pointer, bytes (`STACK_RESERVE_BYTES` in
-/// `boards/runtime/stack.rs`). With less, the handler starts again at the top of the stack.
+/// `boards/runtime/fault_handler.rs`). With less, the handler starts again at the top of the stack.
 const LEFT_FOR_A_CRASH: u64 = 512;
 
 #[test]

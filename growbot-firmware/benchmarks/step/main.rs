@@ -13,6 +13,9 @@ mod emergency_stop;
 mod interrupt_cell;
 #[path = "../../boards/an386/interrupts.rs"]
 mod interrupts;
+/// Mailbox in which the UART's interrupt reports an emergency stop.
+#[path = "../../boards/an386/mailbox.rs"]
+mod mailbox;
 mod pins;
 #[path = "../polled_uart.rs"]
 mod polled_uart;
@@ -42,9 +45,6 @@ use growbot_firmware::stepping::{AxisMove, EngineConfig, HomingMove, Mailbox, Mo
 use crate::pins::{BenchmarkEngine, World};
 use crate::polled_uart::PolledUart;
 use crate::timer::Timer;
-
-/// Mailbox in which the UART's interrupt reports an emergency stop.
-static MAILBOX: Mailbox = Mailbox::new();
 
 /// Number of turns that are laid in each run.
 const TURNS: u32 = 4;

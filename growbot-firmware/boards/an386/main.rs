@@ -11,6 +11,7 @@ mod flash;
 #[path = "../runtime/interrupt_cell.rs"]
 mod interrupt_cell;
 mod interrupts;
+mod mailbox;
 mod registers;
 mod reset;
 #[path = "../runtime/mod.rs"]
@@ -31,9 +32,10 @@ use growbot_firmware::hal::{Board, BoardResources, NoDebugPort, UnmanagedDrivers
 use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
-use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, StepperPins};
 
 use crate::flash::{SharedMemoryPartition, SharedWords};
+use crate::mailbox::MAILBOX;
 use crate::runtime::retained::RetainedRam;
 use crate::runtime::{crash, seal};
 use crate::stack_monitor::StackMonitor;
@@ -44,9 +46,6 @@ use crate::uart::Uart;
 const CLOCK_HZ: u32 = 25_000_000;
 
 defmt::timestamp!("{=u64:us}", step_timer::now_us());
-
-/// Mailbox for moves and reports between the controller and the step interrupt.
-static MAILBOX: Mailbox = Mailbox::new();
 
 /// The hardware drivers of this board, by type.
 struct An386;

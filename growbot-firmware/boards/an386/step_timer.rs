@@ -5,8 +5,8 @@ use core::sync::atomic::{AtomicU32, Ordering};
 use growbot_firmware::invertible_pin::InvertiblePin;
 use growbot_firmware::stepping::Engine;
 
-use crate::MAILBOX;
 use crate::interrupt_cell::InterruptCell;
+use crate::mailbox::MAILBOX;
 use crate::registers::Register;
 use crate::tip::{
     self, EmulatedOutputs, FilamentEncoder, Flag, IndexSensor, RecordedDirectionPin, RecordedStepPin, Switch,

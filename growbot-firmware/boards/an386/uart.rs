@@ -5,9 +5,9 @@
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::byte_queue::ByteQueue;
 
-use crate::MAILBOX;
 use crate::interrupt_cell::InterruptCell;
 use crate::interrupts::{self, Interrupt};
+use crate::mailbox::MAILBOX;
 use crate::registers::Register;
 use crate::tip;
 

@@ -22,6 +22,7 @@ mod clock;
 mod flash;
 #[path = "../runtime/interrupt_cell.rs"]
 mod interrupt_cell;
+mod mailbox;
 mod pins;
 mod pwm;
 mod reset;
@@ -47,11 +48,12 @@ use growbot_firmware::journal::Journal;
 use growbot_firmware::layer_store::LayerStore;
 use growbot_firmware::link_mux::LinkMux;
 use growbot_firmware::soft_i2c::SoftI2c;
-use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, Mailbox, StepperPins};
+use growbot_firmware::stepping::{Engine, EngineConfig, EngineInputs, StepperPins};
 use growbot_firmware::tmc2209::{DriverConfig, Tmc2209};
 use rp2040_pac as pac;
 
 use crate::flash::{FlashPartition, Rp2040Flash};
+use crate::mailbox::MAILBOX;
 use crate::pins::PicoPins;
 use crate::pwm::PwmOutput;
 use crate::runtime::retained::RetainedRam;
@@ -64,9 +66,6 @@ use crate::tmc_uart::TmcUart;
 static BOOT2: [u8; 256] = rp2040_boot2::BOOT_LOADER_W25Q080;
 
 defmt::timestamp!("{=u64:us}", clock::now_us());
-
-/// Mailbox for moves and reports between the controller and the step interrupt.
-static MAILBOX: Mailbox = Mailbox::new();
 
 /// Interrupts and their priorities, of which only the upper two bits count.
 const INTERRUPTS: [(pac::Interrupt, u8); 3] =

@@ -6,9 +6,9 @@ use growbot_firmware::stepping::Engine;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::MAILBOX;
 use crate::clock::{CrystalMonitor, PROCESSOR_HZ};
 use crate::interrupt_cell::InterruptCell;
+use crate::mailbox::MAILBOX;
 use crate::{pins, reset};
 
 /// Number of the PWM slice whose period is the step tick.

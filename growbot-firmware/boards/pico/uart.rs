@@ -5,9 +5,9 @@ use growbot_firmware::byte_queue::ByteQueue;
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
 
-use crate::MAILBOX;
 use crate::clock::PROCESSOR_HZ;
 use crate::interrupt_cell::InterruptCell;
+use crate::mailbox::MAILBOX;
 use crate::pins;
 
 /// Byte queue of one direction of the link.

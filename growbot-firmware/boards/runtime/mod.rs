@@ -4,6 +4,7 @@
 //! board.
 
 pub mod crash;
+mod fault_handler;
 mod no_panic;
 pub mod retained;
 mod rtt;

@@ -20,6 +20,7 @@ mod fan;
 mod flash;
 mod heater;
 mod orientation_bus;
+mod outputs;
 mod pins;
 mod reset;
 #[path = "../runtime/mod.rs"]
@@ -57,7 +58,7 @@ mod app {
     use crate::step_timer::StepTimer;
     use crate::uart::{self, LinkUart};
     use crate::watchdog::Stm32Watchdog;
-    use crate::{brown_out, clock, reset, watchdog};
+    use crate::{brown_out, clock, outputs, reset, watchdog};
 
     /// Mailbox for moves and reports between the controller and the step interrupt.
     static MAILBOX: Mailbox = Mailbox::new();
@@ -72,7 +73,7 @@ mod app {
         pins::Index,
         pins::FilamentMotionPin,
         pins::EmergencyStop,
-        pins::Stm32Outputs,
+        outputs::Stm32Outputs,
     >;
 
     /// The hardware drivers of this board, by type.
@@ -139,7 +140,7 @@ mod app {
                 filament_motion: pins.filament_motion,
                 emergency_stop: pins.emergency_stop,
             },
-            pins::Stm32Outputs,
+            outputs::Stm32Outputs,
             EngineConfig::for_robot(&robot),
         );
         let (thermistor, supply) = adc::new(device.ADC1, device.ADC_COMMON, pins.thermistor, pins.supply, &mut rcc);

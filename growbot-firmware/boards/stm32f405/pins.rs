@@ -10,7 +10,6 @@
 use core::sync::atomic::{AtomicBool, Ordering};
 
 use growbot_core::robot::RobotDescription;
-use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
 use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, OpenDrain, Output, PinState, Pull};
 use stm32f4xx_hal::gpio::{
@@ -60,8 +59,8 @@ pub type LinkTx = PA2<Alternate<7>>;
 /// Signal `link, host to board` of the table in WIRING.md.
 pub type LinkRx = PA3<Alternate<7>>;
 
-/// True if a low level at EN energises a motor. [`make_safe`], which does not own the pins, reads this.
-static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
+/// True if a low level at EN energises a motor. `outputs::make_safe`, which does not own the pins, reads this.
+pub static ENABLE_LOW: AtomicBool = AtomicBool::new(true);
 
 /// The configured pins of all signals, each at its safe level.
 pub struct Stm32Pins {
@@ -145,30 +144,4 @@ impl Stm32Pins {
             link_rx: a.pa3.into_alternate().internal_resistor(Pull::Up),
         }
     }
-}
-
-/// All outputs of the tip (heater, fan and both stepper drivers), which the step interrupt switches off in an
-/// emergency.
-pub struct Stm32Outputs;
-
-impl Outputs for Stm32Outputs {
-    fn make_safe(&mut self) {
-        make_safe();
-    }
-}
-
-/// Switches heater, fan and both stepper drivers off at once, from any context. The pins stay with their owners.
-pub fn make_safe() {
-    // SAFETY: `bsrr` sets and clears single pins in one write, so that the owners of other pins are not disturbed.
-    let (a, b, c) = unsafe { (&*pac::GPIOA::ptr(), &*pac::GPIOB::ptr(), &*pac::GPIOC::ptr()) };
-    a.bsrr().write(|w| w.br7().set_bit());
-    if ENABLE_LOW.load(Ordering::Relaxed) {
-        c.bsrr().write(|w| w.bs8().set_bit());
-        b.bsrr().write(|w| w.bs14().set_bit());
-    } else {
-        c.bsrr().write(|w| w.br8().set_bit());
-        b.bsrr().write(|w| w.br14().set_bit());
-    }
-    crate::heater::off();
-    crate::fan::off();
 }

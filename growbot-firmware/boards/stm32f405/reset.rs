@@ -87,7 +87,7 @@ pub fn next_boot_id() -> u32 {
 
 fn end(note: u32) -> ! {
     cortex_m::interrupt::disable();
-    crate::pins::make_safe();
+    crate::outputs::make_safe();
     NOTES.write(END, note);
     SCB::sys_reset()
 }
@@ -113,7 +113,7 @@ pub fn reset_on_clock_failure() -> ! {
 /// the processor.
 pub fn reset_on_crash(cause: ResetCause, moment: &ExceptionContext) -> ! {
     cortex_m::interrupt::disable();
-    crate::pins::make_safe();
+    crate::outputs::make_safe();
     // The step that is most certain to succeed comes first.
     let note = if cause == ResetCause::StackOverflow { OVERFLOWED } else { FAULTED };
     NOTES.write(END, note);

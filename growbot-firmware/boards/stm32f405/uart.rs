@@ -7,7 +7,7 @@ use stm32f4xx_hal::pac;
 use stm32f4xx_hal::rcc::{Enable, Rcc, Reset};
 
 use crate::pins::{LinkRx, LinkTx};
-use crate::{clock, pins};
+use crate::{clock, outputs};
 
 /// Byte queue of one direction of the link.
 pub type UartQueue = ByteQueue<4096>;
@@ -57,7 +57,7 @@ impl LinkUart {
             if status.rxne().bit_is_set() && self.watch.push(byte) {
                 // This comes first, so that no step in between energises a motor again.
                 handover.request_emergency_stop();
-                pins::make_safe();
+                outputs::make_safe();
             }
             if status.rxne().bit_is_set() && RECEIVED.enqueue(byte).is_err() {
                 self.lost = self.lost.wrapping_add(1);

@@ -4,8 +4,10 @@ use clap::Args;
 use growbot_core::link::message::{Cancel, PassiveRequest};
 use growbot_host::output::print;
 
+use super::failure::Failure;
+use super::port_arg::RequiredPortArg;
+use super::robot_arg::RobotArg;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Discard the body under way: heater and steppers go off, and the board forgets it
 ///

@@ -1,12 +1,13 @@
 //! `growbot completions`: prints the completions of a shell.
 
 use clap::builder::PossibleValuesParser;
-use clap::{Args, Command, CommandFactory};
+use clap::{Args, Command};
 use clap_complete::Shell;
 use growbot_host::output::print;
 use growbot_plan::robot_file;
 
-use super::{Cli, Failure, ROBOT};
+use super::failure::Failure;
+use super::robot_arg::ROBOT;
 
 /// Print the completions of a shell: commands, options, names of robots
 ///
@@ -25,9 +26,9 @@ pub struct CompletionsArgs {
     shell: Shell,
 }
 
-/// Runs the command.
-pub fn run(args: &CompletionsArgs) -> Result<(), Failure> {
-    let mut command = Cli::command().mut_subcommands(with_names_of_robots);
+/// Runs the command. `root` is the definition of the command line.
+pub fn run(args: &CompletionsArgs, root: Command) -> Result<(), Failure> {
+    let mut command = root.mut_subcommands(with_names_of_robots);
     let mut script = Vec::new();
     clap_complete::generate(args.shell, &mut command, "growbot", &mut script);
     Ok(print(&String::from_utf8_lossy(&script))?)

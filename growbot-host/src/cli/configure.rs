@@ -15,9 +15,11 @@ use growbot_plan::robot_file;
 use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
+use super::failure::Failure;
+use super::port_arg::{RequiredPortArg, SelectedPort};
+use super::robot_arg::ROBOT;
 use super::service_robot::lease_port;
 use super::status::is_configured;
-use super::{Failure, ROBOT, RequiredPortArg, SelectedPort};
 
 /// Maximum time that a board takes to restart after it has stored a description.
 const RESTART: Duration = Duration::from_secs(10);

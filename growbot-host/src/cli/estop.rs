@@ -5,15 +5,19 @@ use std::process::ExitCode;
 use std::thread::{self, ScopedJoinHandle, sleep};
 use std::time::Duration;
 
-use clap::Args;
+use clap::{Args, Command};
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_host::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
-use super::service_robot::{owner_in_emergency, robots_in_emergency};
-use super::{Failure, RequiredPortArg, RobotArg, SelectedPort, remedies, usage};
+use super::failure::Failure;
+use super::port_arg::{RequiredPortArg, SelectedPort};
+use super::robot_arg::RobotArg;
+use super::service_lookup::robots_in_emergency;
+use super::service_robot::owner_in_emergency;
+use super::{remedies, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
 ///
@@ -122,12 +126,12 @@ fn unacknowledged(why: impl Display) -> Failure {
 }
 
 /// Reports a command line that cannot be parsed. For an emergency stop, the message states that none was sent.
-pub fn usage_error(error: &clap::Error) -> ExitCode {
+pub fn usage_error(error: &clap::Error, root: &Command) -> ExitCode {
     let is_estop = std::env::args_os().any(|argument| argument == "estop");
     if !is_estop {
-        return Failure::bad_input(usage::message(error)).report();
+        return Failure::bad_input(usage::message(error, root)).report();
     }
-    unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error))).report()
+    unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error, root))).report()
 }
 
 /// Sends the stop to the port itself, until the board confirms it or the time is over.

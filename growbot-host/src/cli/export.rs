@@ -13,7 +13,7 @@ use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::run_log::BodyKind;
 
-use super::Failure;
+use super::failure::Failure;
 use super::opened::Opened;
 use super::output_format::OutputFormat;
 

@@ -15,7 +15,9 @@ use growbot_plan::robot_file;
 use growbot_sim::image_seal::{self, SealError};
 use growbot_sim::uf2;
 
-use super::{Failure, RobotArg, uf2_drive};
+use super::failure::Failure;
+use super::robot_arg::RobotArg;
+use super::uf2_drive;
 
 /// The robot's processor, by its name in probe-rs.
 const CHIP: &str = "STM32F405RGTx";

@@ -15,14 +15,16 @@ use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 
 use super::disturbance::DisturbanceArgs;
+use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
 use super::interrupt::stop_on_interrupt;
 use super::opened::Opened;
 use super::plan_source::PlanSourceArgs;
+use super::port_arg::{Connection, PortArg, SelectedPort};
+use super::remedies;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::watch_options::WatchArgs;
-use super::{Connection, Failure, PortArg, SelectedPort, remedies};
 
 /// Grow a body: from a plan, or directly to a pose
 ///

@@ -16,8 +16,10 @@ use growbot_plan::sanitize::json_line;
 use growbot_serve::watch::WatchPage;
 use time::OffsetDateTime;
 
+use super::failure::Failure;
+use super::port_arg::simulated_prefix;
 use super::terminal_commands::{TerminalCommands, waiting_hint};
-use super::{Failure, growth_table, remedies, simulated_prefix};
+use super::{growth_table, remedies};
 
 /// Behaviour of the board when it loses contact with its host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

@@ -14,7 +14,7 @@ use growbot_plan::plan::Plan;
 use growbot_plan::plan_deviation::{BodyClearance, PlanDeviation};
 use growbot_plan::run_log::GrowthResult;
 
-use super::simulated_prefix;
+use super::port_arg::simulated_prefix;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthResult) -> String {

@@ -6,7 +6,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::port::Port;
 
-use super::SelectedPort;
+use super::port_arg::SelectedPort;
 
 /// Requests a stop at Ctrl-C, at SIGTERM and when the terminal goes away. A second signal gives the emergency stop and
 /// ends the program, because users expect that of a program that seems to hang. The emergency stop has its own link, so

@@ -8,7 +8,7 @@ use growbot_pictures::layer_table::write_layers;
 use growbot_plan::atomic_file::format_from_extension;
 use growbot_plan::plan_file;
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Print the layers of a plan as CSV
 ///

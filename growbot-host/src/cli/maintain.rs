@@ -6,8 +6,10 @@ use growbot_client::stop_signal::Permit;
 use growbot_host::output::print;
 
 use super::console::maintain;
+use super::failure::Failure;
+use super::port_arg::RequiredPortArg;
+use super::robot_arg::RobotArg;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg};
 
 /// Heat the nozzle, load, unload or purge filament, home or turn the head
 ///

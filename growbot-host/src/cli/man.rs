@@ -3,12 +3,13 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use clap::{Args, Command, CommandFactory};
+use clap::{Args, Command};
 use clap_mangen::Man;
 use growbot_host::output::print;
 use growbot_plan::suggest::did_you_mean;
 
-use super::{Cli, Failure, output_dir};
+use super::failure::Failure;
+use super::output_dir;
 
 /// Print a page of the manual, or write all of them
 #[derive(Args)]
@@ -25,9 +26,9 @@ pub struct ManArgs {
     output: Option<PathBuf>,
 }
 
-/// Runs the command.
-pub fn run(args: &ManArgs) -> Result<(), Failure> {
-    let mut root = Cli::command().disable_help_subcommand(true);
+/// Runs the command. `root` is the definition of the command line.
+pub fn run(args: &ManArgs, root: Command) -> Result<(), Failure> {
+    let mut root = root.disable_help_subcommand(true);
     root.build();
     // Writing to memory cannot fail.
     let text = |command: &Command| page(command, &root).map_err(Failure::bad_input);

@@ -13,8 +13,9 @@ use growbot_plan::input::is_standard_input;
 use growbot_plan::robot_file;
 use serde_json::Value;
 
+use super::failure::Failure;
+use super::robot_arg::ROBOT;
 use super::typed_answer::read_answer;
-use super::{Failure, ROBOT};
 
 /// Describe a robot of your own: answer questions, get its file
 ///

@@ -11,7 +11,8 @@ use growbot_plan::run_log::RecordedRun;
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 
-use super::{Failure, remedies, robot_of, warn_of_damage};
+use super::failure::Failure;
+use super::remedies;
 
 /// A robot and its plan, with the run log if the body was grown.
 pub struct Opened {
@@ -112,4 +113,20 @@ fn neither(file: &str, reason: &str) -> Failure {
 fn is_log(bytes: &[u8]) -> bool {
     let first = bytes.split(|byte| *byte == b'\n').next().unwrap_or_default();
     serde_json::from_slice::<Value>(first).is_ok_and(|line| line.get("event").is_some())
+}
+
+/// Returns the robot of a run: the given one, or else the one that the log describes or names. A log refers to no other
+/// file.
+pub fn robot_of(record: &RecordedRun, robot: Option<&Path>) -> Result<Robot, Failure> {
+    match robot {
+        Some(robot) => Ok(growbot_plan::robot_file::load(robot)?),
+        None => Ok(record.own_robot()?),
+    }
+}
+
+/// Warns about the parts of a run log that could not be read.
+pub fn warn_of_damage(record: &RecordedRun, file: &Path) {
+    if let Some(words) = record.damage.message(&display_name(file)) {
+        growbot_host::warning!("{words}");
+    }
 }

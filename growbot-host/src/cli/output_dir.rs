@@ -6,7 +6,7 @@ use std::path::Path;
 use growbot_host::output::is_standard_output;
 use growbot_plan::atomic_file::{FileError, write_atomic};
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Creates the directory if it does not exist. Commands call this function first, so that a directory that cannot be
 /// written is reported at once and not at the end.

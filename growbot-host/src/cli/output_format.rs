@@ -9,7 +9,7 @@ use growbot_pictures::drawing::png::png;
 use growbot_plan::atomic_file::{FileError, format_from_extension};
 use strum::IntoStaticStr;
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Format of a body or a drawing in a file. Those of `growbot export` are values of its option `--format`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, IntoStaticStr)]

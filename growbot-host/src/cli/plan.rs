@@ -17,10 +17,12 @@ use growbot_plan::plan_file::PlanFile;
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
 use growbot_plan::scene_planning::MAX_LENGTH_MM;
 
+use super::failure::Failure;
+use super::robot_arg::RobotArg;
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;
 use super::units::mm;
-use super::{Failure, RobotArg, plan_table, remedies};
+use super::{plan_table, remedies};
 
 /// Plan a path from one pose to another, or through several
 ///

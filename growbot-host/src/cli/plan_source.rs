@@ -9,10 +9,11 @@ use growbot_plan::plan_file::{self, LoadedPlan};
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
 use growbot_plan::scene_planning::{self, SceneCheckError};
 
+use super::failure::Failure;
 use super::opened::Opened;
+use super::robot_arg::RobotArg;
 use super::scene_options::SceneArgs;
 use super::search::PlanningOptions;
-use super::{Failure, RobotArg};
 
 /// Options that make a plan, and so conflict with a plan from a file.
 const CONFLICTING: [&str; 9] =

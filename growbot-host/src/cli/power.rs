@@ -10,8 +10,10 @@ use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::process::{switch_on, wait_until_off};
 use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
 
+use super::failure::Failure;
+use super::port_arg::RequiredPortArg;
+use super::robot_arg::{ROBOT, RobotArg};
 use super::watch_options::parse_pace;
-use super::{Failure, ROBOT, RequiredPortArg, RobotArg};
 
 /// Switch a simulated robot on or off, or reset its board
 ///

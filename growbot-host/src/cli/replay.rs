@@ -20,8 +20,9 @@ use growbot_plan::run_log::{ArrivalJson, FeedbackResult, GrowthResult, RecordedR
 use growbot_plan::sanitize::json_line;
 use growbot_plan::table::{NumberFormat, Table};
 
+use super::failure::Failure;
 use super::growth_table::deviates;
-use super::{Failure, robot_of, warn_of_damage};
+use super::opened::{robot_of, warn_of_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///

@@ -12,7 +12,8 @@ use growbot_paper::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABL
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_plan::sanitize::json_line;
 
-use super::{Failure, output_dir};
+use super::failure::Failure;
+use super::output_dir;
 
 /// Repeat the experiments of the paper
 ///

@@ -13,15 +13,17 @@ use growbot_plan::job::Job;
 use growbot_plan::run_log::RecordedRun;
 use growbot_sim::port::TipSettings;
 
+use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::opened::Opened;
+use super::port_arg::{PortArg, SelectedPort};
+use super::remedies;
 use super::service_robot::{ServiceGrowthOptions, find_service_robot};
 use super::terminal_commands::TerminalCommands;
 use super::typed_answer::read_answer;
 use super::watch_options::WatchArgs;
-use super::{Failure, PortArg, SelectedPort, remedies};
 
 /// Resume an unfinished body: after a stop, a fault, a reset, a loss of power or of the host
 ///

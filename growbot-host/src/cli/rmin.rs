@@ -5,7 +5,8 @@ use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
 use serde::Serialize;
 
-use super::{Failure, RobotArg};
+use super::failure::Failure;
+use super::robot_arg::RobotArg;
 
 /// Print the tightest bend of a robot, R_min, in mm
 ///

@@ -15,7 +15,8 @@ use growbot_plan::robot_file;
 use growbot_plan::sanitize::json_line;
 use serde_json::{Value, json};
 
-use super::{Failure, ROBOT};
+use super::failure::Failure;
+use super::robot_arg::ROBOT;
 
 /// List the built-in robots, or explain one
 ///

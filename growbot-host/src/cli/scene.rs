@@ -13,7 +13,7 @@ use growbot_scene::scene::{Cloud, Mesh};
 use growbot_scene::scene_file::{self, SceneBox};
 use serde::Serialize;
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Show what a scene holds, or write an example scene
 ///

@@ -14,8 +14,9 @@ use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, NoPathError, Sce
 use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
+use super::failure::Failure;
+use super::remedies;
 use super::units::mm;
-use super::{Failure, remedies};
 
 /// Greatest margin, mm, as in scene files.
 const MAX_MARGIN_MM: f64 = scene_file::MAX_LENGTH;

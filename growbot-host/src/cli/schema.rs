@@ -4,7 +4,7 @@ use clap::{Args, ValueEnum};
 use growbot_host::output::print;
 use growbot_host::schema::{formats, robot_file_schema};
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Print the JSON Schema of a kind of file
 ///

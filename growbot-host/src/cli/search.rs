@@ -11,7 +11,7 @@ use growbot_plan::plan::{Goal, Plan, PlanOptions};
 use growbot_plan::pose_text::{TypedGoal, parse_goal, parse_pose, parse_typed_pose};
 use growbot_plan::via_csv;
 
-use super::Failure;
+use super::failure::Failure;
 use super::units::{self, mm};
 
 /// Default start pose: at the origin, straight up.

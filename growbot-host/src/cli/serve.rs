@@ -17,7 +17,8 @@ use growbot_serve::{Service, ServicePaths};
 use rustix::fs::Mode;
 use rustix::process::umask;
 
-use super::{Failure, settings};
+use super::failure::Failure;
+use super::settings;
 
 /// Run the service that owns robots: one process for all programs and pages
 ///

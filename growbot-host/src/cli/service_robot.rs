@@ -1,7 +1,7 @@
 //! Commands on a robot that a service owns: they send requests to the service.
 
 use std::io::{self, IsTerminal};
-use std::sync::{Arc, Once};
+use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
@@ -9,7 +9,6 @@ use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
@@ -26,12 +25,11 @@ use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
+use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::{Failure, RequiredPortArg, SelectedPort, replay};
-
-/// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
-/// the stop in time, the command sends it to the robot's port itself.
-const EMERGENCY: Duration = Duration::from_millis(50);
+use super::port_arg::{RequiredPortArg, SelectedPort};
+use super::replay;
+use super::service_lookup::{EMERGENCY, service_in_emergency};
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
@@ -60,31 +58,6 @@ pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
     owner_of(service_in_emergency()?, port, limit).ok().flatten()
 }
 
-/// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.
-/// `None` if the name is unknown.
-pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
-    let configured = settings::load_service(invalid)?.robots.remove(name);
-    Ok(configured.map(|entry| entry.port).or_else(|| {
-        let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
-        Some(owned.port)
-    }))
-}
-
-/// Returns all robots of the user's service, for an emergency. The list is empty if no service responds at once.
-pub fn robots_in_emergency() -> Vec<RobotStatus> {
-    service_in_emergency().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
-}
-
-/// Returns the user's service, for an emergency. `None` if no service runs. A service that may belong to another user
-/// is ignored, with a warning.
-fn service_in_emergency() -> Option<ServiceClient> {
-    static WARNED: Once = Once::new();
-    ServiceClient::find().unwrap_or_else(|error| {
-        WARNED.call_once(|| growbot_host::warning!("{error}"));
-        None
-    })
-}
-
 fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
     ServiceClient::find()?.map_or(Ok(None), |caller| owner_of(caller, port, limit))
 }
@@ -108,7 +81,7 @@ pub fn lease_port(port: &SelectedPort, command: &str) -> Result<Option<PortLease
     let line = caller.lease_port(&robot.name, command)?;
     growbot_host::note!(
         "the service released the port of {}robot {} to this command",
-        super::simulated_prefix(robot.simulated),
+        super::port_arg::simulated_prefix(robot.simulated),
         robot.name
     );
     Ok(Some(PortLeaseGuard { _line: line, _caller: caller }))
@@ -121,7 +94,7 @@ impl ServiceRobot {
 
     /// Returns the word that precedes "robot" in messages if the robot is simulated.
     fn kind(&self) -> &'static str {
-        super::simulated_prefix(self.robot.simulated)
+        super::port_arg::simulated_prefix(self.robot.simulated)
     }
 
     fn send_command(&self, order: RobotCommand) -> Result<RobotStatus, ServiceError> {

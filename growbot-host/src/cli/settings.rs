@@ -8,7 +8,7 @@ use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigi
 use growbot_plan::sanitize::json_line;
 use serde_json::{Map, Value, json};
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Show the default robot and port of commands, and where they are set
 ///

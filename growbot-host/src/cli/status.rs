@@ -20,10 +20,13 @@ use growbot_plan::sanitize::json_line;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
 
+use super::failure::Failure;
 use super::flash::built_images;
 use super::growth_table::made;
+use super::port_arg::RequiredPortArg;
+use super::remedies;
+use super::robot_arg::RobotArg;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Show the identity, state and sensors of the robot's board
 ///

@@ -6,8 +6,11 @@ use growbot_core::link::message::{Empty, PassiveRequest};
 use growbot_host::output::print;
 use growbot_host::settings::InvalidFiles;
 
+use super::failure::Failure;
+use super::port_arg::RequiredPortArg;
+use super::remedies;
+use super::robot_arg::RobotArg;
 use super::service_robot::find_service_robot;
-use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Stop the robot: heater and steppers off at once
 ///

@@ -11,10 +11,13 @@ use growbot_plan::pose_text::parse_number;
 use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
+use super::failure::Failure;
 use super::growth_monitor::clock_drift_failure;
 use super::interrupt::stop_on_interrupt;
+use super::port_arg::RequiredPortArg;
+use super::remedies;
+use super::robot_arg::RobotArg;
 use super::service_robot::lease_port;
-use super::{Failure, RequiredPortArg, RobotArg, remedies};
 
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);

@@ -11,7 +11,7 @@ use growbot_host::note;
 use growbot_plan::atomic_file::write_atomic;
 use growbot_sim::uf2;
 
-use super::Failure;
+use super::failure::Failure;
 
 /// Volume name of the drive that the boot loader of a board presents.
 const DRIVE: &str = "RPI-RP2";

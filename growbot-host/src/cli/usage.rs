@@ -3,10 +3,8 @@
 use std::env;
 
 use clap::error::{ContextKind, ContextValue};
-use clap::{CommandFactory, Error};
+use clap::{Command, Error};
 use growbot_client::maintenance;
-
-use super::Cli;
 
 /// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
 const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
@@ -19,8 +17,8 @@ pub fn may_move(command: &str) -> bool {
 }
 
 /// Returns the error of the command line in one sentence: the mistake, a suggestion, and the command that shows the
-/// help.
-pub fn message(error: &Error) -> String {
+/// help. `root` is the definition of the command line.
+pub fn message(error: &Error, root: &Command) -> String {
     let rendered = error.render().to_string();
     let paragraphs: Vec<String> = rendered
         .trim_start_matches("error: ")
@@ -32,7 +30,7 @@ pub fn message(error: &Error) -> String {
         .replace("invalid digit found in string", "give a whole number")
         .replace("invalid float literal", "give a number");
     let hint = suggestion(error).map(|meant| format!(" (did you mean {meant}?)")).unwrap_or_default();
-    format!("{what}{hint}; see `{} --help`", command_named())
+    format!("{what}{hint}; see `{} --help`", command_named(root))
 }
 
 /// Returns the word that clap suggests for a mistyped one. `None` without a suggestion, or if the robot may move or
@@ -48,22 +46,22 @@ fn suggestion(error: &Error) -> Option<String> {
 }
 
 /// Returns `growbot` with the subcommand that the command line names.
-fn command_named() -> String {
-    let root = Cli::command();
+fn command_named(root: &Command) -> String {
     let named = env::args().skip(1).find(|word| root.find_subcommand(word).is_some());
     named.map_or_else(|| "growbot".to_owned(), |name| format!("growbot {name}"))
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::Parser;
+    use clap::{CommandFactory, Parser};
 
     use super::*;
+    use crate::cli::Cli;
 
     /// Returns the suggestion for the arguments of a mistyped command line.
     fn suggested(args: &[&str]) -> Option<String> {
         let error = Cli::try_parse_from([&["growbot"], args].concat()).err()?;
-        let message = message(&error);
+        let message = message(&error, &Cli::command());
         let (_, rest) = message.split_once("(did you mean ")?;
         rest.split_once("?)").map(|(meant, _)| meant.to_owned())
     }
@@ -76,7 +74,7 @@ mod tests {
         assert_eq!(suggested(&["sattus"]).as_deref(), Some("status"));
         let root = Cli::command();
         let mut tried = 0;
-        for name in root.get_subcommands().map(clap::Command::get_name) {
+        for name in root.get_subcommands().map(Command::get_name) {
             for at in 0..name.len() {
                 let (before, after) = name.split_at(at);
                 let rest = &after[1..];

@@ -12,7 +12,7 @@ use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
 use growbot_pictures::view::{Subject, page, picture, plot};
 use growbot_plan::input::{display_name, is_standard_input};
 
-use super::Failure;
+use super::failure::Failure;
 use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::units::mm;

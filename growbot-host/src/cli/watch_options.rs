@@ -10,7 +10,7 @@ use growbot_plan::job::Job;
 use growbot_serve::watch::WatchPage;
 use growbot_sim::port::PortName;
 
-use super::Failure;
+use super::failure::Failure;
 use super::service_robot::PageAccess;
 
 /// Default pace of a simulated growth that is watched, in multiples of real time.

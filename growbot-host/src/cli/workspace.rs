@@ -16,12 +16,13 @@ use growbot_plan::sanitize::json_line;
 use growbot_plan::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, workspace};
 use serde_json::{Value, json};
 
+use super::failure::Failure;
 use super::output_format::OutputFormat;
+use super::robot_arg::RobotArg;
 use super::scene_options::margin_mm;
 use super::search::{PlannerName, START};
 use super::units::{deg, mm};
 use super::workspace_in_scene::{self, SceneSearch};
-use super::{Failure, RobotArg};
 
 /// Show which goals are within reach of a body
 ///

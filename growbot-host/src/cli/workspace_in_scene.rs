@@ -16,7 +16,7 @@ use growbot_plan::workspace::{
 use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
-use super::Failure;
+use super::failure::Failure;
 
 /// The scene, and the effort of the path search for each goal.
 pub struct SceneSearch<'a> {

@@ -16,8 +16,10 @@ use growbot_pictures::layer_table::layer_columns;
 use growbot_plan::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
+use crate::cli::failure::Failure;
+use crate::cli::port_arg::simulated_prefix;
+use crate::cli::remedies;
 use crate::cli::status::BoardReport;
-use crate::cli::{Failure, remedies, simulated_prefix};
 
 /// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
 pub fn send(

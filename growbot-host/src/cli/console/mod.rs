@@ -14,8 +14,10 @@ use growbot_core::pose::Pose;
 use growbot_plan::input::note_standard_input;
 use growbot_sim::port::TipSettings;
 
+use super::failure::Failure;
+use super::port_arg::{Connection, PortArg};
+use super::robot_arg::RobotArg;
 use super::service_robot::lease_port;
-use super::{Connection, Failure, PortArg, RobotArg};
 
 /// Control a robot with typed commands, on a terminal or in a pipe
 ///

@@ -11,7 +11,7 @@ use growbot_core::robot::Robot;
 use growbot_plan::input::BoundedLines;
 
 use super::commands::{BoardRequest, ConsoleCommand, parse};
-use crate::cli::SelectedPort;
+use crate::cli::port_arg::SelectedPort;
 
 /// Lines of standard input, as they arrive.
 pub type StdinLines = Receiver<io::Result<Vec<u8>>>;

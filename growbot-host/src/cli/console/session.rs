@@ -31,9 +31,11 @@ use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, complete, help, hint, parse};
 use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
+use crate::cli::failure::Failure;
 use crate::cli::interrupt::stop_on_interrupt;
+use crate::cli::port_arg::SelectedPort;
 use crate::cli::status::BoardReport;
-use crate::cli::{Failure, SelectedPort, growth_monitor, growth_table, remedies};
+use crate::cli::{growth_monitor, growth_table, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.
 const LOOK: Duration = Duration::from_millis(100);
@@ -391,7 +393,7 @@ mod tests {
     use growbot_sim::port::sim::Sim;
 
     use super::*;
-    use crate::cli::LinkArgs;
+    use crate::cli::port_arg::LinkArgs;
 
     #[test]
     fn ctrl_c_at_the_prompt_stops_an_active_robot() {

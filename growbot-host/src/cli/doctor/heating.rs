@@ -9,7 +9,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
 use super::session::{DoctorSession, describe};
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 
 /// Temperature to which the nozzle is heated, C. It is a little above the lowest that the board heats to.
 const LOW_C: f64 = 60.0;

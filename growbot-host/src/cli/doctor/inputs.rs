@@ -5,7 +5,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 
 use super::report::Finding;
 use super::session::{DoctorSession, WATCH};
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 
 /// Range of a room's temperature, C.
 const ROOM_C: [f64; 2] = [5.0, 45.0];

@@ -25,9 +25,11 @@ use growbot_sim::port::TipSettings;
 use self::answers::OperatorInput;
 use self::report::{CommissioningReport, Finding, StepOutcome};
 use self::session::DoctorSession;
+use super::failure::Failure;
 use super::interrupt::stop_on_interrupt;
+use super::port_arg::{Connection, RequiredPortArg, SelectedPort};
+use super::robot_arg::RobotArg;
 use super::service_robot::lease_port;
-use super::{Connection, Failure, RequiredPortArg, RobotArg, SelectedPort};
 
 /// Commission a new robot step by step: link, sensors, motors, heater
 ///

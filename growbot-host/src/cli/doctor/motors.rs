@@ -8,7 +8,7 @@ use growbot_sim::tip::manual_action::ManualAction;
 use super::answers::{AnswerKind, OperatorAnswer};
 use super::report::Finding;
 use super::session::{DoctorSession, describe};
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 
 /// Angle by which the check turns the head, degrees.
 const TURN_DEG: f64 = 90.0;

@@ -15,7 +15,7 @@ use serde_json::Value;
 use strum::IntoStaticStr;
 use time::OffsetDateTime;
 
-use crate::cli::Failure;
+use crate::cli::failure::Failure;
 
 /// Identifier of the file's format.
 const FORMAT: &str = "growbot-doctor/1";

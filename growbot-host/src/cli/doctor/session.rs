@@ -15,7 +15,8 @@ use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
 use super::report::{RecordedAnswer, now};
-use crate::cli::{Failure, remedies};
+use crate::cli::failure::Failure;
+use crate::cli::remedies;
 
 /// Interval of the checks for an answer, and of sensor requests.
 pub const LOOK: Duration = Duration::from_millis(100);

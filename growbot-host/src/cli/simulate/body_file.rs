@@ -12,7 +12,7 @@ use growbot_pictures::view::{Subject, page};
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::run_log::BodyKind;
 
-use super::super::Failure;
+use super::super::failure::Failure;
 use super::super::output_format::OutputFormat;
 
 /// All formats of `-o`.

@@ -27,11 +27,12 @@ use self::disturbances::DisturbanceReport;
 use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
 use super::disturbance::{DisturbanceArgs, signed_percent};
+use super::failure::Failure;
 use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::plan_source::PlanSourceArgs;
+use super::remedies;
 use super::units::mm;
-use super::{Failure, remedies};
 
 /// Simulate a growth with noise, with or without feedback, once or many times
 ///

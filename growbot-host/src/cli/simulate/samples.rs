@@ -8,7 +8,7 @@ use growbot_plan::atomic_file::{AtomicFile, format_from_extension, refuse_inputs
 use growbot_plan::table::{NumberFormat, Table, pose_columns};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use super::super::Failure;
+use super::super::failure::Failure;
 use super::disturbances::DisturbanceReport;
 
 /// A row of the table: the seed, and the growth.

@@ -45,7 +45,9 @@ use ratatui::DefaultTerminal;
 use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, help, parse};
 use super::script::{is_active, still_active_text};
-use crate::cli::{Failure, SelectedPort, remedies};
+use crate::cli::failure::Failure;
+use crate::cli::port_arg::SelectedPort;
+use crate::cli::remedies;
 
 /// Maximum time to wait for a key before the screen is drawn again.
 const TICK: Duration = Duration::from_millis(80);

@@ -1,0 +1,212 @@
+//! `--port` of commands, and the port that it selects.
+
+use clap::Args;
+use growbot_client::client::Client;
+use growbot_client::port::faulty::FaultSpec;
+use growbot_core::robot::Robot;
+use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin};
+use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
+use growbot_sim::sim_daemon::StateDir;
+use growbot_sim::simulated_tip::SimulatedTip;
+
+use super::failure::Failure;
+use super::{service_lookup, settings};
+
+/// `--port` of commands that communicate with a robot. The default is the configured port, or else a simulated robot.
+#[derive(Args)]
+pub struct PortArg {
+    /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (a simulated robot that stays on, see growbot
+    /// power), emulator, emulator:ELF, rp2040 or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default:
+    /// GROWBOT_PORT, then growbot.toml, then sim]
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+/// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
+/// now on, so a port must be given or configured.
+#[derive(Args)]
+pub struct RequiredPortArg {
+    /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME, or the name of a robot in growbot.toml or of the
+    /// service [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
+    #[arg(long, value_name = "PORT")]
+    port: Option<String>,
+    #[command(flatten)]
+    link: LinkArgs,
+}
+
+/// Faults of the link, and conflicts with another host.
+#[derive(Args, Clone, Copy)]
+pub struct LinkArgs {
+    /// Inject link faults, for example drop=1%,flip=1e-4
+    ///
+    /// Probabilities are per frame, in both directions: drop, dup, reorder, truncate, stall, reset (cut for a second).
+    /// stall=2s@0.1% means that at 0.1 % of the frames nothing passes for 2 s. The probability of flip is per byte. The
+    /// same seed=N gives the same faults.
+    #[arg(long, value_name = "SPEC")]
+    pub link_fault: Option<FaultSpec>,
+    /// Take the board over from another host that owns it
+    #[arg(long)]
+    pub take_over: bool,
+}
+
+/// A selected port, with its parsed name.
+#[derive(Clone)]
+pub struct SelectedPort {
+    text: String,
+    name: PortName,
+    take_over: bool,
+}
+
+impl PortArg {
+    /// Returns the given port, or the configured one, or else `sim`.
+    pub fn resolve(&self) -> Result<SelectedPort, Failure> {
+        let text = match &self.port {
+            Some(text) => text.clone(),
+            None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
+        };
+        self.link.at(text)
+    }
+}
+
+impl RequiredPortArg {
+    /// Returns true if a port is given on the command line.
+    pub fn is_given(&self) -> bool {
+        self.port.is_some()
+    }
+
+    /// Returns the port that `text` names directly, or the port of the robot that it names, with the options of this
+    /// command for the link.
+    pub fn at(&self, text: String) -> Result<SelectedPort, Failure> {
+        self.link.at(text)
+    }
+
+    /// Returns the given port, or the configured one. Returns an error if neither is set.
+    pub fn resolve(&self) -> Result<SelectedPort, Failure> {
+        self.resolve_from_files(InvalidFiles::Refuse)
+    }
+
+    /// Like [`RequiredPortArg::resolve`], but invalid settings files are treated as `invalid` requires.
+    pub fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+        let text = match &self.port {
+            Some(text) => text.clone(),
+            None => match Setting::load_from_files(Key::Port, invalid.reborrow())? {
+                Setting { origin: SettingOrigin::BuiltIn, .. } => {
+                    return Err(Failure::bad_input(format!(
+                        "no port given: pass --port PORT, set {}, or set `port` in {FILE_NAME}",
+                        Key::Port.variable()
+                    )));
+                }
+                setting => settings::log_setting(Key::Port, setting),
+            },
+        };
+        self.link.at_from_files(text, invalid)
+    }
+}
+
+impl LinkArgs {
+    /// Returns the port with this name: a port, or a robot of the settings or of the user's service.
+    pub fn at(self, text: String) -> Result<SelectedPort, Failure> {
+        self.at_from_files(text, InvalidFiles::Refuse)
+    }
+
+    /// Like [`LinkArgs::at`], but invalid settings files are treated as `invalid` requires.
+    pub fn at_from_files(self, text: String, invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+        let (text, name) = match text.parse::<PortName>() {
+            Ok(name) => (text, name),
+            Err(unknown) => {
+                let port = service_lookup::port_of_robot(&text, invalid)?.ok_or(unknown)?;
+                let name = port.parse()?;
+                (port, name)
+            }
+        };
+        let name = match self.link_fault {
+            None => name,
+            Some(spec) => PortName::Faulty(Box::new(name), spec),
+        };
+        Ok(SelectedPort { text, name, take_over: self.take_over })
+    }
+}
+
+impl SelectedPort {
+    /// Returns the parsed name of the port.
+    pub fn name(&self) -> &PortName {
+        &self.name
+    }
+
+    /// Returns true if the robot is simulated.
+    pub fn is_simulated(&self) -> bool {
+        self.name.is_simulated()
+    }
+
+    /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a
+    /// simulated robot. `None` if it is not known.
+    pub fn pace(&self, requested: Option<f64>) -> Option<f64> {
+        match self.name.resident() {
+            Some(name) => StateDir::of(name).ok()?.pace(),
+            None if self.name.is_virtual() => requested,
+            None => Some(1.0),
+        }
+    }
+
+    /// Returns true if the robot ends with this program.
+    pub fn is_in_process(&self) -> bool {
+        self.is_simulated() && self.name.resident().is_none()
+    }
+
+    /// Returns an error if the port would start a new simulated robot in this program, because that has nothing to
+    /// stop or discard.
+    pub fn require_running_robot(&self, command: &str) -> Result<(), Failure> {
+        if !self.is_in_process() {
+            return Ok(());
+        }
+        Err(Failure::request_failed(format!(
+            "{command} was not sent: no robot runs at {} that this command can reach. A simulated robot at this port \
+             belongs to the program that runs the robot: stop that program (Ctrl-C in its terminal), or use a port \
+             sim:NAME, which all commands can reach",
+            self.text
+        )))
+    }
+
+    /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
+    pub fn kind(&self) -> &'static str {
+        simulated_prefix(self.is_simulated())
+    }
+
+    /// Returns the remark after the name of a simulated robot. It is empty for a real robot.
+    pub fn simulated_suffix(&self) -> &'static str {
+        if self.is_simulated() { ", simulated" } else { "" }
+    }
+
+    /// Opens the port and returns a client of the board. `robot` is the robot that `sim` and the emulators simulate.
+    pub fn client(&self, robot: &Robot) -> Result<Client, Failure> {
+        Ok(self.connect(robot, &TipSettings::default())?.client)
+    }
+
+    /// Opens the port. `robot` is the robot that `sim` and the emulators simulate, and `settings` apply to a
+    /// simulated tip.
+    pub fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
+        let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
+        let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
+        Ok(Connection { client: Client::new(port, &name).with_take_over(self.take_over), simulation })
+    }
+
+    /// Returns the port's name as it was given.
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+}
+
+/// An open connection to a robot.
+pub struct Connection {
+    /// Client of the robot's board.
+    pub client: Client,
+    /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
+    pub simulation: Option<Box<dyn SimulatedTip>>,
+}
+
+/// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
+pub fn simulated_prefix(is_simulated: bool) -> &'static str {
+    if is_simulated { "simulated " } else { "" }
+}

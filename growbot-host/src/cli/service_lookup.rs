@@ -1,0 +1,37 @@
+//! The user's service, and the robots that it owns, for commands that must not wait.
+
+use std::sync::Once;
+use std::time::Duration;
+
+use growbot_host::settings::{self, InvalidFiles, SettingsError};
+use growbot_serve::RobotStatus;
+use growbot_serve::client::ServiceClient;
+
+/// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
+/// the stop in time, the command sends it to the robot's port itself.
+pub const EMERGENCY: Duration = Duration::from_millis(50);
+
+/// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.
+/// `None` if the name is unknown.
+pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
+    let configured = settings::load_service(invalid)?.robots.remove(name);
+    Ok(configured.map(|entry| entry.port).or_else(|| {
+        let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
+        Some(owned.port)
+    }))
+}
+
+/// Returns all robots of the user's service, for an emergency. The list is empty if no service responds at once.
+pub fn robots_in_emergency() -> Vec<RobotStatus> {
+    service_in_emergency().and_then(|caller| caller.robots(EMERGENCY).ok()).unwrap_or_default()
+}
+
+/// Returns the user's service, for an emergency. `None` if no service runs. A service that may belong to another user
+/// is ignored, with a warning.
+pub fn service_in_emergency() -> Option<ServiceClient> {
+    static WARNED: Once = Once::new();
+    ServiceClient::find().unwrap_or_else(|error| {
+        WARNED.call_once(|| growbot_host::warning!("{error}"));
+        None
+    })
+}
