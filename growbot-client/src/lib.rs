@@ -7,7 +7,8 @@
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has really
 //!   laid;
-//! - [`maintenance`]: presets of materials, and maintenance commands.
+//! - [`status`]: the status of a robot, for every program; [`maintenance`]: presets of materials, and maintenance
+//!   commands.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -17,4 +18,5 @@ pub mod ground_truth;
 pub mod growth;
 pub mod maintenance;
 pub mod port;
+pub mod status;
 pub mod stop_signal;

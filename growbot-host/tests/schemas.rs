@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 
 /// Returns the places where a value violates a JSON Schema. Only the keywords that growbot's schemas use are checked.
 /// `at` is the path of the value.
-fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
+pub fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let mut found = Vec::new();
     for (keyword, answer) in schema.as_object().unwrap() {
         if !fits(keyword, answer, value, schema, at) {
@@ -82,7 +82,7 @@ fn is_of_type(kind: &str, value: &Value) -> bool {
     }
 }
 
-fn schema(kind: &str) -> Value {
+pub fn schema(kind: &str) -> Value {
     let ran = growbot(&["schema", kind]);
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     serde_json::from_str(&ran.out).unwrap()
@@ -119,6 +119,18 @@ fn plans_match_their_schema_and_errors_do_not() {
         assert_slip(&schema, &plan, |plan| plan["goal"]["direction_free"] = json!("yes"));
         assert_slip(&schema, &plan, |plan| plan["layer_count"] = json!(1));
         assert_slip(&schema, &plan, |plan| plan["segments"][0]["kind"] = json!("spiral"));
+    }
+}
+
+#[test]
+fn the_status_matches_its_schema_and_errors_do_not() {
+    let schema = schema("status");
+    for args in [&["--port", "sim"][..], &["--port", "sim", "--robot", "growbot-b"]] {
+        let status = printed(&[&["status", "--json"], args].concat());
+        assert_eq!(faults(&schema, &status, ""), [""; 0], "{status}");
+        assert_slip(&schema, &status, |status| status["connection"] = json!("loose"));
+        assert_slip(&schema, &status, |status| status["sensors"]["on_index"] = json!("yes"));
+        assert_slip(&schema, &status, |status| drop(status.as_object_mut().unwrap().remove("laid")));
     }
 }
 

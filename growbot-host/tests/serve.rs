@@ -19,6 +19,7 @@ use serde_json::{Value, json};
 use crate::fake_board::FakeBoard;
 use crate::lab;
 use crate::running;
+use crate::schemas::{faults, schema};
 
 /// Returns the indices of the layers that a run log reports as laid, in the order of the log.
 fn laid(log: &Path) -> Vec<u64> {
@@ -66,7 +67,7 @@ fn a_killed_service_resumes_and_lays_each_layer_once() {
         }
         // A busy machine may restart the service so late that the board has parked. It then waits for a person.
         let job = wait_for("the job ends", || {
-            if lab.ask("GET", "/robots/lab", "").1["board_state"] == "parked" {
+            if lab.ask("GET", "/robots/lab", "").1["state"] == "parked" {
                 lab.ask("POST", "/robots/lab/commands", r#"{"command":"continue"}"#);
             }
             let (_, job) = lab.ask("GET", &format!("/jobs/{id}"), "");
@@ -108,6 +109,12 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     lab.wait_until_ready();
     let (code, answer) = lab.run(&["status"]);
     assert!(code == Some(0) && answer.contains("owned by the service, simulated"), "{answer}");
+    // The command prints the status of the service, which has the schema of a board's status without a service.
+    let status: Value = serde_json::from_str(&lab.run(&["status", "--json"]).1).unwrap();
+    assert_eq!(faults(&schema("status"), &status, ""), [""; 0], "{status}");
+    assert_eq!(status["firmware"], env!("CARGO_PKG_VERSION"), "{status}");
+    let fields = |status: &Value| status.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+    assert_eq!(fields(&lab.ask("GET", "/robots/lab", "").1), fields(&status));
     let growth = lab.command(&["grow", "--to", "100,100,600,0,45", "--log", "copy.jsonl"]);
     let mut growth = { growth }.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let state = |wanted: &str| {
@@ -151,7 +158,7 @@ fn a_frozen_service_does_not_block_the_emergency_stop() {
     assert!(code == Some(0) && answer.starts_with("emergency stop"), "{answer}");
     wait_for("the service hears of it", || {
         let (_, robot) = lab.ask("GET", "/robots/lab", "");
-        (robot["board_state"] == "emergency-stop").then_some(())
+        (robot["state"] == "emergency-stop").then_some(())
     });
 }
 
@@ -298,7 +305,7 @@ fn requests_of_another_release_are_refused_with_the_advice_to_reload() {
     }
     // Nothing was read in part: no job was started, and the robot was not stopped.
     assert_eq!(lab.ask("GET", "/jobs", "").1, json!([]));
-    assert_eq!(lab.ask("GET", "/robots/lab", "").1["state"], "ready");
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["connection"], "ready");
 }
 
 #[test]
@@ -320,7 +327,7 @@ fn a_board_of_another_release_gets_no_job_and_can_be_stopped() {
     board.set_other_release(false);
     wait_for("the board has stopped", || {
         let (_, robot) = lab.ask("GET", "/robots/lab", "");
-        (robot["board_state"] == "emergency-stop").then_some(())
+        (robot["state"] == "emergency-stop").then_some(())
     });
 }
 

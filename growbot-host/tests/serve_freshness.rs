@@ -1,15 +1,15 @@
 //! Tests of the age of the service's data and of orders: heartbeats, a silent board, late orders, and the WebSocket for
 //! commands.
 
-use crate::lab;
-use crate::running::command;
-
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
 
 use lab::{Lab, http, wait_for};
 use serde_json::{Value, json};
+
+use crate::lab;
+use crate::running::command;
 
 /// Requests a path from the address of the pages. Returns the status of the response, and a reader of its body.
 fn open(lab: &Lab, path: &str, headers: &str) -> (u16, BufReader<TcpStream>) {
@@ -77,7 +77,7 @@ fn a_silent_board_is_reported_as_stale_with_its_age() {
     assert_eq!(fresh["stale"], false, "{fresh}");
     let (status, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "100,100,600,0,45" }).to_string());
     assert_eq!(status, 201, "{job}");
-    wait_for("it heats", || (robot(&lab)["board_state"] == "heating").then_some(()));
+    wait_for("it heats", || (robot(&lab)["state"] == "heating").then_some(()));
     let pid = lab.robot_process();
     assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
     let stale = wait_for("its data are stale", || Some(robot(&lab)).filter(|robot| robot["stale"] == true));
@@ -85,7 +85,7 @@ fn a_silent_board_is_reported_as_stale_with_its_age() {
     let (_, json) = lab.run(&["status", "--json"]);
     assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
     // The service still waits for the board's response, so it has not found the connection lost.
-    assert_eq!((&stale["state"], &stale["board_state"]), (&json!("busy"), &json!("heating")), "{stale}");
+    assert_eq!((&stale["connection"], &stale["state"]), (&json!("busy"), &json!("heating")), "{stale}");
     assert!(stale["status_age_s"].as_f64() > Some(5.0), "{stale}");
     assert!(code == Some(0) && text.contains("stale        the board last reported "), "{text}");
     let json: Value = serde_json::from_str(&json).unwrap();
@@ -118,7 +118,7 @@ fn late_orders_are_refused_unless_they_stop_or_pause() {
     let (status, job) = order(&lab, "/robots/lab/jobs", &now(), &grow);
     assert_eq!(status, 201, "{job}");
     let id = serde_json::from_str::<Value>(&job).unwrap()["id"].as_str().unwrap().to_owned();
-    let state = |wanted: &str| wait_for(wanted, || (robot(&lab)["board_state"] == wanted).then_some(()));
+    let state = |wanted: &str| wait_for(wanted, || (robot(&lab)["state"] == wanted).then_some(()));
     state("growing");
     assert_eq!(order(&lab, commands, "0", &command("pause")).0, 200);
     state("paused");
@@ -178,7 +178,7 @@ fn a_socket_carries_commands_past_those_that_wait() {
     assert_eq!((&late["id"], &late["status"]), (&json!(7), &json!(409)), "{late}");
     assert!(late["body"]["detail"].as_str().unwrap().contains("after it was given (limit 5 s)"), "{late}");
     let stopped = &ask(&[json!({ "id": 8, "robot": "lab", "command": "emergency-stop", "time_ms": 0 })])[0];
-    assert_eq!((&stopped["status"], &stopped["body"]["board_state"]), (&json!(200), &json!("emergency-stop")));
+    assert_eq!((&stopped["status"], &stopped["body"]["state"]), (&json!(200), &json!("emergency-stop")));
     for (message, status, cause) in [
         (json!({ "id": 9, "robot": "none", "command": "stop" }), 404, "no robot \"none\""),
         (json!({ "id": 9, "robot": "lab", "command": "dance" }), 422, "unknown variant `dance`"),

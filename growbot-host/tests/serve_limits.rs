@@ -1,8 +1,6 @@
 //! Tests of the limits for clients of the service. Too many connections, slow requests and long requests must not
 //! prevent orders to a robot.
 
-use crate::lab;
-
 use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
@@ -12,6 +10,8 @@ use std::time::Duration;
 
 use lab::{GOAL, Lab, http, wait_for};
 use serde_json::{Value, json};
+
+use crate::lab;
 
 /// Number of connections that send only a part of a request.
 const MANY: usize = 1500;
@@ -50,7 +50,7 @@ fn half_open_connections_do_not_block_others() {
     let open_there: Vec<_> = (0..MANY).map(|_| UnixStream::connect(lab.socket()).unwrap()).collect();
     let (code, output) = lab.run(&["estop"]);
     assert!(code == Some(0) && output.starts_with("emergency stop"), "{output}");
-    assert_eq!(lab.ask("GET", "/robots/lab", "").1["board_state"], "emergency-stop");
+    assert_eq!(lab.ask("GET", "/robots/lab", "").1["state"], "emergency-stop");
     let files = lab.files();
     assert!(files < 2 * CONNECTIONS + 100, "{files} files are open");
     drop((open, open_there));

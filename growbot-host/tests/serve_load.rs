@@ -2,8 +2,6 @@
 //! half of them on WebSockets, and clients send two hundred requests per second. GROWBOT_LOAD_S=60 sets a duration of
 //! 60 s. The test prints the duration of requests, which is meaningful on a machine without other work.
 
-use crate::lab;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
@@ -15,6 +13,8 @@ use std::time::{Duration, Instant};
 
 use lab::{GOAL, Lab, wait_for};
 use serde_json::{Value, json};
+
+use crate::lab;
 
 const ROBOTS: usize = 8;
 const PAGES: usize = 20;
@@ -219,7 +219,7 @@ fn pages_get_every_event_once_while_requests_are_served() {
     let lab = Lab::with(100.0, &more);
     wait_for("all robots are ready", || {
         let (_, robots) = lab.ask("GET", "/robots", "");
-        robots.as_array().unwrap().iter().all(|robot| robot["state"] == "ready").then_some(())
+        robots.as_array().unwrap().iter().all(|robot| robot["connection"] == "ready").then_some(())
     });
     let load = Load {
         lab: &lab,

@@ -1,8 +1,5 @@
 //! Tests of the notices that the service sends to a webhook and to a command. No receiver may delay a robot.
 
-use crate::lab;
-use crate::running;
-
 use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -17,6 +14,9 @@ use lab::{GOAL, LAYERS, Lab, wait_for};
 use ring::hmac;
 use running::PATIENCE;
 use serde_json::{Value, json};
+
+use crate::lab;
+use crate::running;
 
 /// Goal of a growth that lasts long enough for the test to pause and stop it.
 const LONG_GOAL: &str = "100,100,600,0,45";
@@ -118,7 +118,7 @@ fn order(lab: &Lab, order: &str) {
 }
 
 fn wait_for_board(lab: &Lab, state: &str) {
-    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["board_state"] == state).then_some(()));
+    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["state"] == state).then_some(()));
 }
 
 /// Waits until the service has no queued notice. This is needed before the service is killed, because a service that is

@@ -46,11 +46,11 @@ fn a_stop_of_a_silent_robot_is_delivered_when_it_is_back_also_after_a_restart() 
         signal(&pid, "-CONT");
         let off = wait_for("the stop is delivered", || {
             let robot = robot(&lab);
-            (robot["state"] == "ready" && robot["pending_stop"].is_null()).then_some(robot)
+            (robot["connection"] == "ready" && robot["pending_stop"].is_null()).then_some(robot)
         });
         // The restarted service found the robot off, and switched it on. A loss of power is a fault, and stays one.
         let state = if restarts { "fault" } else { "emergency-stop" };
-        assert_eq!((&off["board_state"], &off["target_c"]), (&json!(state), &Value::Null), "{off}");
+        assert_eq!((&off["state"], &off["target_c"]), (&json!(state), &Value::Null), "{off}");
         let ended = lab.wait_for_end(job["id"].as_str().unwrap());
         assert_eq!(ended["state"], "interrupted", "{ended}");
         let (status, problem) = lab.ask("POST", "/robots/lab/commands", r#"{"command":"withdraw-stop"}"#);
@@ -114,7 +114,7 @@ fn an_emergency_stop_without_a_port_stops_every_robot() {
         "{output}"
     );
     for name in ["lab", "bench"] {
-        assert_eq!(lab.ask("GET", &format!("/robots/{name}"), "").1["board_state"], "emergency-stop");
+        assert_eq!(lab.ask("GET", &format!("/robots/{name}"), "").1["state"], "emergency-stop");
     }
     // Names work wherever a port does.
     let (code, output) = lab.run(&["status", "--port", "bench"]);

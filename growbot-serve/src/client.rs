@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};
+use growbot_client::status::RobotStatus;
 use http_body_util::BodyExt;
 use hyper::body::Incoming;
 use hyper::client::conn::http1;
@@ -18,7 +19,6 @@ use tokio::time::{Duration, timeout};
 use super::PREFIX;
 use super::paths::ServicePaths;
 use super::port_lease::LeaseRequest;
-use super::robot_status::RobotStatus;
 use crate::ownership::{OwnershipError, trusts_user};
 
 /// Errors of a request to the service.

@@ -7,6 +7,7 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
+use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -16,7 +17,6 @@ use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::problem::Problem;
 use super::robot_request::RobotRequest;
-use super::robot_status::RobotStatus;
 use super::robot_worker::RobotWorker;
 use super::service::{ArrivalPermits, Service};
 use crate::watch::server as watch;

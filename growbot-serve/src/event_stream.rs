@@ -15,13 +15,13 @@ use axum::extract::ws::{Message, WebSocket};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt, unfold};
+use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};
 
 use super::job::JobState;
-use super::robot_status::RobotStatus;
 use super::service::Service;
 use crate::watch::heartbeat::{Heartbeat, HeartbeatTimer};
 
@@ -187,11 +187,11 @@ pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
             changes.mark_unchanged();
             let robots = service.robots();
             // The age of a status is not a change.
-            let now = json_line(&robots.iter().map(RobotStatus::without_age).collect::<Vec<_>>());
+            let now = json_line(&robots.iter().map(RobotStatus::without_times).collect::<Vec<_>>());
             // Heartbeats come first, because the robots may change all the time.
             let next = if heartbeats.remaining().is_zero() {
                 heartbeats.restart();
-                let ages = robots.iter().map(|robot| (robot.name.as_str(), robot.status_age_s));
+                let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
                 Some(("heartbeat", Heartbeat::json(ages.collect::<BTreeMap<_, _>>())))
             } else if now != sent {
                 sent = now;

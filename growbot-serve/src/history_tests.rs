@@ -243,7 +243,7 @@ fn each_event_of_a_growth_has_exactly_one_notice() {
             order(&mut case, *step);
             case.wait_for_connection();
             let state = case.line.board().state.name();
-            wait_until(|| case.worker.status().board_state.as_deref() == Some(state));
+            wait_until(|| case.worker.status().state.as_deref() == Some(state));
         }
         wait_until(|| notices(&service).len() >= events.len());
         case.settle();

@@ -16,7 +16,7 @@ use growbot_plan::forecast::Forecast;
 use growbot_plan::growth_report::Outcome;
 use growbot_plan::job::{Command, Job as BoardJob, JobEvent};
 use growbot_plan::plan::Plan;
-use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, utc_text};
+use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog};
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulated_tip::ground_truth;
 use time::OffsetDateTime;
@@ -267,7 +267,7 @@ impl<'a> RunningJob<'a> {
             JobEvent::Board(board) => self.keeper.record_boot(board),
             JobEvent::Status(status) => {
                 let finish = self.forecast.and_then(|of| of.finish_of(OffsetDateTime::now_utc(), status));
-                self.keeper.update_state(|known| known.finish_utc = finish.map(utc_text));
+                self.keeper.update_state(|known| known.finish = finish);
                 self.keeper.void_if_stopped_elsewhere(status.state);
                 self.keeper.record_status(status.clone());
                 self.keeper.pause_file.set(self.commands.pause_waits());
@@ -324,7 +324,7 @@ impl<'a> RunningJob<'a> {
             parked: OnParked::Wait,
         };
         let grown = request.run(board_job, board, &mut |event| self.ingest(event));
-        self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish_utc) = (None, None, None));
+        self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish) = (None, None, None));
         match &grown {
             Ok(report) if report.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
             Ok(report) => {

@@ -71,7 +71,6 @@ mod problem;
 mod request_kind;
 mod robot_alerts;
 mod robot_request;
-mod robot_status;
 mod robot_stops;
 mod robot_worker;
 mod scene_store;
@@ -95,7 +94,6 @@ mod workers;
 pub use self::job_store::JobStoreError;
 pub use self::notifier::NotifyError;
 pub use self::paths::ServicePaths;
-pub use self::robot_status::{RobotState, RobotStatus};
 pub use self::service::{Service, StartError};
 
 /// Path of the API, below the address of the service's page or on the user's socket.

@@ -36,6 +36,7 @@ impl RobotWorker {
 
     /// Records the start of the board. Sends a notice if the board has restarted during a job.
     pub(super) fn record_boot(&self, board: &BoardInfo) {
+        self.update_state(|known| known.board = Some(board.clone()));
         self.with_notification_context(|about| {
             self.shared.notify_alerts(about, [Alert::of_boot(board.boot_id, board.reset_cause, about)]);
         });

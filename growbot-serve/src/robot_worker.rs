@@ -11,8 +11,9 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
+use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{Cancel, Fault, PassiveRequest, State, Status, celsius};
+use growbot_core::link::message::{BoardInfo, Cancel, PassiveRequest, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file;
@@ -20,6 +21,7 @@ use growbot_plan::run_log::RunLog;
 use growbot_sim::port::{self, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::sim_daemon::process::switch_on;
+use time::OffsetDateTime;
 
 use super::alert::LastAlerts;
 use super::config::RobotEntry;
@@ -27,7 +29,6 @@ use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job::JobState;
 use super::paths::ServicePaths;
 use super::robot_request::{Claim, PendingRequest, PortLease, RobotRequest};
-use super::robot_status::{RobotState, RobotStatus};
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
@@ -69,6 +70,8 @@ pub struct WorkerState {
     pub connection_error: Option<String>,
     /// Description of the robot. `None` until the first connection to the board.
     pub robot: Option<Robot>,
+    /// The board as it reported itself at its latest start or connection.
+    pub board: Option<BoardInfo>,
     pub status: Option<Status>,
     /// Time of the board's latest report, since the start of the service's computer. `None` before the first report.
     pub reported: Option<Duration>,
@@ -77,7 +80,8 @@ pub struct WorkerState {
     pub commands: Option<Arc<CommandQueue>>,
     /// State of the active growth for live pages. `None` if no growth is active.
     pub live_growth: Option<Arc<LiveGrowth>>,
-    pub finish_utc: Option<String>,
+    /// Expected date and time of the last layer of the active growth.
+    pub finish: Option<OffsetDateTime>,
     pub command_error: Option<String>,
     /// True if the board may not have received an order to pause its growth, because the connection was lost or the
     /// service was restarted. The growth is then paused after the next connection.
@@ -196,39 +200,35 @@ impl RobotWorker {
     pub fn status(&self) -> RobotStatus {
         let (simulated, pace) = (self.is_simulated(), self.pace());
         let known = self.lock_state();
-        let status = known.status.as_ref().filter(|_| known.connection_error.is_none());
-        let fault = status.and_then(|status| status.fault);
-        let pauses = |status: &&Status| matches!(status.state, State::Paused | State::Parked);
-        let pause = status.filter(pauses).map(|status| status.pause_cause);
         let age_s = self.status_age_s(&known, pace);
-        RobotStatus {
-            name: self.name.clone(),
+        let mut view = RobotStatus {
+            name: Some(self.name.clone()),
             port: self.entry.port.clone(),
             simulated,
             pace,
-            state: match (&known.connection_error, &known.job) {
-                (Some(_), _) => RobotState::Disconnected,
-                (None, Some(_)) => RobotState::Busy,
-                (None, None) => RobotState::Ready,
+            connection: match (&known.connection_error, &known.job) {
+                (Some(_), _) => ConnectionState::Disconnected,
+                (None, Some(_)) => ConnectionState::Busy,
+                (None, None) => ConnectionState::Ready,
             },
             connection_error: known.connection_error.clone(),
-            robot: known.robot.as_ref().map(|robot| robot.name().to_owned()),
-            board_state: status.map(|status| status.state.name().to_owned()),
-            fault: fault.map(|fault| Fault::code(fault).to_owned()),
-            fault_explanation: fault.map(|fault| fault.explanation().to_owned()),
-            pause_cause: pause.map(|cause| cause.code().to_owned()),
-            pause_explanation: pause.map(|cause| cause.explanation().to_owned()),
-            temperature_c: status.and_then(|status| status.temperature_centi_c).map(celsius),
-            target_c: status.and_then(|status| status.target_centi_c).map(celsius),
-            laid: status.map_or(0, |status| status.layers_laid),
-            layers: status.map_or(0, |status| status.layer_count),
-            job: known.job.clone(),
-            finish_utc: known.finish_utc.clone(),
             status_age_s: age_s,
             stale: age_s.is_none_or(|age_s| age_s > STALE_AFTER.as_secs_f64()),
+            job: known.job.clone(),
             command_error: known.command_error.clone(),
             pending_stop: self.signal.level(),
+            ..RobotStatus::default()
+        };
+        let now = OffsetDateTime::now_utc();
+        if let (Some(board), None) = (&known.board, &known.connection_error) {
+            view.set_board(board);
         }
+        if let (Some(status), None) = (&known.status, &known.connection_error) {
+            view.set_status(status);
+            view.set_finish(known.finish, now);
+        }
+        view.robot = view.robot.or_else(|| known.robot.as_ref().map(|robot| robot.name().to_owned()));
+        view
     }
 
     /// Returns the robot description with which the board was last connected. Before the first connection, returns the
@@ -403,7 +403,7 @@ impl RobotWorker {
             self.record_connection(Some(&why));
             self.write_kept();
             self.update_state(|known| {
-                (known.commands, known.live_growth, known.finish_utc) = (None, None, None);
+                (known.commands, known.live_growth, known.finish) = (None, None, None);
                 known.connection_error = Some(why.clone());
             });
             let until = Instant::now() + self.connector.reconnect_interval();

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
 
+use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
 use tokio::sync::watch;
 
@@ -14,7 +15,6 @@ use super::notifier::{Notifier, NotifyError};
 use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 use super::problem::Problem;
-use super::robot_status::RobotStatus;
 use super::robot_worker::RobotWorker;
 use super::service_context::ServiceContext;
 use crate::watch::heartbeat::OrderAge;

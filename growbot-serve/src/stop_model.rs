@@ -423,7 +423,7 @@ fn an_idle_thread_on_a_virtual_clock_sends_nothing() {
     let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
     line.board().may_heat = true;
     assert_eq!(worker.request(RobotRequest::Task(task, permit.clone()), COMMAND_TIMEOUT), Ok(()));
-    assert_eq!(worker.status().board_state.as_deref(), Some(BoardState::Maintenance.name()));
+    assert_eq!(worker.status().state.as_deref(), Some(BoardState::Maintenance.name()));
     assert_eq!(run_command(&worker, RobotCommand::Stop, &permit), Ok(()));
     assert_eq!(line.board().state, BoardState::Stopped);
 }
@@ -486,13 +486,13 @@ fn a_stop_of_another_origin_voids_earlier_orders() {
     for step in [Step::Preheat, Step::Grow] {
         for state in [BoardState::EmergencyStop, BoardState::Fault, BoardState::Stopped] {
             case.line.board().state = BoardState::Idle;
-            wait_until(|| case.worker.status().board_state.as_deref() == Some(BoardState::Idle.name()));
+            wait_until(|| case.worker.status().state.as_deref() == Some(BoardState::Idle.name()));
             assert_eq!(case.carry_out(step), Ok(()));
             wait_until(|| case.worker.status().target_c.is_some());
             let permit = case.worker.signal().permit();
             assert!(permit.is_valid());
             case.line.board().state = state;
-            wait_until(|| case.worker.status().board_state.as_deref() == Some(state.name()));
+            wait_until(|| case.worker.status().state.as_deref() == Some(state.name()));
             assert!(!permit.is_valid(), "{step:?} {state:?}");
             wait_until(|| case.worker.status().job.is_none());
         }

@@ -50,12 +50,12 @@ const picture = (page, name) => pictures && page.screenshot({ path: join(picture
 const card = (page) => page.locator("section.robot[aria-label='Robot lab']");
 const waitForText = (locator, text) => locator.filter({ hasText: text }).waitFor();
 const waitUntilLive = (page) => waitForText(page.locator("#connection"), /^Live$/);
-const growing = (robot) => robot.board_state === "growing" && robot.laid > 2;
+const growing = (robot) => robot.state === "growing" && robot.laid > 2;
 
 /** Lets the robot grow a new body, from whatever state. */
 async function grow() {
   await lab.command("lab", "stop");
-  await lab.waitForRobot("lab", (robot) => robot.state === "ready", "not ready");
+  await lab.waitForRobot("lab", (robot) => robot.connection === "ready", "not ready");
   for (const command of ["clear-fault", "cancel"]) await lab.command("lab", command);
   // The nozzle may still be too hot for the proof of the switches.
   for (let attempt = 0; ; attempt += 1) {
@@ -188,7 +188,7 @@ async function sevenTabsShareOneStream() {
   while (hanging() < BROWSER_CONNECTIONS) await tabs[0].waitForTimeout(50);
   proxy.paths.length = 0;
   await tabs.at(-1).locator("#emergency-stop").click();
-  await lab.waitForRobot("lab", (robot) => robot.board_state === "emergency-stop", "the stop does not arrive");
+  await lab.waitForRobot("lab", (robot) => robot.state === "emergency-stop", "the stop does not arrive");
   assert.deepEqual(proxy.paths, []);
   for (const tab of tabs) await waitForText(card(tab).locator(".state"), /^emergency-stop$/);
   assert.equal(await tabs.at(-1).locator("#banners p").count(), 0);
@@ -235,7 +235,7 @@ async function aLateOrderIsRefused() {
   await waitForText(page.locator("#connection"), /No data for ([7-9]|\d\d+) s/);
   lab.signal("SIGCONT");
   await waitForText(card(page).locator(".message.error"), /arrived \d+\.\d s after it was given \(limit 5 s\)/);
-  assert.equal((await lab.robot("lab")).board_state, "paused");
+  assert.equal((await lab.robot("lab")).state, "paused");
   await lab.command("lab", "stop");
   await context.close();
 }
@@ -396,7 +396,7 @@ async function clickLiveStop(page) {
   const { x, y } = await page.locator("#emergency-stop").boundingBox();
   const before = await lab.countCommands("emergency-stop");
   await page.mouse.click(x + 9, y + 9);
-  await lab.waitForRobot("lab", (robot) => robot.board_state === "emergency-stop", "the stop does not arrive");
+  await lab.waitForRobot("lab", (robot) => robot.state === "emergency-stop", "the stop does not arrive");
   await page.mouse.click(x + 9, y + 9);
   // Both have been carried out, so none follows the commands of the next check.
   while (await lab.countCommands("emergency-stop") < before + 2) await page.waitForTimeout(50);
@@ -418,7 +418,7 @@ async function oneStopIsForAllRobots() {
   await waitForText(page.locator("#emergency-stop"), /^Emergency stop all 2 robots$/);
   await page.locator("#emergency-stop").click();
   for (const name of ["lab", "bench"]) {
-    await lab.waitForRobot(name, (robot) => robot.board_state === "emergency-stop", "is not stopped");
+    await lab.waitForRobot(name, (robot) => robot.state === "emergency-stop", "is not stopped");
   }
   assert.deepEqual(await page.evaluate(() => window.moves), []);
   await picture(page, "all-phone-stopped");

@@ -2,7 +2,7 @@
 
 use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
-use strum::{IntoStaticStr, VariantArray};
+use strum::{EnumString, IntoStaticStr, VariantArray};
 
 /// A stepper motor of the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr)]
@@ -22,7 +22,9 @@ impl Motor {
 }
 
 /// Problem of a stepper driver.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, IntoStaticStr, VariantArray)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema, EnumString, IntoStaticStr, VariantArray,
+)]
 #[strum(serialize_all = "kebab-case")]
 pub enum DriverProblem {
     /// The driver does not respond.
@@ -96,8 +98,9 @@ pub struct DriverReport {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use std::collections::BTreeSet;
+
+    use super::*;
 
     #[test]
     fn every_problem_has_a_unique_code_explanation_and_remedy() {

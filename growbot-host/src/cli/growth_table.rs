@@ -1,8 +1,6 @@
 //! The table at the end of a growth.
 
 use growbot_core::angle::degrees;
-use growbot_core::layer::SECTORS;
-use growbot_core::link::message::InterruptedLayer;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_pictures::duration::duration_text;
@@ -12,7 +10,7 @@ use growbot_plan::figures::fixed;
 use growbot_plan::growth_report::{GrowthReport, MeasuredBy};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_deviation::{BodyClearance, PlanDeviation};
-use growbot_plan::run_log::GrowthResult;
+use growbot_plan::run_log::{GrowthResult, InterruptedLayerJson};
 
 use super::port_arg::simulated_prefix;
 
@@ -49,7 +47,8 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthRe
         );
     }
     if let Some(interrupted) = grown.interrupted {
-        table += &format!("layer     {} was interrupted: {}\n", grown.as_built.len(), made(interrupted));
+        let layer = InterruptedLayerJson::new(grown.as_built.len(), interrupted);
+        table += &format!("layer     {} was interrupted: {}\n", layer.layer, made(&layer));
     }
     table
 }
@@ -99,9 +98,9 @@ fn feedback(plan: &Plan, grown: &GrowthReport, fed_back: &FeedbackReport) -> Str
 }
 
 /// Returns a text about the finished part of an interrupted layer.
-pub fn made(cut: InterruptedLayer) -> String {
-    let degrees = |sectors: u8| f64::from(sectors) / SECTORS as f64 * 360.0;
-    if cut.min == 0 && usize::from(cut.max) == SECTORS {
+pub fn made(cut: &InterruptedLayerJson) -> String {
+    let degrees = |share: f64| share * 360.0;
+    if (cut.min, cut.max) == (0.0, 1.0) {
         "it is unknown how much of this layer was made".to_string()
     } else {
         format!(

@@ -49,6 +49,7 @@ mod service_robot;
 mod settings;
 mod simulate;
 mod status;
+mod status_text;
 mod stop;
 mod terminal_commands;
 mod tune;

@@ -37,7 +37,7 @@ pub struct RequiredPortArg {
 }
 
 /// Faults of the link, and conflicts with another host.
-#[derive(Args, Clone, Copy)]
+#[derive(Args, Clone, Copy, Default)]
 pub struct LinkArgs {
     /// Inject link faults, for example drop=1%,flip=1e-4
     ///
@@ -45,10 +45,10 @@ pub struct LinkArgs {
     /// stall=2s@0.1% means that at 0.1 % of the frames nothing passes for 2 s. The probability of flip is per byte. The
     /// same seed=N gives the same faults.
     #[arg(long, value_name = "SPEC")]
-    pub link_fault: Option<FaultSpec>,
+    link_fault: Option<FaultSpec>,
     /// Take the board over from another host that owns it
     #[arg(long)]
-    pub take_over: bool,
+    take_over: bool,
 }
 
 /// A selected port, with its parsed name.
@@ -176,7 +176,7 @@ impl SelectedPort {
 
     /// Returns the remark after the name of a simulated robot. It is empty for a real robot.
     pub fn simulated_suffix(&self) -> &'static str {
-        if self.is_simulated() { ", simulated" } else { "" }
+        simulated_suffix(self.is_simulated())
     }
 
     /// Opens the port and returns a client of the board. `robot` is the robot that `sim` and the emulators simulate.
@@ -204,6 +204,11 @@ pub struct Connection {
     pub client: Client,
     /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
     pub simulation: Option<Box<dyn SimulatedTip>>,
+}
+
+/// Returns the remark after the name of a simulated robot. It is empty for a real robot.
+pub fn simulated_suffix(is_simulated: bool) -> &'static str {
+    if is_simulated { ", simulated" } else { "" }
 }
 
 /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.

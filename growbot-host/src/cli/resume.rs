@@ -10,7 +10,7 @@ use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest,
 use growbot_core::link::message::{BoardInfo, State};
 use growbot_plan::input::display_name;
 use growbot_plan::job::Job;
-use growbot_plan::run_log::RecordedRun;
+use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
 use growbot_sim::port::TipSettings;
 
 use super::failure::Failure;
@@ -225,7 +225,10 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
         board.reset_cause.name()
     );
     match status.interrupted {
-        Some(cut) => growbot_host::note!("layer {} was interrupted: {}", status.layers_laid, made(cut)),
+        Some(layer) => {
+            let layer = InterruptedLayerJson::new(status.layers_laid as usize, layer);
+            growbot_host::note!("layer {} was interrupted: {}", layer.layer, made(&layer));
+        }
         None => growbot_host::note!("no layer was interrupted"),
     }
     if let Some(fault) = status.fault {

@@ -30,6 +30,8 @@ enum SchemaKind {
     Run,
     /// A result, as `grow`, `resume` and `replay` print it with --json
     Result,
+    /// The status of a robot, as `status` prints it with --json, and as the service reports it
+    Status,
     /// A notice, as `growbot serve` sends it to webhooks and commands
     Notification,
     /// Settings, growbot.toml
@@ -44,6 +46,7 @@ pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
         SchemaKind::Scene => formats::scene_schema(),
         SchemaKind::Run => formats::run_event_schema(),
         SchemaKind::Result => formats::result_schema(),
+        SchemaKind::Status => formats::status_schema(),
         SchemaKind::Notification => formats::notice_schema(),
         SchemaKind::Settings => formats::settings_schema(),
     };

@@ -3,8 +3,8 @@
 use std::sync::Once;
 use std::time::Duration;
 
+use growbot_client::status::RobotStatus;
 use growbot_host::settings::{self, InvalidFiles, SettingsError};
-use growbot_serve::RobotStatus;
 use growbot_serve::client::ServiceClient;
 
 /// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
@@ -16,7 +16,7 @@ pub const EMERGENCY: Duration = Duration::from_millis(50);
 pub fn port_of_robot(name: &str, invalid: InvalidFiles) -> Result<Option<String>, SettingsError> {
     let configured = settings::load_service(invalid)?.robots.remove(name);
     Ok(configured.map(|entry| entry.port).or_else(|| {
-        let owned = robots_in_emergency().into_iter().find(|robot| robot.name == name)?;
+        let owned = robots_in_emergency().into_iter().find(|robot| robot.name.as_deref() == Some(name))?;
         Some(owned.port)
     }))
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use clap::Args;
+use growbot_client::status::RobotStatus;
 use growbot_core::robot::Robot;
 use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
@@ -13,13 +14,13 @@ use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
+use growbot_serve::PREFIX;
 use growbot_serve::api::MaintenanceRequest;
 use growbot_serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
 use growbot_serve::commands::{CommandRequest, RobotCommand};
 use growbot_serve::grow_request::GrowRequest;
 use growbot_serve::job::{Job, JobState};
 use growbot_serve::page_urls::PageUrls;
-use growbot_serve::{PREFIX, RobotState, RobotStatus};
 use serde_json::value::to_raw_value;
 use serde_json::{Value, json};
 use time::OffsetDateTime;
@@ -30,6 +31,7 @@ use super::growth_monitor::ResultFormat;
 use super::port_arg::{RequiredPortArg, SelectedPort};
 use super::replay;
 use super::service_lookup::{EMERGENCY, service_in_emergency};
+use super::status_text::status_text;
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
@@ -43,6 +45,8 @@ impl From<ServiceError> for Failure {
 /// A robot that a service owns.
 pub struct ServiceRobot {
     caller: ServiceClient,
+    /// Name of the robot in the service.
+    name: String,
     robot: RobotStatus,
 }
 
@@ -64,7 +68,7 @@ fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRo
 
 fn owner_of(caller: ServiceClient, port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
     let robot = caller.robot_at(port.text(), limit)?;
-    Ok(robot.map(|robot| ServiceRobot { caller, robot }))
+    Ok(robot.and_then(|robot| Some(ServiceRobot { caller, name: robot.name.clone()?, robot })))
 }
 
 /// Lease of a robot's link from the service to this program. It ends when this guard is dropped. The connection to
@@ -77,19 +81,19 @@ pub struct PortLeaseGuard {
 /// Leases the link of a robot from the service that owns it, for a command that communicates with the board itself.
 /// `None` if no service owns the robot.
 pub fn lease_port(port: &SelectedPort, command: &str) -> Result<Option<PortLeaseGuard>, Failure> {
-    let Some(ServiceRobot { caller, robot }) = find_service_robot(port)? else { return Ok(None) };
-    let line = caller.lease_port(&robot.name, command)?;
+    let Some(ServiceRobot { caller, robot, name }) = find_service_robot(port)? else { return Ok(None) };
+    let line = caller.lease_port(&name, command)?;
     growbot_host::note!(
         "the service released the port of {}robot {} to this command",
         super::port_arg::simulated_prefix(robot.simulated),
-        robot.name
+        name
     );
     Ok(Some(PortLeaseGuard { _line: line, _caller: caller }))
 }
 
 impl ServiceRobot {
     fn at(&self, what: &str) -> String {
-        format!("/robots/{}/{what}", self.robot.name)
+        format!("/robots/{}/{what}", self.name)
     }
 
     /// Returns the word that precedes "robot" in messages if the robot is simulated.
@@ -102,10 +106,8 @@ impl ServiceRobot {
     }
 
     /// Prints the status of the robot.
-    pub fn status(&self, as_json: bool) -> Result<(), Failure> {
-        let robot = &self.robot;
-        let text = if as_json { json_line(&json_of(robot)) } else { text_of(robot) };
-        Ok(print(&text)?)
+    pub fn print_status(&self, as_json: bool) -> Result<(), Failure> {
+        Ok(print(&if as_json { json_line(&self.robot) } else { status_text(&self.robot) })?)
     }
 
     /// Stops the robot.
@@ -132,7 +134,7 @@ impl ServiceRobot {
     pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
         let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
         let _: RobotStatus = self.caller.post(&self.at("maintenance"), &maintenance)?;
-        Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.robot.name))?)
+        Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.name))?)
     }
 
     /// Grows a plan, and follows it. `scene` is the path of the scene that the plan leads through.
@@ -166,12 +168,12 @@ impl ServiceRobot {
         let plan_id = plan_id.map(|id| format!("{id:016x}"));
         let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
         let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
-        let job = jobs.into_iter().find(|job| job.robot == self.robot.name && is_open(job) && is_wanted(job));
+        let job = jobs.into_iter().find(|job| job.robot == self.name && is_open(job) && is_wanted(job));
         let job = job.ok_or_else(|| {
             let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
             Failure::request_failed(format!(
                 "the service has no unfinished job{of_plan} on robot {}: start a job with `growbot grow`",
-                self.robot.name
+                self.name
             ))
         })?;
         if self.robot.job.as_ref() != Some(&job.id) {
@@ -238,7 +240,7 @@ impl ServiceRobot {
                  `growbot resume` if the robot still stores it, or discard it with `growbot cancel`",
                 job.id,
                 self.kind(),
-                self.robot.name,
+                self.name,
                 result.fault.map_or_else(String::new, |fault| format!(" (fault {fault})"))
             ))),
         }
@@ -250,7 +252,7 @@ impl ServiceRobot {
 
     /// Lets Ctrl-C request a stop from the service. If the terminal is closed instead, the robot continues.
     fn stop_on_interrupt(&self) {
-        let name = Arc::new(self.robot.name.clone());
+        let name = Arc::new(self.name.clone());
         let installed = ctrlc::set_handler(move || {
             if !io::stderr().is_terminal() {
                 std::process::exit(1);
@@ -361,57 +363,6 @@ impl JobProgress {
     }
 }
 
-fn json_of(robot: &RobotStatus) -> Value {
-    json!({
-        "robot": robot.robot,
-        "name": robot.name,
-        "simulated": robot.simulated,
-        "connected": robot.state != RobotState::Disconnected,
-        "problem": robot.connection_error,
-        "state": robot.board_state,
-        "fault": robot.fault,
-        "temperature_c": robot.temperature_c,
-        "target_c": robot.target_c,
-        "layers": robot.layers,
-        "laid": robot.laid,
-        "pause_cause": robot.pause_cause,
-        "job": robot.job,
-        "finish_utc": robot.finish_utc,
-        "status_age_s": robot.status_age_s,
-        "stale": robot.stale,
-    })
-}
-
-fn text_of(robot: &RobotStatus) -> String {
-    let simulated = if robot.simulated { ", simulated" } else { "" };
-    let mut text = format!("robot        {}, owned by the service{simulated}\n", robot.name);
-    let age = robot.status_age_s.map_or("never".to_owned(), |age_s| format!("{age_s:.0} s ago"));
-    if let Some(trouble) = &robot.connection_error {
-        return text + &format!("problem      {trouble}\nlast report  {age}\n");
-    }
-    text += &format!("state        {}\n", robot.board_state.as_deref().unwrap_or("unknown"));
-    if robot.stale {
-        text += &format!("stale        the board last reported {age}, so what is shown here may have changed\n");
-    }
-    if let (Some(fault), Some(meaning)) = (&robot.fault, &robot.fault_explanation) {
-        text += &format!("fault        {fault}: {meaning}\n");
-    }
-    let celsius = |celsius: Option<f64>| celsius.map(|celsius| format!("{celsius:.1} C"));
-    let target = celsius(robot.target_c).map_or("heater off".to_owned(), |target| format!("target {target}"));
-    text += &format!("temperature  {}, {target}\n", celsius(robot.temperature_c).unwrap_or("no reading".to_owned()));
-    text += &match &robot.job {
-        Some(job) => format!("job          {job}, {} of {} layers laid\n", robot.laid, robot.layers),
-        None => "job          none\n".to_owned(),
-    };
-    if let Some(pause) = &robot.pause_explanation {
-        text += &format!("paused       {pause}\n");
-    }
-    if let Some(refused) = &robot.command_error {
-        text += &format!("problem      {refused}\n");
-    }
-    text
-}
-
 /// Pause the present growth of the service, after the layer under way
 #[derive(Args)]
 #[command(
@@ -458,14 +409,14 @@ fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "pause")?;
     owned.send_command(RobotCommand::Pause)?;
-    Ok(print(&format!("the {}robot {} was ordered to pause after its layer\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to pause after its layer\n", owned.kind(), owned.name))?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
     let owned = owned(&args.port, "continue")?;
     owned.send_command(RobotCommand::Continue)?;
-    Ok(print(&format!("the {}robot {} was ordered to continue\n", owned.kind(), owned.robot.name))?)
+    Ok(print(&format!("the {}robot {} was ordered to continue\n", owned.kind(), owned.name))?)
 }
 
 /// Runs `growbot attach`.
@@ -474,7 +425,7 @@ pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
     let Some(id) = &owned.robot.job else {
         return Err(Failure::request_failed(format!(
             "robot {} has no active job: start a job with `growbot grow`",
-            owned.robot.name
+            owned.name
         )));
     };
     let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;

@@ -3,6 +3,7 @@
 //! The schemas are derived from the types that read and write these files, with their doc comments. In files that
 //! growbot writes, a field that is always written is required, even if a reader does not need it.
 
+use growbot_client::status::RobotStatus;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::{GrowthResult, RunLine};
 use growbot_scene::scene_file::SceneFile;
@@ -35,6 +36,11 @@ pub fn run_event_schema() -> Value {
 /// Returns the schema of results, as `grow`, `resume` and `replay` print them with `--json`.
 pub fn result_schema() -> Value {
     of::<GrowthResult>("growbot result", "Result of a growth. Lengths are in mm: names carry the unit.")
+}
+
+/// Returns the schema of the status of a robot, as `status --json` prints it, and as the service reports it.
+pub fn status_schema() -> Value {
+    of::<RobotStatus>("growbot status", "Status of a robot. Lengths are in mm: names carry the unit.")
 }
 
 /// Returns the schema of the notices that webhooks and commands of the service receive.

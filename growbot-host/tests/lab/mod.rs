@@ -169,7 +169,7 @@ impl Lab {
     pub fn wait_until_robot_is_ready(&self, name: &str) {
         wait_for("the robot is ready", || {
             let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
-            (robot["state"] == "ready").then_some(())
+            (robot["connection"] == "ready").then_some(())
         });
     }
 

@@ -337,7 +337,7 @@ class ServiceBoard:
     def status_json(self) -> str:
         robot = self._require_service().json(f"/robots/{self._robot}")
         values = {key: robot[key] for key in ("laid", "temperature_c", "target_c", "fault")}
-        return json.dumps({"event": "status", "state": robot["board_state"], **values})
+        return json.dumps({"event": "status", "state": robot["state"], **values})
 
     def stop(self) -> str:
         self._send_command("stop")

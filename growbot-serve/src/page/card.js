@@ -56,7 +56,7 @@ export function setAge(card, ageS, at) {
 function robotProperties(robot) {
   const properties = [];
   if (robot.robot) properties.push(["Robot", robot.robot]);
-  if (robot.board_state) {
+  if (robot.state) {
     const temperature = robot.temperature_c === null ? "no reading" : `${formatNumber(robot.temperature_c, 1)} C`;
     const target = robot.target_c === null ? ", heater off" : ` of ${formatNumber(robot.target_c, 1)} C`;
     properties.push(["Nozzle", temperature + target]);
@@ -77,7 +77,7 @@ function describePort({ port, simulated, pace }) {
 /** Returns the reason why maintenance is not possible now, empty if it is possible. */
 function maintenanceBlockedBy(robot, isStale, canControl) {
   if (!canControl) return "This URL is read-only.";
-  if (robot.state === "disconnected") return "The robot is not connected.";
+  if (robot.connection === "disconnected") return "The robot is not connected.";
   if (isStale) return "The state of the robot is not known.";
   if (robot.job) return "A job is active: pause it, and use its page, or stop the job first.";
   if (robot.fault) return "A fault is latched: clear it first.";
@@ -86,10 +86,10 @@ function maintenanceBlockedBy(robot, isStale, canControl) {
 
 /** Returns whether each command is possible in the robot's state. Of a stale state only stops and pauses follow. */
 function allowedCommands(robot, isStale) {
-  const isConnected = robot.state !== "disconnected";
+  const isConnected = robot.connection !== "disconnected";
   const isKnown = isConnected && !isStale;
-  const isPaused = ["paused", "parked"].includes(robot.board_state);
-  const isOff = robot.fault || robot.board_state === "emergency-stop";
+  const isPaused = ["paused", "parked"].includes(robot.state);
+  const isOff = robot.fault || robot.state === "emergency-stop";
   return {
     pause: robot.job && (isStale || !isPaused), stop: true,
     continue: isKnown && robot.job && isPaused,
@@ -118,9 +118,9 @@ export function renderCard(card, silentMs, canControl) {
   const ageMs = reportedAt === null ? null : performance.now() - reportedAt;
   const isServiceSilent = silentMs > STALE_MS;
   const isStale = isServiceSilent || ageMs === null || ageMs > STALE_MS;
-  const state = robot.state === "disconnected" ? "not connected" : robot.board_state ?? "unknown";
+  const state = robot.connection === "disconnected" ? "not connected" : robot.state ?? "unknown";
   setText(find(".about"), describePort(robot));
-  setText(find(".state"), isStale && robot.board_state ? `last known: ${state}` : state);
+  setText(find(".state"), isStale && robot.state ? `last known: ${state}` : state);
   const age = ageMs === null ? "No report yet" : `${formatDuration(ageMs / 1000)} old`;
   setText(find(".age"), isStale ? `${age}: the ${isServiceSilent ? "service" : "board"} does not respond` : "");
   card.element.classList.toggle("stale", isStale);
@@ -139,7 +139,7 @@ export function renderCard(card, silentMs, canControl) {
     find(`[data-command=${command}]`).disabled = !isAllowed || !canControl;
   }
   find("[data-show-body]").disabled = !robot.job;
-  const canGrow = canControl && robot.state === "ready" && !isStale;
+  const canGrow = canControl && robot.connection === "ready" && !isStale;
   find("form.grow [value=grow]").disabled = !canGrow;
   const blockedBy = maintenanceBlockedBy(robot, isStale, canControl);
   find("form.maintain button").disabled = Boolean(blockedBy);

@@ -287,7 +287,7 @@ function onMessage({ event, data, ageMs }) {
     }
   } else if (event === "robots") {
     showRobots(data, ageMs);
-    const states = data.map((robot) => `${robot.job} ${robot.board_state}`).join();
+    const states = data.map((robot) => `${robot.job} ${robot.state}`).join();
     if (states !== lastStates) refreshJobs();
     lastStates = states;
   }

@@ -17,7 +17,7 @@ use growbot_plan::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
 use crate::cli::failure::Failure;
-use crate::cli::port_arg::simulated_prefix;
+use crate::cli::port_arg::{SelectedPort, simulated_prefix};
 use crate::cli::remedies;
 use crate::cli::status::BoardReport;
 
@@ -25,14 +25,14 @@ use crate::cli::status::BoardReport;
 pub fn send(
     client: &mut Client,
     robot: &Robot,
-    is_simulated: bool,
+    port: &SelectedPort,
     presets: &MaterialPresets,
     start: &Pose,
     what: &BoardRequest,
     permit: &Permit,
 ) -> Result<String, Failure> {
     match what {
-        BoardRequest::Status => Ok(BoardReport::of(client, is_simulated)?.text()),
+        BoardRequest::Status => Ok(BoardReport::of(client, port)?.text()),
         BoardRequest::Plan(goal) => plan(client, robot, start, goal),
         BoardRequest::Start => start_stored(client, permit),
         BoardRequest::Pause => {
@@ -42,11 +42,14 @@ pub fn send(
         BoardRequest::Layers(first) => layers(client, *first),
         BoardRequest::Stop => {
             let stopped = client.stop()?;
-            Ok(format!("{}\n", remedies::stop_message(stopped, is_simulated)))
+            Ok(format!("{}\n", remedies::stop_message(stopped, port.is_simulated())))
         }
         BoardRequest::EmergencyStop => {
             client.emergency_stop()?;
-            Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", simulated_prefix(is_simulated)))
+            Ok(format!(
+                "emergency stop: heater and steppers of the {}robot are off\n",
+                simulated_prefix(port.is_simulated())
+            ))
         }
         BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest, permit),
         BoardRequest::Clear => {

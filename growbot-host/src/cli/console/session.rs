@@ -158,7 +158,7 @@ impl ConsoleSession {
 
     /// Prints the board's status before the first command.
     fn greet(&mut self) -> Result<(), Failure> {
-        Ok(print(&BoardReport::of(&mut self.client, self.port.is_simulated())?.text())?)
+        Ok(print(&BoardReport::of(&mut self.client, &self.port)?.text())?)
     }
 
     /// Reports why a script ended early, which commands are not run, and what the robot is doing.
@@ -257,7 +257,7 @@ impl ConsoleSession {
 
     fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
         let permit = self.orders.permit_now();
-        send(&mut self.client, &self.robot, self.port.is_simulated(), &self.presets, &self.start, what, &permit)
+        send(&mut self.client, &self.robot, &self.port, &self.presets, &self.start, what, &permit)
     }
 
     fn command(&mut self, line: &str) -> Result<LineOutcome, Failure> {
@@ -401,9 +401,7 @@ mod tests {
         let sim = Rc::new(RefCell::new(Sim::new(robot.clone())));
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         client.open_session_for(&robot).unwrap();
-        let Ok(port) = (LinkArgs { link_fault: None, take_over: false }).at("sim".to_owned()) else {
-            panic!("no port")
-        };
+        let port = LinkArgs::default().at("sim".to_owned()).ok().unwrap();
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut session = ConsoleSession {
             client,

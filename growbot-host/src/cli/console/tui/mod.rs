@@ -79,8 +79,7 @@ pub fn run(
     start: Pose,
     port: &SelectedPort,
 ) -> Result<(), Failure> {
-    let (name, simulated) = (port.name(), port.is_simulated());
-    let mut watch = BoardPoller::new(client, name.is_virtual());
+    let mut watch = BoardPoller::new(client, port.name().is_virtual());
     // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().open_session()?;
     let place = format!("{}{}", port.text(), port.simulated_suffix());
@@ -94,12 +93,12 @@ pub fn run(
     }
     model.apply_status(hello.status);
     let leave = install_exit_handler()?;
-    let mut console = TuiApp { watch, model, simulated, presets, start, history: Vec::new(), quit: false };
+    let mut console = TuiApp { watch, model, port: port.clone(), presets, start, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
     drop(screen);
     done?;
-    if !name.is_virtual()
+    if !port.name().is_virtual()
         && let Some(status) = &console.model.status
         && is_active(status.state)
     {
@@ -151,8 +150,7 @@ impl Drop for Screen {
 struct TuiApp {
     watch: BoardPoller,
     model: ConsoleModel,
-    /// True if the robot is simulated.
-    simulated: bool,
+    port: SelectedPort,
     presets: MaterialPresets,
     start: Pose,
     /// Lines that were typed, the latest last.
@@ -250,7 +248,7 @@ impl TuiApp {
 
     fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
         let (client, permit) = (self.watch.client(), Permit::standalone());
-        send(client, &self.model.robot, self.simulated, &self.presets, &self.start, what, &permit)
+        send(client, &self.model.robot, &self.port, &self.presets, &self.start, what, &permit)
     }
 
     fn send_and_show(&mut self, what: &BoardRequest) {
@@ -319,6 +317,7 @@ mod tests {
     use growbot_sim::port::sim::Sim;
 
     use super::*;
+    use crate::cli::port_arg::LinkArgs;
 
     /// Returns a console on a simulated robot, without a terminal.
     fn console() -> TuiApp {
@@ -330,7 +329,7 @@ mod tests {
         TuiApp {
             watch,
             model,
-            simulated: true,
+            port: LinkArgs::default().at("sim".to_owned()).ok().unwrap(),
             presets: MaterialPresets::default(),
             start,
             history: Vec::new(),
