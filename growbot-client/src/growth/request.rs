@@ -201,6 +201,12 @@ impl<'a> GrowthRequest<'a> {
         (self.scene.is_some() || self.plan.scene.is_some()) && self.overrides.contains(&Override::Scene)
     }
 
+    /// Reports whether layers or measurements of a simulated robot are to have errors.
+    pub fn has_imperfection(&self) -> bool {
+        let (ErrorModel { disturbance, noise, .. }, default) = (self.imperfection, ErrorModel::default());
+        (disturbance, noise) != (default.disturbance, default.noise)
+    }
+
     /// Returns the job for the board.
     pub fn job(&self) -> Job<'a> {
         let mut job = Job::of_plan(self.robot, self.plan);
@@ -300,9 +306,7 @@ impl<'a> GrowthRequest<'a> {
 
     /// Returns the seed of the random errors of a simulated robot. `None` if nothing is random.
     fn seed(&self) -> Option<u64> {
-        let ErrorModel { disturbance, noise, seed } = self.imperfection;
-        let default = ErrorModel::default();
-        (self.simulated && (disturbance, noise) != (default.disturbance, default.noise)).then_some(seed)
+        (self.simulated && self.has_imperfection()).then_some(self.imperfection.seed)
     }
 
     /// Returns the scene of which corrections of the feedback are kept clear. `None` if there are no corrections, or

@@ -15,11 +15,11 @@ use growbot_plan::robot_file;
 use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
+use super::board_report::is_configured;
 use super::failure::Failure;
+use super::find_robot::robot_at;
 use super::port_arg::{RequiredPortArg, SelectedPort};
-use super::robot_arg::ROBOT;
-use super::service_robot::lease_port;
-use super::status::is_configured;
+use super::robot_arg::{ROBOT, RobotArg};
 
 /// Maximum time that a board takes to restart after it has stored a description.
 const RESTART: Duration = Duration::from_secs(10);
@@ -50,7 +50,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     let robot = robot_file::load(&args.robot)?;
     robot.check_for_board().map_err(ClientError::Description)?;
     let port = args.port.resolve()?;
-    let _lent = lease_port(&port, "growbot configure")?;
+    let _lent = robot_at(&port, &RobotArg::default())?.lease("growbot configure")?;
     // A simulated robot that starts with this command has a board with a description, like a board that was flashed.
     let mut client = port.client(&robot_file::load(robot_file::DEFAULT.as_ref())?)?;
     let before = client.open_session()?;

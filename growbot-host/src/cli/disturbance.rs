@@ -72,16 +72,6 @@ impl DisturbanceArgs {
             direction: self.direction_noise.map_or(assumed.direction, radians),
         }
     }
-
-    /// Returns true if the options give layers any error.
-    pub fn has_disturbance(&self) -> bool {
-        self.disturbance() != Disturbance::default()
-    }
-
-    /// Returns true if the options give any noise of the sensors.
-    pub fn has_sensor_noise(&self) -> bool {
-        self.odometry_noise.is_some() || self.direction_noise.is_some()
-    }
 }
 
 /// Parses a share that is not negative, percent.
@@ -125,6 +115,7 @@ fn within(number: f64, min: f64, max: f64, unit: &str) -> Result<f64, String> {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use growbot_core::simulation::ErrorModel;
 
     use super::*;
 
@@ -142,7 +133,8 @@ mod tests {
     #[test]
     fn disturbances_are_off_by_default() {
         let args = parsed(&[]).unwrap();
-        assert!(!args.has_disturbance() && !args.has_sensor_noise());
+        let perfect = ErrorModel::default();
+        assert_eq!((args.disturbance(), args.sensor_noise()), (perfect.disturbance, perfect.noise));
         assert_eq!(args.disturbance(), Disturbance::default());
         assert_eq!(args.sensor_noise(), SensorNoise { odometry: 0.0, direction: 0.0 });
         assert_eq!(args.seed, 1);
@@ -155,7 +147,7 @@ mod tests {
         assert_eq!((disturbance.growth_noise, disturbance.growth_bias), (0.1, -0.05));
         assert_eq!(disturbance.twist_bias, radians(-0.9));
         assert_eq!(args.sensor_noise().direction, radians(0.5));
-        assert!(args.has_disturbance() && args.has_sensor_noise());
+        assert!(args.disturbance() != Disturbance::default() && args.sensor_noise() != ErrorModel::default().noise);
         let assumed = SensorNoise { odometry: 0.03, direction: 1.0 };
         assert_eq!(args.sensor_noise_or(assumed), SensorNoise { odometry: 0.03, direction: radians(0.5) });
     }

@@ -3,27 +3,24 @@
 use std::path::PathBuf;
 
 use clap::{Args, Parser};
-use growbot_client::growth::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
+use growbot_client::growth::{Beginning, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
 use growbot_host::output::is_standard_output;
-use growbot_pictures::duration::duration_text;
 use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_plan::robot_file;
 use growbot_plan::run_log::RunLog;
-use growbot_sim::port::{PortName, TipSettings};
-use growbot_sim::simulated_tip::ground_truth;
 
 use super::disturbance::DisturbanceArgs;
 use super::failure::Failure;
-use super::growth_monitor::{GrowthMonitor, OnHostSilence, ResultFormat, print_refusal};
-use super::interrupt::stop_on_interrupt;
+use super::find_robot::robot_at;
+use super::growth_monitor::{OnHostSilence, ResultFormat, print_refusal};
 use super::opened::Opened;
 use super::plan_source::PlanSourceArgs;
-use super::port_arg::{Connection, PortArg, SelectedPort};
+use super::port_arg::{PortArg, SelectedPort};
 use super::remedies;
-use super::service_robot::{ServiceGrowthOptions, find_service_robot};
-use super::terminal_commands::TerminalCommands;
+use super::robot_arg::RobotArg;
+use super::robot_handle::NewGrowth;
 use super::watch_options::WatchArgs;
 
 /// Grow a body: from a plan, or directly to a pose
@@ -151,40 +148,16 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
             "--ignore-scene is given: neither the plan nor its corrections are checked against the scene"
         );
     }
-    if let Some(owned) = find_service_robot(&port)? {
-        let at = args.goal.place_of_scene(plan)?;
-        return owned.grow(robot, plan, at, args.goal.name("growbot grow"), &args.by_service(print)?);
-    }
-    let pace = args.watching.pace(port.name())?;
-    if matches!(port.name(), PortName::Emulator(_)) {
-        let time = duration_text(plan.requirements.duration);
-        growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
-    }
-    let settings = TipSettings { start: Some(plan.start), imperfection: request.imperfection, pace };
-    let Connection { mut client, mut simulation } = port.connect(robot, &settings)?;
-    let orders = stop_on_interrupt(&mut client, &port);
-    let job = request.job();
-    let name = format!("{}{}", args.goal.name("growbot grow"), port.simulated_suffix());
-    let watch = args.watching.begin(&opened.subject(&name), &job, &[], &orders)?;
-    let log = request.open_log(&args.log_target(), &job, port.text())?;
-    let following = GrowthMonitor {
+    robot_at(&port, &RobotArg::default())?.grow(NewGrowth {
         request,
-        log,
-        watch,
-        print,
-        laid: 0,
-        pace: port.pace(pace),
-        keyboard: TerminalCommands::of_terminal(&orders),
-        page_controls: args.watching.can_control(),
-    };
-    let board = GrowthBoard {
-        client: &mut client,
-        truth: ground_truth(&mut simulation),
-        commands: &orders,
+        opened: &opened,
+        name: args.goal.name("growbot grow"),
+        scene_path: args.goal.place_of_scene(plan)?,
+        log: args.log_target(),
         silence: args.on_host_silence.into(),
-        parked: following.when_parked(),
-    };
-    following.follow(&job, board)
+        watching: &args.watching,
+        print,
+    })
 }
 
 impl GrowArgs {
@@ -198,40 +171,6 @@ impl GrowArgs {
             (Some(Some(log)), false) if is_standard_output(log) => Ok(ResultFormat::Nothing),
             (_, json) => Ok(ResultFormat::of(json)),
         }
-    }
-
-    /// Returns the options of a growth by the service.
-    fn by_service(&self, print: ResultFormat) -> Result<ServiceGrowthOptions, Failure> {
-        if self.disturbance.has_disturbance() || self.disturbance.has_sensor_noise() {
-            return Err(Failure::bad_input(
-                "the service owns this robot and does not support noise and bias options: remove them, or use \
-                 --port sim",
-            ));
-        }
-        let log = match &self.log {
-            Some(Some(path)) if is_standard_output(path) => {
-                return Err(Failure::bad_input(
-                    "the service keeps the run log of its jobs: name a file for a copy after --log, or remove --log",
-                ));
-            }
-            Some(Some(path)) if path.exists() && !self.overwrite => {
-                return Err(Failure::bad_input(format!(
-                    "run log {} already exists: name another file, or replace it with --overwrite",
-                    path.display()
-                )));
-            }
-            Some(Some(path)) => Some(path.clone()),
-            Some(None) => Some(RunLog::free_name()),
-            None => None,
-        };
-        Ok(ServiceGrowthOptions {
-            feedback: self.feedback,
-            force: self.force,
-            ignore_scene: self.ignore_scene,
-            print,
-            log,
-            page: self.watching.of_service()?,
-        })
     }
 
     /// Returns the file for the run log that `--log` requests.

@@ -2,14 +2,12 @@
 
 use clap::Args;
 use growbot_client::maintenance::COMMANDS;
-use growbot_client::stop_signal::Permit;
 use growbot_host::output::print;
 
-use super::console::maintain;
 use super::failure::Failure;
+use super::find_robot::robot_at;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::RobotArg;
-use super::service_robot::find_service_robot;
 
 /// Heat the nozzle, load, unload or purge filament, home or turn the head
 ///
@@ -40,13 +38,5 @@ Examples:
 
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
-    let port = args.port.resolve()?;
-    if let Some(owned) = find_service_robot(&port)? {
-        return owned.maintain(&args.task, &args.value);
-    }
-    let (robot, presets) = (args.robot.load()?, args.robot.presets()?);
-    let mut client = port.client(&robot)?;
-    client.open_session_for(&robot)?;
-    let done = maintain(&mut client, &robot, &presets, &args.task, &args.value, &Permit::standalone())?;
-    Ok(print(&format!("{}{done}", if port.is_simulated() { "simulated robot: " } else { "" }))?)
+    Ok(print(&robot_at(&args.port.resolve()?, &args.robot)?.maintain(&args.task, &args.value)?)?)
 }

@@ -3,6 +3,7 @@
 //! Results go to standard output, everything else to standard error. Exit code 0 means success. Exit code 1 means that
 //! a valid request failed. Exit code 2 means that something was wrong before the job started.
 
+mod board_report;
 mod cancel;
 mod completions;
 mod configure;
@@ -14,6 +15,7 @@ mod documents;
 mod estop;
 mod export;
 mod failure;
+mod find_robot;
 mod flash;
 mod global;
 mod grow;
@@ -21,6 +23,7 @@ mod growth_monitor;
 mod growth_table;
 mod interrupt;
 mod layers;
+mod local_robot;
 mod maintain;
 mod man;
 mod new_robot;
@@ -31,6 +34,7 @@ mod plan;
 mod plan_source;
 mod plan_table;
 mod port_arg;
+mod port_lease;
 mod power;
 mod remedies;
 mod replay;
@@ -38,12 +42,14 @@ mod reproduce;
 mod resume;
 mod rmin;
 mod robot_arg;
+mod robot_handle;
 mod robots;
 mod scene;
 mod scene_options;
 mod schema;
 mod search;
 mod serve;
+mod service_commands;
 mod service_lookup;
 mod service_robot;
 mod settings;
@@ -121,9 +127,9 @@ enum CliCommand {
     Console(console::ConsoleArgs),
     Power(power::PowerArgs),
     Serve(serve::ServeArgs),
-    Attach(service_robot::AttachArgs),
-    Pause(service_robot::PauseArgs),
-    Continue(service_robot::ContinueArgs),
+    Attach(service_commands::AttachArgs),
+    Pause(service_commands::PauseArgs),
+    Continue(service_commands::ContinueArgs),
     Flash(flash::FlashArgs),
     Configure(configure::ConfigureArgs),
     Settings(settings::ConfigArgs),
@@ -174,9 +180,9 @@ pub fn run() -> ExitCode {
         Some(CliCommand::Console(args)) => console::run(&args),
         Some(CliCommand::Power(args)) => power::run(&args),
         Some(CliCommand::Serve(args)) => serve::run(&args),
-        Some(CliCommand::Attach(args)) => service_robot::run_attach(&args),
-        Some(CliCommand::Pause(args)) => service_robot::run_pause(&args),
-        Some(CliCommand::Continue(args)) => service_robot::run_continue(&args),
+        Some(CliCommand::Attach(args)) => service_commands::run_attach(&args),
+        Some(CliCommand::Pause(args)) => service_commands::run_pause(&args),
+        Some(CliCommand::Continue(args)) => service_commands::run_continue(&args),
         Some(CliCommand::Flash(args)) => flash::run(&args),
         Some(CliCommand::Configure(args)) => configure::run(&args),
         Some(CliCommand::Settings(args)) => settings::run(&args),

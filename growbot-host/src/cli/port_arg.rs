@@ -87,6 +87,12 @@ impl RequiredPortArg {
         self.resolve_from_files(InvalidFiles::Refuse)
     }
 
+    /// Like [`RequiredPortArg::resolve`], but invalid settings files only cause warnings, because they must not prevent a
+    /// stop.
+    pub fn resolve_for_stop(&self) -> Result<SelectedPort, Failure> {
+        settings::skip_invalid(|invalid| self.resolve_from_files(invalid))
+    }
+
     /// Like [`RequiredPortArg::resolve`], but invalid settings files are treated as `invalid` requires.
     pub fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let text = match &self.port {

@@ -15,7 +15,7 @@ use super::settings;
 pub const ROBOT: &str = "FILE|NAME";
 
 /// `--robot` of commands that need a robot.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct RobotArg {
     /// The robot: a built-in name (growbot-a, -a1 to -a8, -b, -c) or a TOML file [default: GROWBOT_ROBOT, then
     /// growbot.toml, then growbot-a]
@@ -29,9 +29,9 @@ impl RobotArg {
         Ok(robot_file::load(&self.name()?)?)
     }
 
-    /// Like [`RobotArg::load`], but invalid settings files are treated as `invalid` requires.
-    pub fn load_from_files(&self, invalid: InvalidFiles) -> Result<Robot, Failure> {
-        Ok(robot_file::load(&self.name_from_files(invalid)?)?)
+    /// Like [`RobotArg::load`], but invalid settings files only cause warnings, because they must not prevent a stop.
+    pub fn load_for_stop(&self) -> Result<Robot, Failure> {
+        settings::skip_invalid(|invalid| Ok(robot_file::load(&self.name_from_files(invalid)?)?))
     }
 
     /// Returns the name or the file of the robot.

@@ -1,22 +1,23 @@
-//! Commands on a robot that a service owns: they send requests to the service.
+//! A robot that a service owns: commands send requests to the service.
 
 use std::io::{self, IsTerminal};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use clap::Args;
+use growbot_client::growth::{LogTarget, OnInterrupted, Override};
 use growbot_client::status::RobotStatus;
-use growbot_core::robot::Robot;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::clock_text::local_clock_text;
+use growbot_host::crash::FirmwareImage;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_serve::PREFIX;
 use growbot_serve::api::MaintenanceRequest;
-use growbot_serve::client::{LeasedPort, RESPONSE_TIMEOUT, ServiceClient, ServiceError};
+use growbot_serve::client::{RESPONSE_TIMEOUT, ServiceClient, ServiceError};
 use growbot_serve::commands::{CommandRequest, RobotCommand};
 use growbot_serve::grow_request::GrowRequest;
 use growbot_serve::job::{Job, JobState};
@@ -26,12 +27,16 @@ use serde_json::{Value, json};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
+use super::board_report::BoardReport;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::port_arg::{RequiredPortArg, SelectedPort};
+use super::opened::Opened;
+use super::port_arg::{SelectedPort, simulated_prefix};
+use super::port_lease::PortLeaseGuard;
 use super::replay;
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
 use super::service_lookup::{EMERGENCY, service_in_emergency};
-use super::status_text::status_text;
+use super::watch_options::PageAccess;
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
@@ -71,55 +76,13 @@ fn owner_of(caller: ServiceClient, port: &SelectedPort, limit: Duration) -> Resu
     Ok(robot.and_then(|robot| Some(ServiceRobot { caller, name: robot.name.clone()?, robot })))
 }
 
-/// Lease of a robot's link from the service to this program. It ends when this guard is dropped. The connection to
-/// the service is dropped last.
-pub struct PortLeaseGuard {
-    _line: LeasedPort,
-    _caller: ServiceClient,
-}
-
-/// Leases the link of a robot from the service that owns it, for a command that communicates with the board itself.
-/// `None` if no service owns the robot.
-pub fn lease_port(port: &SelectedPort, command: &str) -> Result<Option<PortLeaseGuard>, Failure> {
-    let Some(ServiceRobot { caller, robot, name }) = find_service_robot(port)? else { return Ok(None) };
-    let line = caller.lease_port(&name, command)?;
-    growbot_host::note!(
-        "the service released the port of {}robot {} to this command",
-        super::port_arg::simulated_prefix(robot.simulated),
-        name
-    );
-    Ok(Some(PortLeaseGuard { _line: line, _caller: caller }))
-}
-
 impl ServiceRobot {
     fn at(&self, what: &str) -> String {
         format!("/robots/{}/{what}", self.name)
     }
 
-    /// Returns the word that precedes "robot" in messages if the robot is simulated.
-    fn kind(&self) -> &'static str {
-        super::port_arg::simulated_prefix(self.robot.simulated)
-    }
-
     fn send_command(&self, order: RobotCommand) -> Result<RobotStatus, ServiceError> {
         self.caller.post(&self.at("commands"), &CommandRequest { command: order })
-    }
-
-    /// Prints the status of the robot.
-    pub fn print_status(&self, as_json: bool) -> Result<(), Failure> {
-        Ok(print(&if as_json { json_line(&self.robot) } else { status_text(&self.robot) })?)
-    }
-
-    /// Stops the robot.
-    pub fn stop(&self) -> Result<(), Failure> {
-        self.send_command(RobotCommand::Stop)?;
-        Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", self.kind()))?)
-    }
-
-    /// Discards the unfinished body of the robot.
-    pub fn cancel(&self) -> Result<(), Failure> {
-        self.send_command(RobotCommand::Cancel)?;
-        Ok(print(&format!("the {}board stores no body any more\n", self.kind()))?)
     }
 
     /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
@@ -128,59 +91,6 @@ impl ServiceRobot {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
         let limit = if is_in_process { RESPONSE_TIMEOUT } else { EMERGENCY };
         self.caller.post_within::<Value>(&self.at("commands"), &given, limit).is_ok()
-    }
-
-    /// Runs a maintenance task.
-    pub fn maintain(&self, task: &str, value: &str) -> Result<(), Failure> {
-        let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
-        let _: RobotStatus = self.caller.post(&self.at("maintenance"), &maintenance)?;
-        Ok(print(&format!("{}robot {}: {task} {value}\n", self.kind(), self.name))?)
-    }
-
-    /// Grows a plan, and follows it. `scene` is the path of the scene that the plan leads through.
-    pub fn grow(
-        &self,
-        robot: &Robot,
-        plan: &Plan,
-        scene: Option<String>,
-        name: String,
-        options: &ServiceGrowthOptions,
-    ) -> Result<(), Failure> {
-        let written = PlanFile::with_robot(plan, robot);
-        let wanted = GrowRequest {
-            plan: Some(to_raw_value(&written).map_err(Failure::bad_input)?),
-            scene,
-            feedback: options.feedback,
-            force: options.force,
-            ignore_scene: options.ignore_scene,
-            name: Some(name),
-            ..GrowRequest::default()
-        };
-        let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
-        growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
-        self.say_page(&job, options.page)?;
-        self.follow(&job, options)
-    }
-
-    /// Resumes the latest unfinished job of this robot, or follows the one under way.
-    pub fn resume(&self, plan_id: Option<u64>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
-        let jobs: Vec<Job> = self.caller.get("/jobs?limit=1000")?;
-        let plan_id = plan_id.map(|id| format!("{id:016x}"));
-        let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
-        let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
-        let job = jobs.into_iter().find(|job| job.robot == self.name && is_open(job) && is_wanted(job));
-        let job = job.ok_or_else(|| {
-            let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
-            Failure::request_failed(format!(
-                "the service has no unfinished job{of_plan} on robot {}: start a job with `growbot grow`",
-                self.name
-            ))
-        })?;
-        if self.robot.job.as_ref() != Some(&job.id) {
-            let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
-        }
-        self.say_page(&job, options.page)?;
-        self.follow(&job, options)
     }
 
     /// Prints the address of a growth's page, if it is requested.
@@ -193,7 +103,7 @@ impl ServiceRobot {
     }
 
     /// Shows a job until it ends. Ctrl-C stops the job, but closing the terminal does not.
-    fn follow(&self, job: &Job, options: &ServiceGrowthOptions) -> Result<(), Failure> {
+    fn follow(&self, job: &Job, print: ResultFormat, log: Option<&Path>) -> Result<(), Failure> {
         self.stop_on_interrupt();
         let mut show = JobProgress::new(job);
         let mut after = 0;
@@ -212,12 +122,18 @@ impl ServiceRobot {
             }
         }
         show.progress.finish();
-        self.end(job, result, options)
+        self.end(job, result, print, log)
     }
 
-    fn end(&self, job: &Job, result: Option<GrowthResult>, options: &ServiceGrowthOptions) -> Result<(), Failure> {
+    fn end(
+        &self,
+        job: &Job,
+        result: Option<GrowthResult>,
+        format: ResultFormat,
+        copy: Option<&Path>,
+    ) -> Result<(), Failure> {
         let log = self.log(&job.id)?;
-        if let Some(path) = &options.log {
+        if let Some(path) = copy {
             growbot_plan::atomic_file::write_atomic(path, &log)?;
         }
         let now: Job = self.caller.get(&format!("/jobs/{}", job.id))?;
@@ -225,7 +141,7 @@ impl ServiceRobot {
             let why = now.reason.unwrap_or_else(|| "the service gave no reason".to_owned());
             return Err(Failure::request_failed(format!("job {} ended without a result: {why}", job.id)));
         };
-        match options.print {
+        match format {
             ResultFormat::Json => print(&json_line(&result))?,
             ResultFormat::Table => {
                 let record = RecordedRun::read(&log, &job.id)?;
@@ -281,29 +197,138 @@ impl ServiceRobot {
     }
 }
 
+impl RobotHandle for ServiceRobot {
+    fn kind(&self) -> &'static str {
+        simulated_prefix(self.robot.simulated)
+    }
+
+    fn status(&self, _: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
+        Ok(BoardReport::of_status(self.robot.clone()))
+    }
+
+    fn stop(&self) -> Result<(), Failure> {
+        self.send_command(RobotCommand::Stop)?;
+        Ok(())
+    }
+
+    fn cancel(&self) -> Result<String, Failure> {
+        self.send_command(RobotCommand::Cancel)?;
+        Ok(format!("the {}board stores no body any more\n", self.kind()))
+    }
+
+    fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
+        let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
+        let _: RobotStatus = self.caller.post(&self.at("maintenance"), &maintenance)?;
+        Ok(format!("{}robot {}: {task} {value}\n", self.kind(), self.name))
+    }
+
+    fn pause(&self) -> Result<String, Failure> {
+        self.send_command(RobotCommand::Pause)?;
+        Ok(format!("the {}robot {} was ordered to pause after its layer\n", self.kind(), self.name))
+    }
+
+    fn continue_growth(&self) -> Result<String, Failure> {
+        self.send_command(RobotCommand::Continue)?;
+        Ok(format!("the {}robot {} was ordered to continue\n", self.kind(), self.name))
+    }
+
+    fn attach(&self, print: ResultFormat) -> Result<(), Failure> {
+        let Some(id) = &self.robot.job else {
+            return Err(Failure::request_failed(format!(
+                "robot {} has no active job: start a job with `growbot grow`",
+                self.name
+            )));
+        };
+        let job: Job = self.caller.get(&format!("/jobs/{id}"))?;
+        self.follow(&job, print, None)
+    }
+
+    fn grow(&self, growth: NewGrowth) -> Result<(), Failure> {
+        let NewGrowth { request, name, scene_path, log, watching, print, .. } = growth;
+        if request.has_imperfection() {
+            return Err(Failure::bad_input(
+                "the service owns this robot and does not support noise and bias options: remove them, or use \
+                 --port sim",
+            ));
+        }
+        let log = match log {
+            LogTarget::StandardOutput => {
+                return Err(Failure::bad_input(
+                    "the service keeps the run log of its jobs: name a file for a copy after --log, or remove --log",
+                ));
+            }
+            LogTarget::File(path) if path.exists() => {
+                return Err(Failure::bad_input(format!(
+                    "run log {} already exists: name another file, or replace it with --overwrite",
+                    path.display()
+                )));
+            }
+            LogTarget::File(path) | LogTarget::Replaced(path) => Some(path),
+            LogTarget::Disabled => None,
+        };
+        let page = watching.of_service()?;
+        let written = PlanFile::with_robot(request.plan, request.robot);
+        let wanted = GrowRequest {
+            plan: Some(to_raw_value(&written).map_err(Failure::bad_input)?),
+            scene: scene_path,
+            feedback: request.feedback.is_some(),
+            force: request.overrides.contains(&Override::Warnings),
+            ignore_scene: request.overrides.contains(&Override::Scene),
+            name: Some(name),
+            ..GrowRequest::default()
+        };
+        let job: Job = self.caller.post(&self.at("jobs"), &wanted)?;
+        growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
+        self.say_page(&job, page)?;
+        self.follow(&job, print, log.as_deref())
+    }
+
+    /// Resumes the latest unfinished job of this robot, or follows the active one. A service lays an interrupted layer
+    /// again, lets the board pause if the service is silent, and takes the scene from its original place.
+    fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure> {
+        let given = [
+            ("--interrupted-layer keep", growth.interrupted == OnInterrupted::Skip),
+            ("--on-host-silence continue", growth.silence == HostSilencePolicy::Continue),
+            ("--scene", growth.scene.is_some()),
+        ];
+        if let Some((option, _)) = given.into_iter().find(|(_, is_given)| *is_given) {
+            return Err(Failure::bad_input(format!(
+                "a service owns this robot and does not support {option}: remove this option, or end `growbot serve` \
+                 first"
+            )));
+        }
+        let page = growth.watching.of_service()?;
+        let plan_id = growth.opened.map(|(_, Opened { robot, plan, .. })| {
+            let plan_id = growbot_plan::job::Job::of_plan(&robot, &plan).plan_id;
+            format!("{plan_id:016x}")
+        });
+        let jobs: Vec<Job> = self.caller.get("/jobs?limit=1000")?;
+        let is_wanted = |job: &Job| plan_id.as_ref().is_none_or(|id| job.plan_id == *id);
+        let is_open = |job: &Job| job.state == JobState::Interrupted || self.robot.job.as_ref() == Some(&job.id);
+        let job = jobs.into_iter().find(|job| job.robot == self.name && is_open(job) && is_wanted(job));
+        let job = job.ok_or_else(|| {
+            let of_plan = plan_id.map_or_else(String::new, |id| format!(" of plan {id}"));
+            Failure::request_failed(format!(
+                "the service has no unfinished job{of_plan} on robot {}: start a job with `growbot grow`",
+                self.name
+            ))
+        })?;
+        if self.robot.job.as_ref() != Some(&job.id) {
+            let _: Job = self.caller.post(&format!("/jobs/{}/resume", job.id), &json!({}))?;
+        }
+        self.say_page(&job, page)?;
+        self.follow(&job, growth.print, None)
+    }
+
+    fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure> {
+        let line = self.caller.lease_port(&self.name, command)?;
+        growbot_host::note!("the service released the port of {}robot {} to this command", self.kind(), self.name);
+        Ok(Some(PortLeaseGuard::new(line, self.caller)))
+    }
+}
+
 /// True if Ctrl-C was pressed before.
 static INTERRUPTED: std::sync::atomic::AtomicBool = std::sync::atomic::AtomicBool::new(false);
-
-/// Options of a growth by the service, and of its output in this program.
-pub struct ServiceGrowthOptions {
-    pub feedback: bool,
-    pub force: bool,
-    pub ignore_scene: bool,
-    pub print: ResultFormat,
-    /// File for a copy of the run log. `None` for no copy.
-    pub log: Option<std::path::PathBuf>,
-    /// Kind of page whose address is printed. `None` if no page is requested.
-    pub page: Option<PageAccess>,
-}
-
-/// Kind of page that shows a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PageAccess {
-    /// Page that only shows the growth.
-    View,
-    /// Page that can also send commands.
-    Control,
-}
 
 /// Progress of a job, which is shown on standard error.
 struct JobProgress {
@@ -361,81 +386,4 @@ impl JobProgress {
         }
         std::thread::sleep(Duration::from_millis(500));
     }
-}
-
-/// Pause the present growth of the service, after the layer under way
-#[derive(Args)]
-#[command(
-    after_help = "Example:\n  growbot pause --port /dev/ttyACM0\n\nA growth without a service is paused from its \
-                        own terminal or page."
-)]
-pub struct PauseArgs {
-    #[command(flatten)]
-    port: RequiredPortArg,
-}
-
-/// Continue a paused growth of the service
-#[derive(Args)]
-#[command(after_help = "Example:\n  growbot continue --port /dev/ttyACM0")]
-pub struct ContinueArgs {
-    #[command(flatten)]
-    port: RequiredPortArg,
-}
-
-/// Follow the present growth of the service to its end
-#[derive(Args)]
-#[command(after_help = "Example:\n  growbot attach --port /dev/ttyACM0")]
-pub struct AttachArgs {
-    #[command(flatten)]
-    port: RequiredPortArg,
-    /// End with one line of JSON instead of a table
-    #[arg(long)]
-    json: bool,
-}
-
-fn owned(port: &RequiredPortArg, what: &str) -> Result<ServiceRobot, Failure> {
-    let port = port.resolve()?;
-    find_service_robot(&port)?.ok_or_else(|| {
-        Failure::bad_input(format!(
-            "no service owns the {}robot at {}: {what} the growth in the terminal or on the page that started it, or \
-             start the growth while `growbot serve` runs",
-            port.kind(),
-            port.text()
-        ))
-    })
-}
-
-/// Runs `growbot pause`.
-pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
-    let owned = owned(&args.port, "pause")?;
-    owned.send_command(RobotCommand::Pause)?;
-    Ok(print(&format!("the {}robot {} was ordered to pause after its layer\n", owned.kind(), owned.name))?)
-}
-
-/// Runs `growbot continue`.
-pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
-    let owned = owned(&args.port, "continue")?;
-    owned.send_command(RobotCommand::Continue)?;
-    Ok(print(&format!("the {}robot {} was ordered to continue\n", owned.kind(), owned.name))?)
-}
-
-/// Runs `growbot attach`.
-pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
-    let owned = owned(&args.port, "follow")?;
-    let Some(id) = &owned.robot.job else {
-        return Err(Failure::request_failed(format!(
-            "robot {} has no active job: start a job with `growbot grow`",
-            owned.name
-        )));
-    };
-    let job: Job = owned.caller.get(&format!("/jobs/{id}"))?;
-    let options = ServiceGrowthOptions {
-        feedback: false,
-        force: false,
-        ignore_scene: false,
-        print: ResultFormat::of(args.json),
-        log: None,
-        page: None,
-    };
-    owned.follow(&job, &options)
 }

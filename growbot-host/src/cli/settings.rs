@@ -9,6 +9,7 @@ use growbot_plan::sanitize::json_line;
 use serde_json::{Map, Value, json};
 
 use super::failure::Failure;
+use super::remedies;
 
 /// Show the default robot and port of commands, and where they are set
 ///
@@ -92,4 +93,17 @@ fn json_of(setting: &Setting) -> Value {
         SettingOrigin::User(file) => json!({ "value": value, "origin": "user", "file": file.display().to_string() }),
         SettingOrigin::BuiltIn => json!({ "value": value, "origin": "built-in" }),
     }
+}
+
+/// Calls `load` so that it skips invalid settings files, and prints a warning for each of them.
+pub fn skip_invalid<T>(load: impl FnOnce(InvalidFiles) -> Result<T, Failure>) -> Result<T, Failure> {
+    let mut skipped = Vec::new();
+    let loaded = load(InvalidFiles::Skip(&mut skipped));
+    for error in &skipped {
+        growbot_host::warning!(
+            "the settings cannot be read and are not used for this stop: {}",
+            remedies::message(error)
+        );
+    }
+    loaded
 }

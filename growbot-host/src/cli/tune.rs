@@ -12,12 +12,12 @@ use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
 use super::failure::Failure;
+use super::find_robot::robot_at;
 use super::growth_monitor::clock_drift_failure;
 use super::interrupt::stop_on_interrupt;
 use super::port_arg::RequiredPortArg;
 use super::remedies;
 use super::robot_arg::RobotArg;
-use super::service_robot::lease_port;
 
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);
@@ -51,7 +51,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             Failure::bad_input(format!("--target {text:?} is not a temperature: give degrees Celsius"))
         })?,
     };
-    let _lent = lease_port(&port, "growbot tune")?;
+    let _lent = robot_at(&port, &args.robot)?.lease("growbot tune")?;
     let mut client = port.client(&robot)?;
     client.open_session_for(&robot)?;
     // From here on Ctrl-C stops the board. Nothing heats before this line.

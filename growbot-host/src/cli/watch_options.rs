@@ -11,7 +11,6 @@ use growbot_serve::watch::WatchPage;
 use growbot_sim::port::PortName;
 
 use super::failure::Failure;
-use super::service_robot::PageAccess;
 
 /// Default pace of a simulated growth that is watched, in multiples of real time.
 const WATCHED_PACE: f64 = 60.0;
@@ -34,6 +33,15 @@ pub struct WatchArgs {
     /// Pace on sim, in multiples of real time [default: 60 with --watch, otherwise as fast as it is computed]
     #[arg(long, value_name = "TIMES", value_parser = parse_pace)]
     pace: Option<f64>,
+}
+
+/// Kind of page that shows a growth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PageAccess {
+    /// Page that only shows the growth.
+    View,
+    /// Page that can also send commands.
+    Control,
 }
 
 impl WatchArgs {

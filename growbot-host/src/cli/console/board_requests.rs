@@ -16,10 +16,10 @@ use growbot_pictures::layer_table::layer_columns;
 use growbot_plan::table::{NumberFormat, Table};
 
 use super::commands::BoardRequest;
+use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
 use crate::cli::port_arg::{SelectedPort, simulated_prefix};
 use crate::cli::remedies;
-use crate::cli::status::BoardReport;
 
 /// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
 pub fn send(

@@ -15,9 +15,9 @@ use growbot_plan::input::note_standard_input;
 use growbot_sim::port::TipSettings;
 
 use super::failure::Failure;
+use super::find_robot::robot_at;
 use super::port_arg::{Connection, PortArg};
 use super::robot_arg::RobotArg;
-use super::service_robot::lease_port;
 
 /// Control a robot with typed commands, on a terminal or in a pipe
 ///
@@ -49,7 +49,7 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let port = args.port.resolve()?;
     let robot = args.robot.load()?;
     let presets = args.robot.presets()?;
-    let _lent = lease_port(&port, "growbot console")?;
+    let _lent = robot_at(&port, &args.robot)?.lease("growbot console")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {

@@ -31,10 +31,10 @@ use super::board_requests::send;
 use super::commands::{BoardRequest, ConsoleCommand, complete, help, hint, parse};
 use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
+use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::port_arg::SelectedPort;
-use crate::cli::status::BoardReport;
 use crate::cli::{growth_monitor, growth_table, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.

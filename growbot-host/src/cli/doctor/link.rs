@@ -5,8 +5,8 @@ use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
 
 use super::report::Finding;
 use super::session::{DoctorSession, describe};
+use crate::cli::board_report::{described, is_configured};
 use crate::cli::failure::Failure;
-use crate::cli::status::{described, is_configured};
 
 /// Checks that the board responds. Reports its firmware, the cause of its start, and a crash.
 pub fn check_link(session: &mut DoctorSession) -> Result<Finding, Failure> {

@@ -26,10 +26,10 @@ use self::answers::OperatorInput;
 use self::report::{CommissioningReport, Finding, StepOutcome};
 use self::session::DoctorSession;
 use super::failure::Failure;
+use super::find_robot::robot_at;
 use super::interrupt::stop_on_interrupt;
 use super::port_arg::{Connection, RequiredPortArg, SelectedPort};
 use super::robot_arg::RobotArg;
-use super::service_robot::lease_port;
 
 /// Commission a new robot step by step: link, sensors, motors, heater
 ///
@@ -116,7 +116,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         None => CommissioningReport::default(),
     };
     report.begin(&robot, port.text(), port.is_simulated())?;
-    let _lent = lease_port(&port, "growbot doctor")?;
+    let _lent = robot_at(&port, &args.robot)?.lease("growbot doctor")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     client.open_session()?;
     // From here on Ctrl-C stops the board. Nothing heats or moves before this line.

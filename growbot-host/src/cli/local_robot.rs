@@ -1,0 +1,264 @@
+//! A robot whose port belongs to this program.
+
+use std::io::{self, IsTerminal, Write};
+use std::path::PathBuf;
+
+use growbot_client::client::{Client, ClientError};
+use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget};
+use growbot_client::stop_signal::Permit;
+use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
+use growbot_host::crash::FirmwareImage;
+use growbot_pictures::duration::duration_text;
+use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
+use growbot_sim::port::{PortName, TipSettings};
+use growbot_sim::simulated_tip::ground_truth;
+
+use super::board_report::BoardReport;
+use super::console::maintain;
+use super::failure::Failure;
+use super::growth_monitor::{GrowthMonitor, ResultFormat};
+use super::growth_table::made;
+use super::interrupt::stop_on_interrupt;
+use super::opened::Opened;
+use super::port_arg::{Connection, SelectedPort};
+use super::port_lease::PortLeaseGuard;
+use super::remedies;
+use super::robot_arg::RobotArg;
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
+use super::terminal_commands::TerminalCommands;
+use super::typed_answer::read_answer;
+
+/// A robot whose port belongs to this program.
+pub struct LocalRobot<'a> {
+    /// Port of the robot.
+    pub port: &'a SelectedPort,
+    /// Robot that a simulated port simulates.
+    pub robot: &'a RobotArg,
+}
+
+impl LocalRobot<'_> {
+    /// Returns the failure for a command that only a service supports. `what` is what the command does.
+    fn no_service(&self, what: &str) -> Failure {
+        Failure::bad_input(format!(
+            "no service owns the {}robot at {}: {what} the growth in the terminal or on the page that started it, or \
+             start the growth while `growbot serve` runs",
+            self.port.kind(),
+            self.port.text()
+        ))
+    }
+}
+
+impl RobotHandle for LocalRobot<'_> {
+    fn kind(&self) -> &'static str {
+        self.port.kind()
+    }
+
+    fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
+        let mut report = BoardReport::of(&mut self.port.client(&self.robot.load()?)?, self.port)?;
+        report.look_up_in(image)?;
+        Ok(report)
+    }
+
+    /// Opens no session with the board, because a board of another firmware release or of another robot must also stop.
+    fn stop(&self) -> Result<(), Failure> {
+        self.port.require_running_robot("the stop")?;
+        let mut client = self.port.client(&self.robot.load_for_stop()?)?;
+        client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map(drop).map_err(|error| match error {
+            ClientError::Refused { .. } => error.into(),
+            error => Failure::bad_input(format!(
+                "{}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or cut \
+                 its power",
+                remedies::message(&error),
+                self.port.text()
+            )),
+        })
+    }
+
+    fn cancel(&self) -> Result<String, Failure> {
+        self.port.require_running_robot("the cancellation")?;
+        let mut client = self.port.client(&self.robot.load()?)?;
+        let status = client.open_session()?.status;
+        let (plan_id, kind) = (status.plan_id, self.port.kind());
+        if plan_id == 0 {
+            return Ok(format!("the {kind}board has no stored job: there is nothing to cancel\n"));
+        }
+        client.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
+        Ok(format!("plan {plan_id:016x} discarded by the {kind}board after {} layers\n", status.layers_laid))
+    }
+
+    fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
+        let (robot, presets) = (self.robot.load()?, self.robot.presets()?);
+        let mut client = self.port.client(&robot)?;
+        client.open_session_for(&robot)?;
+        let done = maintain(&mut client, &robot, &presets, task, value, &Permit::standalone())?;
+        Ok(format!("{}{done}", if self.port.is_simulated() { "simulated robot: " } else { "" }))
+    }
+
+    fn pause(&self) -> Result<String, Failure> {
+        Err(self.no_service("pause"))
+    }
+
+    fn continue_growth(&self) -> Result<String, Failure> {
+        Err(self.no_service("continue"))
+    }
+
+    fn attach(&self, _: ResultFormat) -> Result<(), Failure> {
+        Err(self.no_service("follow"))
+    }
+
+    fn grow(&self, growth: NewGrowth) -> Result<(), Failure> {
+        let NewGrowth { request, opened, name, log, silence, watching, print, .. } = growth;
+        let GrowthRequest { robot, plan, imperfection, .. } = request;
+        let pace = watching.pace(self.port.name())?;
+        if matches!(self.port.name(), PortName::Emulator(_)) {
+            let time = duration_text(plan.requirements.duration);
+            growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
+        }
+        let settings = TipSettings { start: Some(plan.start), imperfection, pace };
+        let Connection { mut client, mut simulation } = self.port.connect(robot, &settings)?;
+        let orders = stop_on_interrupt(&mut client, self.port);
+        let job = request.job();
+        let name = format!("{name}{}", self.port.simulated_suffix());
+        let watch = watching.begin(&opened.subject(&name), &job, &[], &orders)?;
+        let log = request.open_log(&log, &job, self.port.text())?;
+        let following = GrowthMonitor {
+            request,
+            log,
+            watch,
+            print,
+            laid: 0,
+            pace: self.port.pace(pace),
+            keyboard: TerminalCommands::of_terminal(&orders),
+            page_controls: watching.can_control(),
+        };
+        let board = GrowthBoard {
+            client: &mut client,
+            truth: ground_truth(&mut simulation),
+            commands: &orders,
+            silence,
+            parked: following.when_parked(),
+        };
+        following.follow(&job, board)
+    }
+
+    fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure> {
+        let ResumedGrowth { opened, scene, interrupted, silence, is_confirmed, watching, print } = growth;
+        let Some((file, mut opened)) = opened else {
+            return Err(Failure::bad_input(
+                "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its plan",
+            ));
+        };
+        let mut record = opened.run.take().map(|(record, _)| record);
+        let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
+        if let (Some(record), None) = (with_feedback, &opened.scene) {
+            // Corrections are proven to be clear of the plan's scene, so nothing is resumed without it.
+            let named = opened.plan.scene.as_ref().map(|scene| scene.file.clone()).unwrap_or_default();
+            let scene = record.scene(&opened.plan, &opened.robot, scene.map(PathBuf::as_path))?;
+            opened.scene = scene.map(|loaded| (named, loaded));
+        }
+        let Opened { robot, plan, .. } = &opened;
+        let pace = watching.pace(self.port.name())?;
+        let mut client = self.port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?.client;
+        let board = client.identify()?;
+        Client::check_robot(&board, robot)?;
+        if let Some(record) = &mut record {
+            record.sync_to_board(board.status.plan_id);
+        }
+        let request = GrowthRequest {
+            beginning: Beginning::Resume { record: record.as_ref(), interrupted },
+            scene: opened.scene(),
+            simulated: self.port.is_simulated(),
+            ..GrowthRequest::new(robot, plan)
+        };
+        let job = request.job();
+        show(&board, job.plan_id, self.port)?;
+        if !is_confirmed {
+            ask(&board)?;
+        }
+        let target = if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled };
+        let log = request.open_log(&target, &job, self.port.text())?;
+        let orders = stop_on_interrupt(&mut client, self.port);
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let name = format!("{name}{}", self.port.simulated_suffix());
+        let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
+        let watch = watching.begin(&opened.subject(&name), &job, &known, &orders)?;
+        if record.as_ref().is_some_and(|record| record.feedback.is_some()) {
+            growbot_host::note!("with feedback, as it was started");
+        }
+        let following = GrowthMonitor {
+            request,
+            log,
+            watch,
+            print,
+            laid: board.status.layers_laid as usize,
+            pace: self.port.pace(pace),
+            keyboard: TerminalCommands::of_terminal(&orders),
+            page_controls: watching.can_control(),
+        };
+        let board = GrowthBoard {
+            client: &mut client,
+            truth: None,
+            commands: &orders,
+            silence,
+            parked: following.when_parked(),
+        };
+        following.follow(&job, board)
+    }
+
+    fn lease(self: Box<Self>, _: &str) -> Result<Option<PortLeaseGuard>, Failure> {
+        Ok(None)
+    }
+}
+
+/// Prints the state of the body on the board. Returns an error if the board cannot resume this plan.
+fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Failure> {
+    let status = &board.status;
+    if status.plan_id != plan_id || status.plan_id == 0 {
+        let nothing = GrowthError::nothing_to_resume(plan_id, status);
+        let anew = if port.is_in_process() { "; this robot is simulated and restarts with each command" } else { "" };
+        return Err(Failure::request_failed(format_args!("{nothing}{anew}")));
+    }
+    growbot_host::note!(
+        "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",
+        status.layers_laid,
+        status.layer_count,
+        port.kind(),
+        status.state.name(),
+        board.reset_cause.name()
+    );
+    match status.interrupted {
+        Some(layer) => {
+            let layer = InterruptedLayerJson::new(status.layers_laid as usize, layer);
+            growbot_host::note!("layer {} was interrupted: {}", layer.layer, made(&layer));
+        }
+        None => growbot_host::note!("no layer was interrupted"),
+    }
+    if let Some(fault) = status.fault {
+        return Err(Failure::request_failed(format!(
+            "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
+            fault.code(),
+            remedies::fault_explanation(fault)
+        )));
+    }
+    Ok(())
+}
+
+/// Waits for a confirmation at the terminal, because the next steps heat and move. Returns an error without a terminal.
+fn ask(board: &BoardInfo) -> Result<(), Failure> {
+    if matches!(board.status.state, State::Heating | State::Homing | State::Growing | State::Paused) {
+        // The robot works already, so the command only follows it.
+        return Ok(());
+    }
+    if !io::stdin().is_terminal() {
+        return Err(Failure::bad_input(
+            "cannot ask for confirmation, because standard input is not a terminal: pass --yes to heat and resume",
+        ));
+    }
+    eprint!("Heat the nozzle, find the index mark of the head and resume the growth? [y/N] ");
+    let _ = io::stderr().flush();
+    let answer = read_answer().map_err(Failure::bad_input)?;
+    match answer.unwrap_or_default().trim() {
+        "y" | "Y" | "yes" => Ok(()),
+        _ => Err(Failure::request_failed("not resumed: nothing was heated or moved")),
+    }
+}

@@ -1,0 +1,90 @@
+//! A robot that a command controls.
+
+use std::path::PathBuf;
+
+use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
+use growbot_core::link::message::HostSilencePolicy;
+use growbot_host::crash::FirmwareImage;
+
+use super::board_report::BoardReport;
+use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
+use super::opened::Opened;
+use super::port_lease::PortLeaseGuard;
+use super::watch_options::WatchArgs;
+
+/// A robot that a command controls. This program owns its port, or a service does, and the command does not know which.
+/// What one of them cannot do is a failure with a remedy.
+pub trait RobotHandle {
+    /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
+    fn kind(&self) -> &'static str;
+
+    /// Requests the status of the robot. `image` names the functions of a crash.
+    fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure>;
+
+    /// Switches heater and steppers off.
+    fn stop(&self) -> Result<(), Failure>;
+
+    /// Discards the body that the board stores. Returns a message.
+    fn cancel(&self) -> Result<String, Failure>;
+
+    /// Runs a maintenance task. Returns a message.
+    fn maintain(&self, task: &str, value: &str) -> Result<String, Failure>;
+
+    /// Pauses the growth in progress after its layer. Returns a message.
+    fn pause(&self) -> Result<String, Failure>;
+
+    /// Continues the paused growth. Returns a message.
+    fn continue_growth(&self) -> Result<String, Failure>;
+
+    /// Shows the growth in progress to its end.
+    fn attach(&self, print: ResultFormat) -> Result<(), Failure>;
+
+    /// Grows a body, shows it, and prints its result.
+    fn grow(&self, growth: NewGrowth) -> Result<(), Failure>;
+
+    /// Resumes an unfinished body, shows it, and prints its result.
+    fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure>;
+
+    /// Lends the port to a command that communicates with the board itself. The lease ends when the guard is dropped.
+    /// `None` if no other program owns the port.
+    fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure>;
+}
+
+/// A growth that a command begins.
+pub struct NewGrowth<'a> {
+    /// The growth, which has been checked.
+    pub request: GrowthRequest<'a>,
+    /// Inputs of the growth.
+    pub opened: &'a Opened,
+    /// Name of the growth.
+    pub name: String,
+    /// Absolute path of the scene. `None` without a scene.
+    pub scene_path: Option<String>,
+    /// File of the run log.
+    pub log: LogTarget,
+    /// Reaction of the board if it receives nothing from this program for too long.
+    pub silence: HostSilencePolicy,
+    /// Page of the growth.
+    pub watching: &'a WatchArgs,
+    /// Format of the printed result.
+    pub print: ResultFormat,
+}
+
+/// A growth that a command resumes.
+pub struct ResumedGrowth<'a> {
+    /// File of the run log or of the plan, with its content. `None` for the latest job of the robot.
+    pub opened: Option<(&'a PathBuf, Opened)>,
+    /// File of the scene, if it is not the one of the plan.
+    pub scene: Option<&'a PathBuf>,
+    /// Treatment of an interrupted layer.
+    pub interrupted: OnInterrupted,
+    /// Reaction of the board if it receives nothing from this program for too long.
+    pub silence: HostSilencePolicy,
+    /// True if the user has confirmed that the robot may heat and move.
+    pub is_confirmed: bool,
+    /// Page of the growth.
+    pub watching: &'a WatchArgs,
+    /// Format of the printed result.
+    pub print: ResultFormat,
+}
