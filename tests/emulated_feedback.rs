@@ -3,7 +3,7 @@
 
 use growbot_client::client::Client;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthOptions, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Leg, Segment, end};
 use growbot_core::pose::Pose;
@@ -52,7 +52,7 @@ fn grow(robot: &Robot, with_feedback: bool) -> GrowthReport {
     let feedback = with_feedback.then(|| Feedback::new(robot, &start, &path, &legs, noise));
     let mut simulation = emulator.tip_handle();
     let mut client = Client::new(Box::new(emulator), "a board under test");
-    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
+    let manner = GrowthOptions { feedback, ..HostSilencePolicy::Pause.into() };
     let grow =
         |on_event: &mut dyn FnMut(&JobEvent)| grow_job(&mut client, &job, manner, &CommandQueue::default(), on_event);
     grow_with_ground_truth(Some(simulation.as_mut()), &job, &mut |_| (), grow).unwrap()

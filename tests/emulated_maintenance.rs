@@ -121,7 +121,7 @@ fn grow(robot: &Robot, mut on_event: impl FnMut(&Board, &JobEvent, &CommandQueue
     let goal = Pose::from_degrees([0.0, 0.0, length, 0.0, 90.0]).unwrap();
     let job = Job::new(robot, &start, &goal, &path);
     let orders = CommandQueue::default();
-    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked: OnParked::Wait };
+    let manner = GrowthOptions { parked: OnParked::Wait, ..HostSilencePolicy::Pause.into() };
     grow_job(&mut client, &job, manner, &orders, &mut |event| on_event(&board, event, &orders)).unwrap()
 }
 

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::ground_truth::grow_with_ground_truth;
-use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
+use growbot_client::growth::{CommandQueue, GrowthOptions, grow_job};
 use growbot_client::port::Port;
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_core::path::{Leg, Segment, end};
@@ -84,7 +84,7 @@ fn corrected_layers_reach_the_pico_in_time() {
     board.borrow_mut().simulated_tip().disturb(&imperfection);
     board.borrow_mut().simulated_tip().preheat_instantly(190.0);
     let feedback = Some(Feedback::new(&robot, &start, &path, &legs, noise));
-    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
+    let manner = GrowthOptions { feedback, ..HostSilencePolicy::Pause.into() };
     let mut simulation = board.borrow().tip_handle();
     let mut seen = Seen::default();
     let grow = |on_event: &mut dyn FnMut(&JobEvent)| {

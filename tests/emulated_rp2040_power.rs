@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthError, grow_job, resume_job};
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
@@ -159,8 +159,8 @@ fn resume(job: &Job, board: &Board, known: Vec<Option<LayerBytes>>) -> (Status, 
     board.borrow_mut().power_up().unwrap();
     let mut client = client(board);
     let found = client.open_session().unwrap().status;
-    let (again, orders) = (OnInterrupted::Redo, CommandQueue::default());
-    let grown = resume_job(&mut client, job, known, again, HostSilencePolicy::Pause, &orders, &mut |_| ()).unwrap();
+    let orders = CommandQueue::default();
+    let grown = resume_job(&mut client, job, known, HostSilencePolicy::Pause, &orders, &mut |_| ()).unwrap();
     (found, grown)
 }
 

@@ -16,7 +16,7 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthError, grow_job, resume_job};
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
@@ -279,14 +279,6 @@ fn reconnect_and_resume(
             .map_err(GrowthError::NotStarted)?;
     }
     let found = client.status().map_err(GrowthError::NotStarted)?;
-    let grown = resume_job(
-        &mut client,
-        job,
-        known,
-        OnInterrupted::Redo,
-        HostSilencePolicy::Pause,
-        &CommandQueue::default(),
-        &mut |_| (),
-    )?;
+    let grown = resume_job(&mut client, job, known, HostSilencePolicy::Pause, &CommandQueue::default(), &mut |_| ())?;
     Ok((found, grown))
 }

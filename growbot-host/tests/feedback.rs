@@ -7,7 +7,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthError, GrowthOptions, OnInterrupted, OnParked, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthError, GrowthOptions, grow_job, resume_job};
 use growbot_client::port::{Port, PortError};
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{Empty, EnergizingRequest, HostSilencePolicy, ResetCause, State};
@@ -221,8 +221,7 @@ impl Try {
         let cut = Rc::new(Cell::new(false));
         let mut client = Client::new(Box::new(Line(Rc::clone(&self.sim), Rc::clone(&cut))), "sim");
         let orders = CommandQueue::default();
-        let manner =
-            GrowthOptions { silence: HostSilencePolicy::Continue, feedback: Some(feedback), parked: OnParked::End };
+        let manner = GrowthOptions { feedback: Some(feedback), ..HostSilencePolicy::Continue.into() };
         let grown = grow_job(&mut client, &job, manner, &orders, &mut |event| {
             log.record(event).unwrap();
             if matches!(event, JobEvent::Laid { index: 60, .. }) {
@@ -250,8 +249,8 @@ impl Try {
         let feedback = record.feedback(&job, &plan, None);
         assert!(feedback.is_some());
         let (orders, known) = (CommandQueue::default(), record.as_built.clone());
-        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback, parked: OnParked::End };
-        resume_job(&mut client, &job, known, OnInterrupted::Redo, manner, &orders, &mut |_| {}).unwrap()
+        let manner = GrowthOptions { feedback, ..HostSilencePolicy::Pause.into() };
+        resume_job(&mut client, &job, known, manner, &orders, &mut |_| {}).unwrap()
     }
 
     /// Returns the true distance of the tip from the goal, divided by the length of the plan.

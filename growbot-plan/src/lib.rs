@@ -3,7 +3,8 @@
 //!
 //! The geometry is in growbot-core. The modules of this crate:
 //!
-//! - [`robot_file`]: descriptions of robots, built in or from TOML files;
+//! - [`robot_file`]: descriptions of robots, built in or from TOML files; [`robot_kind`]: real or
+//!   simulated;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
 //! - [`plan`]: a path with its properties; [`waypoints`]: the planning of a path through several goals; [`warning`]:
 //!   reasons against growing a plan; [`self_collision`]: parts of a body that would collide with earlier parts;
@@ -48,6 +49,7 @@ pub mod plan_file;
 pub mod pose_text;
 pub mod remedy;
 pub mod robot_file;
+pub mod robot_kind;
 pub mod run_clock;
 pub mod run_log;
 pub mod sanitize;

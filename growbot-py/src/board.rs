@@ -14,6 +14,7 @@ use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_core::simulation::ErrorModel;
 use growbot_plan::job::Command;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{BoardRecord, BoardStatus, GrowthResult, OutcomeKind, RunEvent, to_run_events};
 use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
@@ -59,9 +60,9 @@ struct GrowTask {
 
 impl GrowTask {
     /// Returns the growth that this task requests, on a robot that is simulated or not.
-    fn request(&self, simulated: bool) -> GrowthRequest<'_> {
+    fn request(&self, kind: RobotKind) -> GrowthRequest<'_> {
         let Self { plan: PyPlan { inner: plan, robot }, conditions, scene, overrides, seed, .. } = self;
-        let noise = if simulated { conditions.sensor_noise() } else { conditions.assumed_noise() };
+        let noise = if kind.is_simulated() { conditions.sensor_noise() } else { conditions.assumed_noise() };
         GrowthRequest {
             robot,
             plan,
@@ -75,7 +76,7 @@ impl GrowTask {
                 noise: conditions.sensor_noise(),
                 seed: *seed,
             },
-            simulated,
+            kind,
         }
     }
 }
@@ -168,9 +169,9 @@ impl BoardWorker {
     }
 
     fn stop(&mut self) -> Result<String, Error> {
-        let simulated = self.port.is_simulated();
+        let kind = self.port.kind();
         self.hello()?;
-        Ok(self.link()?.client.stop().map_err(board_error)?.message(simulated))
+        Ok(self.link()?.client.stop().map_err(board_error)?.message(kind))
     }
 
     fn emergency_stop(&mut self) -> Result<String, Error> {
@@ -190,8 +191,8 @@ impl BoardWorker {
     /// Grows a body. Returns the result, and the error unless the growth is done or was stopped.
     fn grow_body(&mut self, task: &GrowTask) -> Result<(GrowthResult, Option<Error>), Error> {
         let GrowTask { plan: PyPlan { inner: plan, robot }, commands, .. } = task;
-        let request = task.request(self.port.is_simulated());
-        if request.simulated {
+        let request = task.request(self.port.kind());
+        if request.kind.is_simulated() {
             self.robot = Arc::clone(robot);
             self.open(&TipSettings { start: Some(plan.start), imperfection: request.imperfection, pace: None })?;
         }
@@ -385,7 +386,7 @@ impl PyBoard {
         let commands: Arc<CommandQueue> = Arc::default();
         *lock(&self.commands) = Arc::clone(&commands);
         let task = GrowTask { plan, conditions, scene, overrides, seed, log, events, commands: Arc::clone(&commands) };
-        let request = GrowthRequest { scene_error: scene_error.as_ref(), ..task.request(self.simulated) };
+        let request = GrowthRequest { scene_error: scene_error.as_ref(), ..task.request(self.simulated.into()) };
         py.detach(|| request.check()).map_err(|refusal| refused(&refusal))?;
         self.send_request(WorkerRequest::Grow(Box::new(task)))?;
         Ok(Growth { messages: Mutex::new(Some(messages)), commands, result: Mutex::new(None) })

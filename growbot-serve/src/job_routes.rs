@@ -17,6 +17,7 @@ use futures_util::stream::{BoxStream, StreamExt, once, unfold};
 use growbot_client::growth::{GrowthRefusal, GrowthRequest, Override};
 use growbot_client::stop_signal::Permit;
 use growbot_core::robot::Robot;
+use growbot_pictures::view::page::PageAccess;
 use growbot_pictures::view::{Subject, page};
 use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_plan::plan::Plan;
@@ -127,7 +128,7 @@ pub(super) fn make_job(
         scene: scene.as_ref(),
         overrides: &overrides,
         feedback: wanted.feedback.then_some(DEFAULT_SENSOR_NOISE),
-        simulated: keeper.is_simulated(),
+        kind: keeper.is_simulated().into(),
         ..GrowthRequest::new(&robot, &plan)
     };
     request.check().map_err(|refusal| refused(&refusal, &plan))?;
@@ -284,7 +285,8 @@ pub async fn live(
 ) -> Result<Html<String>, Problem> {
     let job = found_job(&service, &id)?;
     let is_live = find_robot(&service, &job.robot).is_ok_and(|keeper| keeper.live(&id).is_some());
-    page_of(&service, &limits, job, is_live.then_some(access != Access::View)).await
+    let on_page = if access == Access::View { PageAccess::View } else { PageAccess::Control };
+    page_of(&service, &limits, job, is_live.then_some(on_page)).await
 }
 
 fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
@@ -335,13 +337,12 @@ pub async fn job_view(
     page_of(&service, &limits, found_job(&service, &id)?, None).await
 }
 
-/// Returns the page of a job. If `control` is `None`, the page shows the run log. Otherwise it is a live page, which
-/// can send commands if `control` is true.
+/// Returns the page of a job: a live page with this access, or the page of its run log if `access` is `None`.
 async fn page_of(
     service: &Service,
     limits: &RoleLimits,
     job: Job,
-    control: Option<bool>,
+    access: Option<PageAccess>,
 ) -> Result<Html<String>, Problem> {
     let path = service.shared.jobs_to_read().log_path(&job.id);
     let computed = limits.compute(move |_| {
@@ -350,8 +351,8 @@ async fn page_of(
         let plan = record.plan(&robot).map_err(Problem::conflict)?;
         let name = format!("{} on {}", job.name, job.robot);
         let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene: None };
-        let page = match control {
-            Some(control) => page::render_live(&of(None), control),
+        let page = match access {
+            Some(access) => page::render_live(&of(None), access),
             None => page::render(&of(Some(&record))),
         };
         page.map(Html).map_err(Problem::bad)

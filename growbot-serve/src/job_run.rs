@@ -45,7 +45,7 @@ impl RobotWorker {
             scene: scene.as_ref(),
             overrides: if job.ignore_scene { &[Override::Scene] } else { &[] },
             feedback: feedback.then_some(DEFAULT_SENSOR_NOISE),
-            simulated: self.is_simulated(),
+            kind: self.is_simulated().into(),
             ..GrowthRequest::new(&robot, &plan)
         };
         let board_job = request.job();
@@ -59,7 +59,8 @@ impl RobotWorker {
             return self.refuse_growth(&reply, VOIDED);
         }
         self.set_job_state(&job, JobState::Active, None);
-        let growing = RunningJob::new(self, &job, &board_job, &[], log, &commands, Some(reply));
+        let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands);
+        growing.reply = Some(reply);
         growing.run(&request, &board_job, connection)
     }
 
@@ -140,7 +141,7 @@ impl RobotWorker {
         let request = GrowthRequest {
             beginning: Beginning::Resume { record: Some(&record), interrupted: OnInterrupted::Redo },
             scene: scene.as_ref(),
-            simulated: self.is_simulated(),
+            kind: self.is_simulated().into(),
             ..GrowthRequest::new(&robot, &plan)
         };
         let board_job = request.job();
@@ -155,7 +156,8 @@ impl RobotWorker {
             }
         };
         self.set_job_state(job, JobState::Active, None);
-        let growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands, reply);
+        let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands);
+        growing.reply = reply;
         growing.run(&request, &board_job, connection)
     }
 
@@ -246,7 +248,6 @@ impl<'a> RunningJob<'a> {
         known: &[Option<LayerBytes>],
         mut log: RunLog,
         commands: &Arc<CommandQueue>,
-        reply: Option<Reply>,
     ) -> Self {
         let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(commands)));
         live_growth.set_pace(keeper.pace());
@@ -255,7 +256,7 @@ impl<'a> RunningJob<'a> {
         log.set_forecast(forecast);
         keeper.update_state(|known| known.live_growth = Some(Arc::clone(&live_growth)));
         let commands = Arc::clone(commands);
-        Self { keeper, job, log, commands, live_growth, forecast, layers: job.layers, laid: job.laid, reply }
+        Self { keeper, job, log, commands, live_growth, forecast, layers: job.layers, laid: job.laid, reply: None }
     }
 
     fn ingest(&mut self, event: &JobEvent) {

@@ -97,7 +97,7 @@ fn a_growth_pauses_and_continues_on_command_without_repeated_layers() {
 #[test]
 fn a_parked_growth_waits_only_if_it_can_be_continued() {
     let park = |parked| {
-        let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked };
+        let manner = GrowthOptions { parked, ..HostSilencePolicy::Pause.into() };
         let (grown, events) = try_to_grow_in(
             manner,
             |event, orders| match event {
@@ -389,7 +389,7 @@ fn a_growth_without_filament_waits_and_continues_its_layer() {
     let board = Rc::new(RefCell::new(None::<Rc<RefCell<Sim>>>));
     let (sim_of, mut steps) =
         (Rc::clone(&board), vec![Command::Continue, Command::Purge, Command::Load, Command::Preheat]);
-    let manner = GrowthOptions { silence: HostSilencePolicy::Pause, feedback: None, parked: OnParked::End };
+    let manner = GrowthOptions { ..HostSilencePolicy::Pause.into() };
     let mut refused = Vec::new();
     let (grown, events) = try_to_grow_in(
         manner,

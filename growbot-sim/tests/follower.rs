@@ -9,7 +9,7 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthError, grow_job, resume_job};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State};
@@ -176,7 +176,7 @@ impl Subject<'_> {
         let (orders, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});
         let is_known = hello.status.plan_id == self.job.plan_id;
         if is_known {
-            let grown = resume_job(&mut client, &self.job, known, OnInterrupted::Redo, self.silence, &orders, on_event)
+            let grown = resume_job(&mut client, &self.job, known, self.silence, &orders, on_event)
                 .map_err(|error| format!("resumed: {error}"))?;
             if (grown.outcome, &grown.as_built) != (Outcome::Done, &self.as_built) {
                 return Err(format!("resumed: {:?} with {} layers", grown.outcome, grown.as_built.len()));

@@ -7,6 +7,7 @@ use growbot_core::link::message::{
     ReadLayers, Refusal, SensorReadings, Status,
 };
 use growbot_plan::clock_drift::ClockDrift;
+use growbot_plan::robot_kind::RobotKind;
 
 use super::clock::{ClockSample, ClockWatch};
 use super::{Client, ClientError};
@@ -30,8 +31,8 @@ pub enum StopOutcome {
 
 impl StopOutcome {
     /// Returns a message for the user.
-    pub fn message(self, is_simulated: bool) -> String {
-        let kind = if is_simulated { "simulated " } else { "" };
+    pub fn message(self, robot: RobotKind) -> String {
+        let kind = robot.prefix();
         match self {
             Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
             Self::ByEmergencyStop => format!(

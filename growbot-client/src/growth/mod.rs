@@ -96,6 +96,8 @@ pub struct GrowthOptions<'a> {
     pub feedback: Option<Feedback<'a>>,
     /// Reaction of the growth when the board switches its heater off after a long pause (parks).
     pub parked: OnParked,
+    /// Treatment of an interrupted layer when the job is resumed.
+    pub interrupted: OnInterrupted,
 }
 
 /// Reaction of a growth when its board switches the heater off after a long pause (parks).
@@ -111,7 +113,7 @@ pub enum OnParked {
 impl From<HostSilencePolicy> for GrowthOptions<'_> {
     /// Creates options without feedback. A board that parks ends the growth.
     fn from(silence: HostSilencePolicy) -> Self {
-        Self { silence, feedback: None, parked: OnParked::End }
+        Self { silence, feedback: None, parked: OnParked::End, interrupted: OnInterrupted::Redo }
     }
 }
 
@@ -133,7 +135,7 @@ pub fn grow_job<'a>(
 }
 
 /// Resumes the job that the board stores. `known` are the layers as built that this host already has, from the first
-/// layer on; the board reports the later ones again. `cut` determines what happens to an interrupted layer.
+/// layer on; the board reports the later ones again.
 ///
 /// # Errors
 /// Like [`grow_job`], or if the board does not store this job.
@@ -141,12 +143,11 @@ pub fn resume_job<'a>(
     client: &'a mut Client,
     job: &Job<'a>,
     known: Vec<Option<LayerBytes>>,
-    cut: OnInterrupted,
     manner: impl Into<GrowthOptions<'a>>,
     orders: &CommandQueue,
     on_event: &mut dyn FnMut(&JobEvent),
 ) -> Result<GrowthReport, GrowthError> {
-    let mut growth = JobRunner::resume(client, job, known, cut, manner.into(), orders, on_event)?;
+    let mut growth = JobRunner::resume(client, job, known, manner.into(), orders, on_event)?;
     growth.start_unless_stopped(orders)?;
     growth.finish(orders, on_event)
 }

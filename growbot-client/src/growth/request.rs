@@ -11,6 +11,7 @@ use growbot_plan::feedback::{Feedback, can_measure};
 use growbot_plan::growth_report::GrowthReport;
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::plan::Plan;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog, RunLogError, RunOrigin};
 use growbot_plan::scene_planning::SceneCheckError;
 use growbot_plan::warning::BLOCKING;
@@ -70,8 +71,8 @@ pub struct GrowthRequest<'a> {
     pub feedback: Option<SensorNoise>,
     /// Errors of the layers and measurements of a simulated robot.
     pub imperfection: ErrorModel,
-    /// True if the robot is simulated.
-    pub simulated: bool,
+    /// Kind of the robot.
+    pub kind: RobotKind,
 }
 
 /// Reason why a growth is refused before anything is sent to its board. The message names no remedy, because each
@@ -164,7 +165,7 @@ impl<'a> GrowthRequest<'a> {
             overrides: &[],
             feedback: None,
             imperfection: ErrorModel::default(),
-            simulated: false,
+            kind: RobotKind::Real,
         }
     }
 
@@ -182,10 +183,10 @@ impl<'a> GrowthRequest<'a> {
             return Err(GrowthRefusal::Scene(error));
         }
         let ErrorModel { disturbance, noise, .. } = self.imperfection;
-        if !self.simulated && disturbance != ErrorModel::default().disturbance {
+        if !self.kind.is_simulated() && disturbance != ErrorModel::default().disturbance {
             return Err(GrowthRefusal::Disturbance);
         }
-        if !self.simulated && self.feedback.is_none() && noise != ErrorModel::default().noise {
+        if !self.kind.is_simulated() && self.feedback.is_none() && noise != ErrorModel::default().noise {
             return Err(GrowthRefusal::SensorNoise);
         }
         if self.feedback.is_some() && !can_measure(self.robot) {
@@ -223,7 +224,7 @@ impl<'a> GrowthRequest<'a> {
     /// If the file cannot be written, or exists already.
     pub fn open_log(&self, target: &LogTarget, job: &Job, port: &str) -> Result<RunLog, RunLogError> {
         let (plan, feedback) = (self.plan, self.feedback);
-        let imperfection = self.simulated.then_some(&self.imperfection);
+        let imperfection = self.kind.is_simulated().then_some(&self.imperfection);
         let origin = RunOrigin { port, imperfection, ignores_scene: self.ignores_scene() };
         match (target, self.beginning) {
             (LogTarget::Disabled, _) => Ok(RunLog::disabled()),
@@ -250,7 +251,8 @@ impl<'a> GrowthRequest<'a> {
         let context = self.scene_context();
         match self.beginning {
             Beginning::FirstLayer => {
-                let options = GrowthOptions { silence, feedback: self.new_feedback(context.as_ref()), parked };
+                let feedback = self.new_feedback(context.as_ref());
+                let options = GrowthOptions { feedback, parked, ..silence.into() };
                 grow_with_ground_truth(truth, job, on_event, |on_event| {
                     grow_job(client, job, options, commands, on_event)
                 })
@@ -258,8 +260,8 @@ impl<'a> GrowthRequest<'a> {
             Beginning::Resume { record, interrupted } => {
                 let feedback = record.and_then(|record| record.feedback(job, self.plan, context.as_ref()));
                 let known = record.map_or_else(Vec::new, RecordedRun::known_layers);
-                let options = GrowthOptions { silence, feedback, parked };
-                resume_job(client, job, known, interrupted, options, commands, on_event)
+                let options = GrowthOptions { silence, feedback, parked, interrupted };
+                resume_job(client, job, known, options, commands, on_event)
             }
         }
     }
@@ -289,24 +291,24 @@ impl<'a> GrowthRequest<'a> {
         let (outcome, error) = match grown {
             Ok(grown) => {
                 let scene = self.scene.map(|loaded| &loaded.scene);
-                return GrowthResult::new(grown, (self.robot, self.plan), scene, self.seed(), self.simulated);
+                return GrowthResult::new(grown, (self.robot, self.plan), scene, self.seed(), self.kind);
             }
             Err(GrowthError::Interrupted(error)) => (OutcomeKind::Lost, error.to_string()),
             Err(error) => (OutcomeKind::Refused, error.to_string()),
         };
-        let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed(), self.simulated);
+        let nothing = GrowthResult::nothing_grown(outcome, self.plan, self.seed(), self.kind);
         GrowthResult { error: Some(error), ..nothing }
     }
 
     /// Returns the result of a growth that was refused before it began.
     pub fn refused(&self, why: String) -> GrowthResult {
-        let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, self.plan, None, self.simulated);
+        let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, self.plan, None, self.kind);
         GrowthResult { error: Some(why), ..nothing }
     }
 
     /// Returns the seed of the random errors of a simulated robot. `None` if nothing is random.
     fn seed(&self) -> Option<u64> {
-        (self.simulated && self.has_imperfection()).then_some(self.imperfection.seed)
+        (self.kind.is_simulated() && self.has_imperfection()).then_some(self.imperfection.seed)
     }
 
     /// Returns the scene of which corrections of the feedback are kept clear. `None` if there are no corrections, or
@@ -346,7 +348,7 @@ mod tests {
     }
 
     fn request<'a>(robot: &'a Robot, plan: &'a Plan) -> GrowthRequest<'a> {
-        GrowthRequest { simulated: true, ..GrowthRequest::new(robot, plan) }
+        GrowthRequest { kind: RobotKind::Simulated, ..GrowthRequest::new(robot, plan) }
     }
 
     /// Returns a scene with a shaft round a straight body, with this distance from its centreline to the walls.
@@ -386,8 +388,8 @@ mod tests {
                 "scene-not-clear",
                 Some(ignored[1]),
             ),
-            (GrowthRequest { imperfection: disturbed, simulated: false, ..sound }, "disturbed-hardware", None),
-            (GrowthRequest { imperfection: noisy, simulated: false, ..sound }, "noise-without-feedback", None),
+            (GrowthRequest { imperfection: disturbed, kind: RobotKind::Real, ..sound }, "disturbed-hardware", None),
+            (GrowthRequest { imperfection: noisy, kind: RobotKind::Real, ..sound }, "noise-without-feedback", None),
             (GrowthRequest { feedback: Some(NOISE), ..request(&blind, &of_blind) }, "no-sensor", None),
             (GrowthRequest { scene: Some(&near), feedback: Some(NOISE), ..sound }, "too-near", Some(ignored[1])),
         ] {
@@ -400,6 +402,6 @@ mod tests {
             }
         }
         GrowthRequest { imperfection: disturbed, ..sound }.check().unwrap();
-        GrowthRequest { imperfection: noisy, simulated: false, feedback: Some(NOISE), ..sound }.check().unwrap();
+        GrowthRequest { imperfection: noisy, kind: RobotKind::Real, feedback: Some(NOISE), ..sound }.check().unwrap();
     }
 }

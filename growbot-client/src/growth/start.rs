@@ -44,12 +44,12 @@ impl<'a> JobRunner<'a> {
         client: &'a mut Client,
         job: &Job<'a>,
         known: Vec<Option<LayerBytes>>,
-        interrupted: OnInterrupted,
         manner: GrowthOptions<'a>,
         orders: &CommandQueue,
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = open_session(client, job.robot, on_event)?;
+        let interrupted = manner.interrupted;
         let mut growth = Self::new(client, job, manner, orders, &hello);
         if hello.status.plan_id != growth.job.plan_id {
             return Err(GrowthError::nothing_to_resume(growth.job.plan_id, &hello.status));

@@ -82,7 +82,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     } else {
         format!(
             "the {}board is now configured as {} ({:016x}); it was {}\n",
-            port.kind(),
+            port.kind().prefix(),
             now.robot_name,
             now.robot_hash,
             had.unwrap_or_else(|| "not configured".to_string())

@@ -56,7 +56,8 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
         let at = if ports.len() > 1 { format!(" at {}", port.text()) } else { String::new() };
         match stopped {
             Ok(()) => {
-                let done = format!("emergency stop: heater and steppers of the {}robot{at} are off\n", port.kind());
+                let done =
+                    format!("emergency stop: heater and steppers of the {}robot{at} are off\n", port.kind().prefix());
                 if print(&done).is_err() {
                     // The board has stopped, even if the result cannot be printed.
                     growbot_host::warning!("{}", done.trim_end());
@@ -113,7 +114,7 @@ fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Resul
 /// Stops one robot. Returns the reason if its board did not acknowledge the stop.
 fn stop(port: &SelectedPort) -> Result<(), String> {
     // A service that does not respond must not delay the stop.
-    match owner_in_emergency(port).map(|owned| owned.emergency_stop(port.is_in_process())) {
+    match owner_in_emergency(port).map(|owned| owned.emergency_stop()) {
         Some(true) => Ok(()),
         Some(false) if port.is_in_process() => Err("the service has not confirmed the emergency stop".to_owned()),
         _ => stop_at_port(port),

@@ -114,7 +114,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 /// Runs the command.
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.resolve()?, args.print()?);
-    let (opened, unclear) = args.goal.open(args.json)?;
+    let (opened, unclear) = args.goal.open(ResultFormat::of(args.json))?;
     let Opened { robot, plan, .. } = &opened;
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
@@ -139,7 +139,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
             noise: disturbance.sensor_noise(),
             seed: disturbance.seed,
         },
-        simulated: port.is_simulated(),
+        kind: port.kind(),
     };
     request.check().map_err(|refusal| args.refused(&request, &refusal, &port))?;
     args.note_missing_sensors(robot);

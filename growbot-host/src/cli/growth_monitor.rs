@@ -11,14 +11,14 @@ use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::growth_report::{GrowthReport, Outcome};
 use growbot_plan::job::{Command, Job, JobEvent};
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, RunLog, RunLogError};
 use growbot_plan::sanitize::json_line;
 use growbot_serve::watch::WatchPage;
 use time::OffsetDateTime;
 
 use super::failure::Failure;
-use super::port_arg::simulated_prefix;
-use super::terminal_commands::{TerminalCommands, waiting_hint};
+use super::terminal_commands::TerminalCommands;
 use super::{growth_table, remedies};
 
 /// Behaviour of the board when it loses contact with its host.
@@ -133,7 +133,7 @@ impl GrowthMonitor<'_> {
         result: &GrowthResult,
         logged: Result<(), Failure>,
     ) -> Result<(), Failure> {
-        let simulated = self.request.simulated;
+        let robot = self.request.kind;
         for warning in &result.warnings {
             growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
@@ -154,37 +154,40 @@ impl GrowthMonitor<'_> {
             failure.print();
         }
         match grown {
-            Ok(grown) => outcome_result(grown.outcome, emergency, simulated),
+            Ok(grown) => outcome_result(grown.outcome, emergency, robot),
             Err(GrowthError::NotStarted(error)) => Err(error.into()),
-            Err(error) => Err(growth_failure(error, simulated)),
+            Err(error) => Err(growth_failure(error, robot)),
         }
     }
 }
 
 /// Returns the failure for a robot, simulated or not, that was stopped because its board's clock is wrong.
-pub fn clock_drift_failure(drift: &ClockDrift, simulated: bool) -> Failure {
-    Failure::request_failed(format!("{drift}: the robot was stopped, {}; {}", off_text(simulated), ClockDrift::REMEDY))
+pub fn clock_drift_failure(drift: &ClockDrift, robot: RobotKind) -> Failure {
+    Failure::request_failed(format!("{drift}: the robot was stopped, {}; {}", off_text(robot), ClockDrift::REMEDY))
 }
 
 /// Returns the part of a message that names the outputs that are off after a stop.
-fn off_text(simulated: bool) -> &'static str {
-    if simulated { "heater and steppers of the simulated robot are off" } else { "heater and steppers are off" }
+fn off_text(robot: RobotKind) -> &'static str {
+    if robot.is_simulated() {
+        "heater and steppers of the simulated robot are off"
+    } else {
+        "heater and steppers are off"
+    }
 }
 
 /// Returns the failure for a growth that ended with an error instead of an outcome.
-pub fn growth_failure(error: GrowthError, simulated: bool) -> Failure {
+pub fn growth_failure(error: GrowthError, robot: RobotKind) -> Failure {
     match error {
-        GrowthError::Interrupted(error) if simulated => {
+        GrowthError::Interrupted(error) if robot.is_simulated() => {
             Failure::request_failed(format_args!("{}; the robot is simulated", remedies::message(&error)))
         }
         error => Failure::during_request(&error),
     }
 }
 
-/// Returns success or failure for an outcome. `emergency` is true after an emergency stop. `simulated` is true if no
-/// real robot has grown.
-pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Result<(), Failure> {
-    let (kind, off) = (simulated_prefix(simulated), off_text(simulated));
+/// Returns success or failure for an outcome. `emergency` is true after an emergency stop.
+pub fn outcome_result(outcome: Outcome, emergency: bool, robot: RobotKind) -> Result<(), Failure> {
+    let (kind, off) = (robot.prefix(), off_text(robot));
     match outcome {
         Outcome::Done => Ok(()),
         Outcome::Stopped if emergency => Err(Failure::request_failed(format!(
@@ -196,7 +199,7 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             fault.code(),
             remedies::fault_explanation(fault)
         ))),
-        Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, simulated)),
+        Outcome::ClockDrift(drift) => Err(clock_drift_failure(&drift, robot)),
         Outcome::Parked => Err(Failure::request_failed(format!(
             "the heater of the {kind}robot was switched off after a long pause: resume the body with `growbot resume`"
         ))),
@@ -204,13 +207,29 @@ pub fn outcome_result(outcome: Outcome, emergency: bool, simulated: bool) -> Res
             "the {kind}board has restarted, or another host has taken it over: see the board's state with `growbot \
              status`, and resume the body with `growbot resume`",
         ))),
-        Outcome::Lost if simulated => {
+        Outcome::Lost if robot.is_simulated() => {
             Err(Failure::request_failed("lost the connection to the simulated board; the robot is simulated"))
         }
         Outcome::Lost => Err(Failure::request_failed(
             "lost the connection to the board; the robot may still be growing: run `growbot status`, and if that fails \
              cut the robot's power",
         )),
+    }
+}
+
+/// Returns instructions for a robot that is paused or parked. `None` in other states, and if the user has neither a
+/// keyboard nor a page that controls the robot.
+fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
+    let goes_on = match state {
+        State::Paused => "continues",
+        State::Parked => "heats up, homes and continues",
+        _ => return None,
+    };
+    match (keyboard, page) {
+        (true, true) => Some(format!("type `continue` or press Continue on the page: the robot then {goes_on}")),
+        (true, false) => Some(format!("type `continue`: the robot then {goes_on}; `stop` stops it")),
+        (false, true) => Some(format!("press Continue on the page: the robot then {goes_on}")),
+        (false, false) => None,
     }
 }
 
@@ -391,7 +410,8 @@ mod tests {
             feedback: None,
         };
         let json = |outcome| {
-            serde_json::to_value(GrowthResult::new(&grown(outcome), (&robot, &plan), None, None, false)).unwrap()
+            serde_json::to_value(GrowthResult::new(&grown(outcome), (&robot, &plan), None, None, RobotKind::Real))
+                .unwrap()
         };
         let drifted = json(Outcome::ClockDrift(DRIFT));
         assert_eq!(drifted["outcome"], "clock-drift");
@@ -416,12 +436,24 @@ mod tests {
                 let Err(failure) = outcome_result(outcome, emergency, simulated) else { panic!("{outcome:?}") };
                 failure.message().to_owned()
             };
-            assert!(message(true).contains("simulated") && !message(true).contains("power"), "{}", message(true));
-            assert!(!message(false).contains("simulated"), "{}", message(false));
+            assert!(
+                message(RobotKind::Simulated).contains("simulated") && !message(RobotKind::Simulated).contains("power"),
+                "{}",
+                message(RobotKind::Simulated)
+            );
+            assert!(!message(RobotKind::Real).contains("simulated"), "{}", message(RobotKind::Real));
         }
         let silent =
             || GrowthError::Interrupted(ClientError::StopNotAcknowledged { port: "sim (simulated)".to_owned() });
-        assert!(growth_failure(silent(), true).message().ends_with("the robot is simulated"));
-        assert!(growth_failure(silent(), false).message().contains("cut the robot's power"));
+        assert!(growth_failure(silent(), RobotKind::Simulated).message().ends_with("the robot is simulated"));
+        assert!(growth_failure(silent(), RobotKind::Real).message().contains("cut the robot's power"));
+    }
+
+    #[test]
+    fn a_continue_hint_is_given_only_to_a_waiting_robot() {
+        assert!(waiting_hint(State::Parked, true, false).unwrap().contains("heats up"));
+        assert!(waiting_hint(State::Paused, false, true).unwrap().contains("page"));
+        assert_eq!(waiting_hint(State::Growing, true, true), None);
+        assert_eq!(waiting_hint(State::Parked, false, false), None);
     }
 }

@@ -10,9 +10,8 @@ use growbot_plan::figures::fixed;
 use growbot_plan::growth_report::{GrowthReport, MeasuredBy};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_deviation::{BodyClearance, PlanDeviation};
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, InterruptedLayerJson};
-
-use super::port_arg::simulated_prefix;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthResult) -> String {
@@ -23,7 +22,7 @@ pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthRe
     table += &format!(
         "growth    {} on {}{}, {:.2} m of filament\n",
         duration_text(grown.duration_s),
-        simulated_prefix(*simulated),
+        RobotKind::from(*simulated).prefix(),
         robot.name(),
         grown.filament_mm / 1000.0
     );

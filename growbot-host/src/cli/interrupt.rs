@@ -15,7 +15,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     let orders = Arc::new(CommandQueue::default());
     let given = Arc::clone(&orders);
     let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.is_in_process());
-    let kind = port.kind();
+    let kind = port.kind().prefix();
     let installed = ctrlc::set_handler(move || {
         if given.interrupt() {
             // The line is held to the end, so that the rest of the program does not continue in between.

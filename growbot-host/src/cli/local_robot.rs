@@ -9,6 +9,7 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
 use growbot_host::crash::FirmwareImage;
 use growbot_pictures::duration::duration_text;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
@@ -42,14 +43,14 @@ impl LocalRobot<'_> {
         Failure::bad_input(format!(
             "no service owns the {}robot at {}: {what} the growth in the terminal or on the page that started it, or \
              start the growth while `growbot serve` runs",
-            self.port.kind(),
+            self.port.kind().prefix(),
             self.port.text()
         ))
     }
 }
 
 impl RobotHandle for LocalRobot<'_> {
-    fn kind(&self) -> &'static str {
+    fn kind(&self) -> RobotKind {
         self.port.kind()
     }
 
@@ -78,7 +79,7 @@ impl RobotHandle for LocalRobot<'_> {
         self.port.require_running_robot("the cancellation")?;
         let mut client = self.port.client(&self.robot.load()?)?;
         let status = client.open_session()?.status;
-        let (plan_id, kind) = (status.plan_id, self.port.kind());
+        let (plan_id, kind) = (status.plan_id, self.port.kind().prefix());
         if plan_id == 0 {
             return Ok(format!("the {kind}board has no stored job: there is nothing to cancel\n"));
         }
@@ -118,7 +119,7 @@ impl RobotHandle for LocalRobot<'_> {
         let Connection { mut client, mut simulation } = self.port.connect(robot, &settings)?;
         let orders = stop_on_interrupt(&mut client, self.port);
         let job = request.job();
-        let name = format!("{name}{}", self.port.simulated_suffix());
+        let name = format!("{name}{}", self.port.kind().suffix());
         let watch = watching.begin(&opened.subject(&name), &job, &[], &orders)?;
         let log = request.open_log(&log, &job, self.port.text())?;
         let following = GrowthMonitor {
@@ -167,7 +168,7 @@ impl RobotHandle for LocalRobot<'_> {
         let request = GrowthRequest {
             beginning: Beginning::Resume { record: record.as_ref(), interrupted },
             scene: opened.scene(),
-            simulated: self.port.is_simulated(),
+            kind: self.port.kind(),
             ..GrowthRequest::new(robot, plan)
         };
         let job = request.job();
@@ -179,7 +180,7 @@ impl RobotHandle for LocalRobot<'_> {
         let log = request.open_log(&target, &job, self.port.text())?;
         let orders = stop_on_interrupt(&mut client, self.port);
         let name = file.file_name().unwrap_or_default().to_string_lossy();
-        let name = format!("{name}{}", self.port.simulated_suffix());
+        let name = format!("{name}{}", self.port.kind().suffix());
         let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
         let watch = watching.begin(&opened.subject(&name), &job, &known, &orders)?;
         if record.as_ref().is_some_and(|record| record.feedback.is_some()) {
@@ -222,7 +223,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
         "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",
         status.layers_laid,
         status.layer_count,
-        port.kind(),
+        port.kind().prefix(),
         status.state.name(),
         board.reset_cause.name()
     );

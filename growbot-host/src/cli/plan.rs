@@ -12,14 +12,15 @@ use growbot_host::progress::{Progress, ResultTiming};
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension};
 use growbot_plan::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
 use growbot_plan::input::{self, BoundedLines};
-use growbot_plan::plan::Plan;
+use growbot_plan::plan::{Plan, PlanOptions};
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
 use growbot_plan::scene_planning::MAX_LENGTH_MM;
 
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 use super::robot_arg::RobotArg;
-use super::scene_options::SceneArgs;
+use super::scene_options::{SceneArgs, plan_failure};
 use super::search::PlanningOptions;
 use super::units::mm;
 use super::{plan_table, remedies};
@@ -109,12 +110,16 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let Some(scene) = &args.scene.scene else {
-        let plan = args.search.plan(robot, goal, args.avoid_self_collision)?;
+        let search = PlanOptions { avoid_self_collision: args.avoid_self_collision, ..args.search.search(robot) };
+        let plan = args.search.plan(robot, goal, &search)?;
         return check_length_limit(plan, args.max_length).map_err(|error| Failure::during_request(&error));
     };
     let goals = args.search.start_and_goals(robot, goal)?;
-    let search = args.search.search(robot, true);
-    args.scene.plan(scene, robot, &goals, &search, args.max_length, args.json)
+    let search = args.search.search(robot);
+    let loaded = args.scene.load(scene)?;
+    let max_length = args.max_length.unwrap_or(MAX_LENGTH_MM);
+    let planned = args.scene.plan((scene, &loaded), robot, &goals, &search, max_length);
+    planned.map_err(|error| plan_failure(&error, ResultFormat::of(args.json)))
 }
 
 /// Parses a length above 0, mm.
@@ -196,7 +201,7 @@ fn message(error: &QueryError) -> String {
 }
 
 fn run_batch(args: &PlanArgs, queries: &Path, robot: &Robot) -> Result<(), Failure> {
-    let search = args.search.search(robot, args.avoid_self_collision);
+    let search = PlanOptions { avoid_self_collision: args.avoid_self_collision, ..args.search.search(robot) };
     let defaults = Defaults { start: args.search.start()?, search, max_length: args.max_length };
     // A radius that is invalid for every query is an error of the command, not of each query.
     let start = defaults.start;

@@ -4,15 +4,16 @@ use std::path::PathBuf;
 
 use clap::Args;
 use growbot_plan::input::display_name;
-use growbot_plan::plan::Plan;
+use growbot_plan::plan::{Plan, PlanOptions};
 use growbot_plan::plan_file::{self, LoadedPlan};
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
-use growbot_plan::scene_planning::{self, SceneCheckError};
+use growbot_plan::scene_planning::{self, MAX_LENGTH_MM, SceneCheckError};
 
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 use super::opened::Opened;
 use super::robot_arg::RobotArg;
-use super::scene_options::SceneArgs;
+use super::scene_options::{SceneArgs, plan_failure};
 use super::search::PlanningOptions;
 
 /// Options that make a plan, and so conflict with a plan from a file.
@@ -63,12 +64,12 @@ impl PlanSourceArgs {
     /// Reads the plan from its file, or plans to the given goal. Robot and scene are those of the plan, unless others
     /// are given. The second value is the reason why the plan is not clear of the scene. It is `None` if it is clear,
     /// or without a scene.
-    pub fn open(&self, json: bool) -> Result<(Opened, Option<SceneCheckError>), Failure> {
-        let (loaded, clearance_error) = self.load(json)?;
+    pub fn open(&self, format: ResultFormat) -> Result<(Opened, Option<SceneCheckError>), Failure> {
+        let (loaded, clearance_error) = self.load(format)?;
         Ok((Opened::of_plan(loaded, self.scene.scene.as_deref()), clearance_error))
     }
 
-    fn load(&self, json: bool) -> Result<(LoadedPlan, Option<SceneCheckError>), Failure> {
+    fn load(&self, format: ResultFormat) -> Result<(LoadedPlan, Option<SceneCheckError>), Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
             let LoadedPlan { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
@@ -92,11 +93,13 @@ impl PlanSourceArgs {
         if let Some(file) = given {
             let ends = self.search.start_and_goals(&robot, goal)?;
             let loaded = self.scene.load(file)?;
-            let plan =
-                self.scene.plan_in((file, &loaded), &robot, &ends, &self.search.search(&robot, true), None, json)?;
+            let plan = self.scene.plan((file, &loaded), &robot, &ends, &self.search.search(&robot), MAX_LENGTH_MM);
+            let plan = plan.map_err(|error| plan_failure(&error, format))?;
             return Ok((LoadedPlan { robot, plan, scene: Some(loaded) }, None));
         }
-        let plan = self.search.plan(&robot, goal, self.avoid_self_collision || self.search.planner.is_none())?;
+        let avoid_self_collision = self.avoid_self_collision || self.search.planner.is_none();
+        let search = PlanOptions { avoid_self_collision, ..self.search.search(&robot) };
+        let plan = self.search.plan(&robot, goal, &search)?;
         Ok((LoadedPlan { robot, plan, scene: None }, None))
     }
 }

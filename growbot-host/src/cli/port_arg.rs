@@ -5,6 +5,7 @@ use growbot_client::client::Client;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_core::robot::Robot;
 use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin};
+use growbot_plan::robot_kind::RobotKind;
 use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::simulated_tip::SimulatedTip;
@@ -175,14 +176,9 @@ impl SelectedPort {
         )))
     }
 
-    /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
-    pub fn kind(&self) -> &'static str {
-        simulated_prefix(self.is_simulated())
-    }
-
-    /// Returns the remark after the name of a simulated robot. It is empty for a real robot.
-    pub fn simulated_suffix(&self) -> &'static str {
-        simulated_suffix(self.is_simulated())
+    /// Returns the kind of the robot.
+    pub fn kind(&self) -> RobotKind {
+        self.name.kind()
     }
 
     /// Opens the port and returns a client of the board. `robot` is the robot that `sim` and the emulators simulate.
@@ -210,14 +206,4 @@ pub struct Connection {
     pub client: Client,
     /// The simulated tip, with the body as it is really laid. `None` if the tip is not simulated.
     pub simulation: Option<Box<dyn SimulatedTip>>,
-}
-
-/// Returns the remark after the name of a simulated robot. It is empty for a real robot.
-pub fn simulated_suffix(is_simulated: bool) -> &'static str {
-    if is_simulated { ", simulated" } else { "" }
-}
-
-/// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
-pub fn simulated_prefix(is_simulated: bool) -> &'static str {
-    if is_simulated { "simulated " } else { "" }
 }

@@ -15,6 +15,7 @@ use growbot_plan::batch::PathTooLong;
 use growbot_plan::input::InputError;
 use growbot_plan::plan_file::{PlanCheckError, PlanFileError};
 use growbot_plan::remedy::with_remedies;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{ReadRunLogError, RunLogError};
 use growbot_plan::scene_planning::{NoPathError, SceneCheckError};
 use growbot_plan::warning::{SELF_COLLISION, Warning};
@@ -43,12 +44,12 @@ pub fn warning_message(Warning { code, message, .. }: &Warning) -> String {
 }
 
 /// Returns the message about a board that was stopped, with the command that clears an emergency stop.
-pub fn stop_message(stopped: StopOutcome, is_simulated: bool) -> String {
+pub fn stop_message(stopped: StopOutcome, robot: RobotKind) -> String {
     let remedy = match stopped {
         StopOutcome::ByRequest => "",
         StopOutcome::ByEmergencyStop => " (`clear` in `growbot console`)",
     };
-    stopped.message(is_simulated) + remedy
+    stopped.message(robot) + remedy
 }
 
 /// Replaces the names of parameters in the text of an error by the options that set them.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::crash::FirmwareImage;
+use growbot_plan::robot_kind::RobotKind;
 
 use super::board_report::BoardReport;
 use super::failure::Failure;
@@ -16,8 +17,8 @@ use super::watch_options::WatchArgs;
 /// A robot that a command controls. This program owns its port, or a service does, and the command does not know which.
 /// What one of them cannot do is a failure with a remedy.
 pub trait RobotHandle {
-    /// Returns the word that precedes "robot" or "board" in messages if the robot is simulated.
-    fn kind(&self) -> &'static str;
+    /// Returns the kind of the robot.
+    fn kind(&self) -> RobotKind;
 
     /// Requests the status of the robot. `image` names the functions of a crash.
     fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure>;

@@ -10,11 +10,12 @@ use growbot_host::output::print;
 use growbot_plan::margin::planning_margin_mm;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
 use growbot_plan::sanitize;
-use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, NoPathError, SceneOptions, ScenePlanError};
+use growbot_plan::scene_planning::{self, EFFORT, NoPathError, SceneOptions, ScenePlanError};
 use growbot_scene::scene_file::{self, LoadedScene, SceneError};
 use serde::Serialize;
 
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 use super::remedies;
 use super::units::mm;
 
@@ -81,51 +82,37 @@ impl SceneArgs {
         self.margin.is_some()
     }
 
-    /// Plans from the start through the goals (`ends`), clear of everything in the scene of this file.
+    /// Plans from the start through the goals, clear of everything in a scene that was read from this file.
     pub fn plan(
-        &self,
-        scene: &Path,
-        robot: &Robot,
-        ends: &(Pose, Vec<Goal>),
-        search: &PlanOptions,
-        max_length: Option<f64>,
-        json: bool,
-    ) -> Result<Plan, Failure> {
-        let loaded = self.load(scene)?;
-        self.plan_in((scene, &loaded), robot, ends, search, max_length, json)
-    }
-
-    /// Like [`Self::plan`], but for a scene that has already been read.
-    pub fn plan_in(
         &self,
         (scene, loaded): (&Path, &LoadedScene),
         robot: &Robot,
         (start, goals): &(Pose, Vec<Goal>),
         search: &PlanOptions,
-        max_length: Option<f64>,
-        json: bool,
-    ) -> Result<Plan, Failure> {
+        max_length: f64,
+    ) -> Result<Plan, ScenePlanError> {
         let begin = Instant::now();
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
-        let max_length = max_length.unwrap_or(MAX_LENGTH_MM);
         let (file, margin) = (scene.display().to_string(), planning_margin_mm(robot, loaded));
         let through =
             SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, max_length };
-        scene_planning::plan(robot, start, goals, search, &through).map_err(|error| match error {
-            ScenePlanError::Plan(error) => error.into(),
-            ScenePlanError::NoPath(no_path) => refused(no_path, json),
-        })
+        scene_planning::plan(robot, start, goals, search, &through)
     }
 }
 
-fn refused(no_path: NoPathError, json: bool) -> Failure {
-    if json {
-        let resolution_mm = if let NoPathError::AtResolution { step, .. } = no_path { Some(step) } else { None };
-        let error = NoPathErrorJson { code: no_path.code(), message: remedies::message(&no_path), resolution_mm };
+/// Returns the failure of a plan through a scene. With JSON, prints the reason why no path was found as one line.
+pub fn plan_failure(error: &ScenePlanError, format: ResultFormat) -> Failure {
+    let no_path = match error {
+        ScenePlanError::Plan(error) => return (*error).into(),
+        ScenePlanError::NoPath(no_path) => no_path,
+    };
+    if format == ResultFormat::Json {
+        let resolution_mm = if let NoPathError::AtResolution { step, .. } = no_path { Some(*step) } else { None };
+        let error = NoPathErrorJson { code: no_path.code(), message: remedies::message(no_path), resolution_mm };
         if let Err(error) = print(&sanitize::json_line(&NoPathJson { error })) {
             return error.into();
         }
     }
-    Failure::during_request(&no_path)
+    Failure::during_request(no_path)
 }

@@ -73,10 +73,10 @@ impl PlanningOptions {
     }
 
     /// Plans from the start through the poses on the way to a goal, and warns about units that may be mistaken.
-    pub fn plan(&self, robot: &Robot, goal: &TypedGoal, avoid_self_collision: bool) -> Result<Plan, Failure> {
+    pub fn plan(&self, robot: &Robot, goal: &TypedGoal, search: &PlanOptions) -> Result<Plan, Failure> {
         let (start, mut via) = self.start_and_goals(robot, goal)?;
         let goal = via.pop().unwrap_or(goal.goal);
-        Ok(Plan::through_waypoints(robot, &start, &via, &goal, &self.search(robot, avoid_self_collision))?)
+        Ok(Plan::through_waypoints(robot, &start, &via, &goal, search)?)
     }
 
     /// Returns the start, and the poses and positions on the way with the goal as the last one. Warns about units
@@ -91,12 +91,12 @@ impl PlanningOptions {
         Ok((start, via.into_iter().chain([goal.goal]).collect()))
     }
 
-    /// Returns the parameters of the path search for this robot.
-    pub fn search(&self, robot: &Robot, avoid_self_collision: bool) -> PlanOptions {
+    /// Returns the parameters of the path search for this robot, which avoids self-collisions.
+    pub fn search(&self, robot: &Robot) -> PlanOptions {
         PlanOptions {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),
             planner: self.planner.unwrap_or(PlannerName::Shortest).into(),
-            avoid_self_collision,
+            avoid_self_collision: true,
         }
     }
 }

@@ -12,7 +12,9 @@ use growbot_host::clock_text::local_clock_text;
 use growbot_host::crash::FirmwareImage;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::view::page::PageAccess;
 use growbot_plan::plan_file::PlanFile;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_serve::PREFIX;
@@ -31,12 +33,11 @@ use super::board_report::BoardReport;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
 use super::opened::Opened;
-use super::port_arg::{SelectedPort, simulated_prefix};
+use super::port_arg::SelectedPort;
 use super::port_lease::PortLeaseGuard;
 use super::replay;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
 use super::service_lookup::{EMERGENCY, service_in_emergency};
-use super::watch_options::PageAccess;
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
@@ -53,6 +54,9 @@ pub struct ServiceRobot {
     /// Name of the robot in the service.
     name: String,
     robot: RobotStatus,
+    /// Timeout of an emergency stop. It is longer for a robot that is simulated inside the service, because only the
+    /// service can stop that robot.
+    emergency_limit: Duration,
 }
 
 /// Returns the robot at this port, if a service of this user owns it.
@@ -63,8 +67,11 @@ pub fn find_service_robot(port: &SelectedPort) -> Result<Option<ServiceRobot>, F
 /// Like [`find_service_robot`], but for an emergency, in which a service that hangs must not delay the stop. A robot
 /// that is simulated inside the service can be stopped only by the service, so there the timeout is longer.
 pub fn owner_in_emergency(port: &SelectedPort) -> Option<ServiceRobot> {
-    let limit = if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY };
-    owner_of(service_in_emergency()?, port, limit).ok().flatten()
+    owner_of(service_in_emergency()?, port, emergency_limit(port)).ok().flatten()
+}
+
+fn emergency_limit(port: &SelectedPort) -> Duration {
+    if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY }
 }
 
 fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
@@ -73,7 +80,8 @@ fn owner_within(port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRo
 
 fn owner_of(caller: ServiceClient, port: &SelectedPort, limit: Duration) -> Result<Option<ServiceRobot>, Failure> {
     let robot = caller.robot_at(port.text(), limit)?;
-    Ok(robot.and_then(|robot| Some(ServiceRobot { caller, name: robot.name.clone()?, robot })))
+    let emergency_limit = emergency_limit(port);
+    Ok(robot.and_then(|robot| Some(ServiceRobot { caller, name: robot.name.clone()?, robot, emergency_limit })))
 }
 
 impl ServiceRobot {
@@ -85,12 +93,10 @@ impl ServiceRobot {
         self.caller.post(&self.at("commands"), &CommandRequest { command: order })
     }
 
-    /// Sends the emergency stop. Returns false if the service does not confirm it in time. For a robot that is
-    /// simulated inside the service, the timeout is longer, because only the service can stop that robot.
-    pub fn emergency_stop(&self, is_in_process: bool) -> bool {
+    /// Sends the emergency stop. Returns false if the service does not confirm it in time.
+    pub fn emergency_stop(&self) -> bool {
         let given = CommandRequest { command: RobotCommand::EmergencyStop };
-        let limit = if is_in_process { RESPONSE_TIMEOUT } else { EMERGENCY };
-        self.caller.post_within::<Value>(&self.at("commands"), &given, limit).is_ok()
+        self.caller.post_within::<Value>(&self.at("commands"), &given, self.emergency_limit).is_ok()
     }
 
     /// Prints the address of a growth's page, if it is requested.
@@ -155,7 +161,7 @@ impl ServiceRobot {
                 "job {} of the {}robot {} ended with outcome {outcome}{}: check the robot, then resume the body with \
                  `growbot resume` if the robot still stores it, or discard it with `growbot cancel`",
                 job.id,
-                self.kind(),
+                self.kind().prefix(),
                 self.name,
                 result.fault.map_or_else(String::new, |fault| format!(" (fault {fault})"))
             ))),
@@ -198,8 +204,8 @@ impl ServiceRobot {
 }
 
 impl RobotHandle for ServiceRobot {
-    fn kind(&self) -> &'static str {
-        simulated_prefix(self.robot.simulated)
+    fn kind(&self) -> RobotKind {
+        self.robot.simulated.into()
     }
 
     fn status(&self, _: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
@@ -213,23 +219,23 @@ impl RobotHandle for ServiceRobot {
 
     fn cancel(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::Cancel)?;
-        Ok(format!("the {}board stores no body any more\n", self.kind()))
+        Ok(format!("the {}board stores no body any more\n", self.kind().prefix()))
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
         let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
         let _: RobotStatus = self.caller.post(&self.at("maintenance"), &maintenance)?;
-        Ok(format!("{}robot {}: {task} {value}\n", self.kind(), self.name))
+        Ok(format!("{}robot {}: {task} {value}\n", self.kind().prefix(), self.name))
     }
 
     fn pause(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::Pause)?;
-        Ok(format!("the {}robot {} was ordered to pause after its layer\n", self.kind(), self.name))
+        Ok(format!("the {}robot {} was ordered to pause after its layer\n", self.kind().prefix(), self.name))
     }
 
     fn continue_growth(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::Continue)?;
-        Ok(format!("the {}robot {} was ordered to continue\n", self.kind(), self.name))
+        Ok(format!("the {}robot {} was ordered to continue\n", self.kind().prefix(), self.name))
     }
 
     fn attach(&self, print: ResultFormat) -> Result<(), Failure> {
@@ -322,7 +328,11 @@ impl RobotHandle for ServiceRobot {
 
     fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure> {
         let line = self.caller.lease_port(&self.name, command)?;
-        growbot_host::note!("the service released the port of {}robot {} to this command", self.kind(), self.name);
+        growbot_host::note!(
+            "the service released the port of {}robot {} to this command",
+            self.kind().prefix(),
+            self.name
+        );
         Ok(Some(PortLeaseGuard::new(line, self.caller)))
     }
 }

@@ -5,16 +5,16 @@ use growbot_core::link::message::{DriverProblem, Fault};
 use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::figures::fixed;
+use growbot_plan::robot_kind::RobotKind;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use super::growth_table::made;
-use super::port_arg::simulated_suffix;
 use super::remedies;
 
 /// Returns the status of a robot as a few lines of text. What is not known is left out.
 pub fn status_text(status: &RobotStatus) -> String {
-    let simulated = simulated_suffix(status.simulated);
+    let simulated = RobotKind::from(status.simulated).suffix();
     let age = status.status_age_s.map_or("never".to_owned(), |age_s| format!("{age_s:.0} s ago"));
     let mut text = String::new();
     if let Some(name) = &status.name {

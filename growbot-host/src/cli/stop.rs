@@ -26,5 +26,5 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.resolve_for_stop()?;
     let robot = robot_at(&port, &args.robot)?;
     robot.stop()?;
-    Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", robot.kind()))?)
+    Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", robot.kind().prefix()))?)
 }

@@ -96,22 +96,6 @@ fn parse_command(line: &str) -> Result<Option<Command>, String> {
     }
 }
 
-/// Returns instructions for a robot that is paused or parked. `None` in other states, and if the user has neither a
-/// keyboard nor a page that controls the robot.
-pub fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
-    let goes_on = match state {
-        State::Paused => "continues",
-        State::Parked => "heats up, homes and continues",
-        _ => return None,
-    };
-    match (keyboard, page) {
-        (true, true) => Some(format!("type `continue` or press Continue on the page: the robot then {goes_on}")),
-        (true, false) => Some(format!("type `continue`: the robot then {goes_on}; `stop` stops it")),
-        (false, true) => Some(format!("press Continue on the page: the robot then {goes_on}")),
-        (false, false) => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -123,13 +107,5 @@ mod tests {
         assert_eq!(parse_command("stop\n"), Ok(Some(Command::Stop)));
         assert_eq!(parse_command("\n"), Ok(None));
         assert!(parse_command("go\n").unwrap_err().contains("`continue`"));
-    }
-
-    #[test]
-    fn a_continue_hint_is_given_only_to_a_waiting_robot() {
-        assert!(waiting_hint(State::Parked, true, false).unwrap().contains("heats up"));
-        assert!(waiting_hint(State::Paused, false, true).unwrap().contains("page"));
-        assert_eq!(waiting_hint(State::Growing, true, true), None);
-        assert_eq!(waiting_hint(State::Parked, false, false), None);
     }
 }

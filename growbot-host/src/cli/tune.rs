@@ -8,6 +8,7 @@ use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
 use growbot_host::output::print;
 use growbot_plan::pose_text::parse_number;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::json_line;
 use serde_json::json;
 
@@ -56,7 +57,7 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     client.open_session_for(&robot)?;
     // From here on Ctrl-C stops the board. Nothing heats before this line.
     let orders = stop_on_interrupt(&mut client, &port);
-    let tuned = tune(&mut client, &orders, target, port.is_simulated())?;
+    let tuned = tune(&mut client, &orders, target, port.kind())?;
     let gains = &tuned.gains;
     print(&if args.json {
         json_line(&json!({
@@ -80,14 +81,14 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
 }
 
 /// Tunes on the board, unless a stop was requested before.
-fn tune(client: &mut Client, orders: &CommandQueue, target: f64, is_simulated: bool) -> Result<Tuned, Failure> {
+fn tune(client: &mut Client, orders: &CommandQueue, target: f64, robot: RobotKind) -> Result<Tuned, Failure> {
     if orders.stop_requested() {
         return Err(Failure::request_failed("tuning was stopped before anything was heated"));
     }
     let request = EnergizingRequest::Tune(Tune { target_centi_c: (target * 100.0) as i32 });
     client.energize("the request to tune", &request, &orders.permit()).map_err(lost)?;
     growbot_host::note!("tuning the heater at {target} C, which takes some minutes");
-    follow(client, orders, is_simulated)
+    follow(client, orders, robot)
 }
 
 /// Converts an error of a board that tunes. The message warns that the robot may be heating if the board does not
@@ -102,13 +103,13 @@ fn lost(error: ClientError) -> Failure {
     }
 }
 
-fn follow(client: &mut Client, orders: &CommandQueue, is_simulated: bool) -> Result<Tuned, Failure> {
+fn follow(client: &mut Client, orders: &CommandQueue, robot: RobotKind) -> Result<Tuned, Failure> {
     loop {
         if orders.stop_requested() {
-            return Err(Failure::request_failed(remedies::stop_message(client.stop()?, is_simulated)));
+            return Err(Failure::request_failed(remedies::stop_message(client.stop()?, robot)));
         }
         if let Some(drift) = client.stop_if_clock_drifts()? {
-            return Err(clock_drift_failure(&drift, is_simulated));
+            return Err(clock_drift_failure(&drift, robot));
         }
         match client.event(QUIET).map_err(lost)? {
             Some(Message::Tuned(tuned)) => return Ok(tuned),
@@ -161,7 +162,7 @@ mod tests {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
         orders.interrupt();
-        let Err(failure) = tune(&mut client, &orders, 200.0, true) else { panic!("it has tuned") };
+        let Err(failure) = tune(&mut client, &orders, 200.0, RobotKind::Simulated) else { panic!("it has tuned") };
         assert!(failure.message().contains("before anything was heated"), "{}", failure.message());
         assert_eq!(sim.borrow().state(), State::Idle);
         assert!(sim.borrow_mut().simulated_tip().nozzle_c() < 30.0);
@@ -176,7 +177,7 @@ mod tests {
         client.wait(Duration::from_secs(5)).unwrap();
         assert_eq!(sim.borrow().state(), State::Tuning);
         orders.interrupt();
-        let Err(failure) = follow(&mut client, &orders, true) else { panic!("it has tuned") };
+        let Err(failure) = follow(&mut client, &orders, RobotKind::Simulated) else { panic!("it has tuned") };
         assert_eq!(failure.message(), "stopped: heater and steppers of the simulated robot are off");
         assert_eq!(sim.borrow().state(), State::Stopped);
         assert!(!sim.borrow_mut().simulated_tip().heater_is_on());

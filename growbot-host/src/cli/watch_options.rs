@@ -6,6 +6,7 @@ use clap::Args;
 use growbot_client::growth::CommandQueue;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_pictures::view::Subject;
+use growbot_pictures::view::page::PageAccess;
 use growbot_plan::job::Job;
 use growbot_serve::watch::WatchPage;
 use growbot_sim::port::PortName;
@@ -33,15 +34,6 @@ pub struct WatchArgs {
     /// Pace on sim, in multiples of real time [default: 60 with --watch, otherwise as fast as it is computed]
     #[arg(long, value_name = "TIMES", value_parser = parse_pace)]
     pace: Option<f64>,
-}
-
-/// Kind of page that shows a growth.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum PageAccess {
-    /// Page that only shows the growth.
-    View,
-    /// Page that can also send commands.
-    Control,
 }
 
 impl WatchArgs {

@@ -17,6 +17,7 @@ use growbot_plan::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, 
 use serde_json::{Value, json};
 
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 use super::output_format::OutputFormat;
 use super::robot_arg::RobotArg;
 use super::scene_options::margin_mm;
@@ -139,7 +140,7 @@ pub fn run(args: &WorkspaceArgs) -> Result<(), Failure> {
     };
     if let Some(scene) = &args.scene {
         let room = SceneSearch { scene, margin: args.margin, effort: args.effort.unwrap_or(1) };
-        return workspace_in_scene::run(&question, &room, args.output.as_deref(), args.json);
+        return workspace_in_scene::run(&question, &room, args.output.as_deref(), ResultFormat::of(args.json));
     }
     draw(args, &question)
 }

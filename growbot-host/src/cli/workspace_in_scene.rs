@@ -17,6 +17,7 @@ use growbot_scene::scene_file;
 use serde_json::{Value, json};
 
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 
 /// The scene, and the effort of the path search for each goal.
 pub struct SceneSearch<'a> {
@@ -29,7 +30,12 @@ pub struct SceneSearch<'a> {
 }
 
 /// Plans to all goals and prints the result. Writes each goal as CSV to `output`, if a file is given.
-pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>, json: bool) -> Result<(), Failure> {
+pub fn run(
+    question: &WorkspaceQuery,
+    room: &SceneSearch,
+    output: Option<&Path>,
+    format: ResultFormat,
+) -> Result<(), Failure> {
     let mut loaded = scene_file::load(room.scene)?;
     loaded.margin = room.margin.or(loaded.margin);
     let through = SceneOptions {
@@ -60,7 +66,10 @@ pub fn run(question: &WorkspaceQuery, room: &SceneSearch, output: Option<&Path>,
         }
         growbot_host::note!("goals written to {}", path.display());
     }
-    let text = if json { json_line(&json_of(question, &through, &answer)) } else { table(question, &through, &answer) };
+    let text = match format {
+        ResultFormat::Json => json_line(&json_of(question, &through, &answer)),
+        ResultFormat::Table | ResultFormat::Nothing => table(question, &through, &answer),
+    };
     Ok(print(&text)?)
 }
 

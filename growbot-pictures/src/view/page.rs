@@ -1,9 +1,8 @@
 //! Fills the HTML page with data. The page and its script, which is bundled at development time, are in
 //! growbot-pictures/viewer/.
 
-use serde_json::{Value, json};
-
 use growbot_scene::obstacle_selection::SelectionLimits;
+use serde_json::{Value, json};
 
 use super::scene_view::SceneView;
 use super::side_by_side::{difference, together};
@@ -36,18 +35,26 @@ pub fn render(subject: &Subject) -> Result<String, ViewError> {
     Ok(filled(subject.name, data, NOWHERE))
 }
 
-/// Returns the HTML page of a running growth, which requests updates from its own origin. `control` is true if the page
-/// may send commands.
+/// Kind of page that shows a growth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum PageAccess {
+    /// Page that only shows the growth.
+    View,
+    /// Page that can also send commands.
+    Control,
+}
+
+/// Returns the HTML page of a running growth, which requests updates from its own origin.
 ///
 /// # Errors
 /// [`ViewError::TooManyLayers`].
-pub fn render_live(subject: &Subject, control: bool) -> Result<String, ViewError> {
+pub fn render_live(subject: &Subject, access: PageAccess) -> Result<String, ViewError> {
     let layers = subject.layers()?;
     let around = SceneView::of(subject, &layers, &LIMITS);
     let mut data = page_data::page_data(subject, &layers, around.as_ref());
     data["about"] = json!(format!("growth of {}", subject.plan.robot));
     data["numbers"] = json!(info_panel::of(subject, &layers, around.as_ref()));
-    data["live"] = json!({ "control": control });
+    data["live"] = json!({ "control": access == PageAccess::Control });
     Ok(filled(subject.name, data, HOME))
 }
 

@@ -18,6 +18,7 @@ use crate::growth_report::{GrowthReport, MeasuredBy, Outcome, as_built_hash};
 use crate::plan::Plan;
 use crate::plan_deviation::{BodyClearance, PlanDeviation};
 use crate::plan_file::TipPoseJson;
+use crate::robot_kind::RobotKind;
 use crate::warning::Warning;
 
 /// Result of a growth.
@@ -250,11 +251,11 @@ impl InterruptedLayerJson {
 impl GrowthResult {
     /// Creates the result of a growth in which nothing was grown, or of which nothing is known. The tip is at the
     /// start.
-    pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, simulated: bool) -> Self {
+    pub fn nothing_grown(outcome: OutcomeKind, plan: &Plan, seed: Option<u64>, kind: RobotKind) -> Self {
         let arrival = Arrival::of(&plan.start.frame(), &plan.goal, length(&plan.path));
         Self {
             outcome,
-            simulated,
+            simulated: kind.is_simulated(),
             error: None,
             fault: None,
             clock_drift: None,
@@ -285,7 +286,7 @@ impl GrowthResult {
         (robot, plan): (&Robot, &Plan),
         scene: Option<&Scene>,
         seed: Option<u64>,
-        simulated: bool,
+        kind: RobotKind,
     ) -> Self {
         let body = grown.centreline(&plan.start);
         let plan_deviation = PlanDeviation::of(plan, robot, &body);
@@ -314,7 +315,7 @@ impl GrowthResult {
             as_built_hash: Some(as_built_hash(&grown.as_built)),
             unknown_layers: grown.unknown_layers(),
             interrupted: grown.interrupted.map(|layer| InterruptedLayerJson::new(grown.as_built.len(), layer)),
-            ..Self::nothing_grown((&grown.outcome).into(), plan, seed, simulated)
+            ..Self::nothing_grown((&grown.outcome).into(), plan, seed, kind)
         }
     }
 }

@@ -28,6 +28,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::growth::CommandQueue;
 use growbot_core::layer_bytes::LayerBytes;
+use growbot_pictures::view::page::PageAccess;
 use growbot_pictures::view::{Subject, ViewError, page};
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::run_log::GrowthResult;
@@ -87,7 +88,7 @@ impl WatchPage {
         let bound = listener.local_addr().map_err(of_address)?;
         let token = random_token().map_err(WatchError::Random)?;
         let shared = Arc::new(WatchState {
-            page: page::render_live(subject, orders.is_some())?,
+            page: page::render_live(subject, if orders.is_some() { PageAccess::Control } else { PageAccess::View })?,
             token,
             live: LiveGrowth::new(job, known, orders),
         });

@@ -20,6 +20,7 @@ use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::Robot;
+use growbot_plan::robot_kind::RobotKind;
 pub use open_error::OpenError;
 use paced::PacedSim;
 use qemu::QemuError;
@@ -75,6 +76,11 @@ impl PortName {
             Self::Faulty(name, _) => name.resident(),
             Self::Sim | Self::Emulator(_) | Self::Rp2040(..) | Self::Tcp(_) | Self::Serial(_) => None,
         }
+    }
+
+    /// Returns the kind of the robot at the port.
+    pub fn kind(&self) -> RobotKind {
+        self.is_simulated().into()
     }
 
     /// Returns true if the tip at the port is simulated.

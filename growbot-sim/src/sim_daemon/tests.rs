@@ -3,7 +3,7 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthOptions, OnInterrupted, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthOptions, grow_job, resume_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -71,9 +71,7 @@ fn a_power_loss_does_not_change_the_body() {
     assert!(!place.is_on());
     let (place, thread) = on(cut.path(), 1e4);
     let mut client = client(&place);
-    let resumed =
-        resume_job(&mut client, &job, vec![], OnInterrupted::Redo, manner(), &CommandQueue::default(), &mut |_| {})
-            .unwrap();
+    let resumed = resume_job(&mut client, &job, vec![], manner(), &CommandQueue::default(), &mut |_| {}).unwrap();
     assert_eq!(resumed.outcome, Outcome::Done);
     assert_eq!(as_built_hash(&resumed.as_built), as_built_hash(&grown.as_built));
     drop(client);

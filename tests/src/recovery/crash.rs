@@ -5,7 +5,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
-use growbot_client::growth::{CommandQueue, GrowthError, OnInterrupted, grow_job, resume_job};
+use growbot_client::growth::{CommandQueue, GrowthError, grow_job, resume_job};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, ResetCause, State, Status};
@@ -135,7 +135,7 @@ fn reconnect_and_resume(
     let found = client.status().map_err(GrowthError::NotStarted)?;
     let (stop, on_event) = (CommandQueue::default(), &mut |_: &JobEvent| {});
     let grown = if found.plan_id == job.plan_id {
-        resume_job(&mut client, job, known, OnInterrupted::Redo, HostSilencePolicy::Pause, &stop, on_event)
+        resume_job(&mut client, job, known, HostSilencePolicy::Pause, &stop, on_event)
     } else {
         // The board has not begun a job, so the growth starts from the beginning.
         grow_job(&mut client, job, HostSilencePolicy::Pause, &stop, on_event)

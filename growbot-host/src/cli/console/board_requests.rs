@@ -18,7 +18,7 @@ use growbot_plan::table::{NumberFormat, Table};
 use super::commands::BoardRequest;
 use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
-use crate::cli::port_arg::{SelectedPort, simulated_prefix};
+use crate::cli::port_arg::SelectedPort;
 use crate::cli::remedies;
 
 /// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
@@ -42,14 +42,11 @@ pub fn send(
         BoardRequest::Layers(first) => layers(client, *first),
         BoardRequest::Stop => {
             let stopped = client.stop()?;
-            Ok(format!("{}\n", remedies::stop_message(stopped, port.is_simulated())))
+            Ok(format!("{}\n", remedies::stop_message(stopped, port.kind())))
         }
         BoardRequest::EmergencyStop => {
             client.emergency_stop()?;
-            Ok(format!(
-                "emergency stop: heater and steppers of the {}robot are off\n",
-                simulated_prefix(port.is_simulated())
-            ))
+            Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind().prefix()))
         }
         BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest, permit),
         BoardRequest::Clear => {

@@ -184,13 +184,13 @@ impl ConsoleSession {
             (Ok(()), Ok(_)) if failure.is_stdout_closed() && left_out.is_nothing() => return Err(failure),
             (Ok(()), Ok(status)) => format!(
                 "heater and steppers of the {}robot are off (it is in state {})",
-                self.port.kind(),
+                self.port.kind().prefix(),
                 status.state.name()
             ),
             (Ok(()), Err(error)) => format!(
                 "the state of the {}robot is unknown ({}): run `growbot status`, and if that fails cut the robot's \
                  power",
-                self.port.kind(),
+                self.port.kind().prefix(),
                 remedies::message(&error)
             ),
         };
@@ -276,8 +276,8 @@ impl ConsoleSession {
         let radius = self.robot.description().planning_radius_mm;
         let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
         let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
-        let simulated = self.port.is_simulated();
-        let request = GrowthRequest { simulated, ..GrowthRequest::new(&self.robot, &plan) };
+        let kind = self.port.kind();
+        let request = GrowthRequest { kind, ..GrowthRequest::new(&self.robot, &plan) };
         for warning in &plan.warnings {
             growbot_host::warning!("{}: {}", warning.code, warning.message);
         }
@@ -303,13 +303,13 @@ impl ConsoleSession {
         };
         let grown = request.run(&request.job(), board, &mut show);
         let (result, _) = request.end(&grown, &mut RunLog::disabled());
-        let grown = grown.map_err(|error| growth_monitor::growth_failure(error, simulated))?;
+        let grown = grown.map_err(|error| growth_monitor::growth_failure(error, kind))?;
         self.orders.clear();
         for warning in &result.warnings {
             growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
-        growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, simulated)
+        growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, kind)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
@@ -323,7 +323,7 @@ impl ConsoleSession {
             }
             self.stop_if_interrupted()?;
             if let Some(drift) = self.client.stop_if_clock_drifts()? {
-                return Err(growth_monitor::clock_drift_failure(&drift, self.port.is_simulated()));
+                return Err(growth_monitor::clock_drift_failure(&drift, self.port.kind()));
             }
             let left = Duration::from_millis((until - now).min(1000));
             match self.client.event(left)? {

@@ -115,7 +115,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         Some(file) => CommissioningReport::open(file)?,
         None => CommissioningReport::default(),
     };
-    report.begin(&robot, port.text(), port.is_simulated())?;
+    report.begin(&robot, port.text(), port.kind())?;
     let _lent = robot_at(&port, &args.robot)?.lease("growbot doctor")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
     client.open_session()?;
@@ -128,16 +128,16 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
         orders,
         answers: OperatorInput::of_standard_input(),
         recorded_answers: Vec::new(),
-        simulated: port.is_simulated(),
+        kind: port.kind(),
         port: port.text().to_owned(),
     };
-    if session.simulated {
+    if session.kind.is_simulated() {
         note!("the robot is simulated: the simulation does by itself what each step requests, whatever you answer");
     } else if !io::stdin().is_terminal() {
         note!("answers are read from standard input, one per line: yes, no, skip, quit or a number");
     }
     let manner = RunOptions { file: args.output.as_deref(), again: args.again, prints: !args.json };
-    let remark = if session.simulated { ", simulated: the results do not apply to a real robot" } else { "" };
+    let remark = if session.kind.is_simulated() { ", simulated: the results do not apply to a real robot" } else { "" };
     manner.print(&format!("{} at {}{remark}\n\n", session.robot.name(), session.port))?;
     let done = commission(&mut session, &mut report, manner);
     // In every case, heater and motors are off at the end.

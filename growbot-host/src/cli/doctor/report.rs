@@ -8,6 +8,7 @@ use std::path::Path;
 use growbot_core::robot::Robot;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::utc_text;
 use growbot_plan::sanitize::{json_line, one_line};
 use serde::{Deserialize, Serialize};
@@ -172,19 +173,18 @@ impl CommissioningReport {
     }
 
     /// Sets the robot of the report. Returns an error if the report is about another robot.
-    pub fn begin(&mut self, robot: &Robot, port: &str, simulated: bool) -> Result<(), Failure> {
+    pub fn begin(&mut self, robot: &Robot, port: &str, kind: RobotKind) -> Result<(), Failure> {
         let name = robot.name();
         let is_new = self.robot.is_empty();
-        if !is_new && (self.robot != name || self.simulated != simulated) {
-            let kind = |simulated| if simulated { "simulated " } else { "" };
+        if !is_new && (self.robot != name || self.simulated != kind.is_simulated()) {
             return Err(Failure::bad_input(format!(
                 "the report is for the {}robot {:?}, but this is the {}robot {name:?}: name another file with -o",
-                kind(self.simulated),
+                RobotKind::from(self.simulated).prefix(),
                 self.robot,
-                kind(simulated)
+                kind.prefix()
             )));
         }
-        (self.robot, self.port, self.simulated) = (name.to_owned(), port.to_owned(), simulated);
+        (self.robot, self.port, self.simulated) = (name.to_owned(), port.to_owned(), kind.is_simulated());
         self.description = format!("{:016x}", robot.hash());
         Ok(())
     }

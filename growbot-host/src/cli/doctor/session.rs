@@ -9,6 +9,7 @@ use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State,
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::one_line;
 use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
@@ -34,7 +35,7 @@ pub struct DoctorSession {
     pub orders: Arc<CommandQueue>,
     pub answers: OperatorInput,
     pub recorded_answers: Vec<RecordedAnswer>,
-    pub simulated: bool,
+    pub kind: RobotKind,
     pub port: String,
 }
 
@@ -101,7 +102,7 @@ impl DoctorSession {
     /// Stops the board and returns an error, if a stop was requested.
     fn stop_if_interrupted(&mut self) -> Result<(), Failure> {
         if self.orders.stop_requested() {
-            return Err(Failure::request_failed(remedies::stop_message(self.client.stop()?, self.simulated)));
+            return Err(Failure::request_failed(remedies::stop_message(self.client.stop()?, self.kind)));
         }
         Ok(())
     }

@@ -10,6 +10,7 @@ use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{MaintenanceTask, State};
 use growbot_core::robot::{Robot, RobotDescription};
 use growbot_plan::robot_file;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_sim::port::sim::Sim;
 use growbot_sim::tip::TipFault;
 use growbot_sim::tip::manual_action::ManualAction;
@@ -37,7 +38,7 @@ impl Bench {
         client.open_session().unwrap();
         let hands = sim.borrow().tip_handle();
         let mut report = CommissioningReport::default();
-        assert!(report.begin(&robot, "sim", true).is_ok());
+        assert!(report.begin(&robot, "sim", RobotKind::Simulated).is_ok());
         let session = DoctorSession {
             client,
             robot,
@@ -45,7 +46,7 @@ impl Bench {
             orders: Default::default(),
             answers: OperatorInput::of(answers),
             recorded_answers: Vec::new(),
-            simulated: true,
+            kind: RobotKind::Simulated,
             port: "sim".to_owned(),
         };
         Self { sim, session, report }
@@ -294,9 +295,9 @@ fn a_report_is_continued_where_it_ended() {
     let Ok(mut report) = CommissioningReport::open(&file) else { panic!("the report is not read") };
     assert_eq!(report, bench.report);
     let robot = |name: &str| robot_file::load(name.as_ref()).unwrap();
-    assert!(report.begin(&robot("growbot-b"), "sim", true).is_err());
-    assert!(report.begin(&robot("growbot-a"), "sim", false).is_err());
-    assert!(report.begin(&robot("growbot-a"), "/dev/ttyACM0", true).is_ok());
+    assert!(report.begin(&robot("growbot-b"), "sim", RobotKind::Simulated).is_err());
+    assert!(report.begin(&robot("growbot-a"), "sim", RobotKind::Real).is_err());
+    assert!(report.begin(&robot("growbot-a"), "/dev/ttyACM0", RobotKind::Simulated).is_ok());
     let mut rest = Bench::new(&GOOD[6..]);
     rest.report = report;
     assert!(rest.run().is_ok());
@@ -319,7 +320,7 @@ fn a_changed_description_repeats_the_gating_steps() {
     // The emergency stop is tried, and the steps after it are left for another time.
     let mut again = Bench::of(edited.clone(), &["", "", "quit"]);
     again.report = CommissioningReport::open(&file).unwrap_or_default();
-    assert!(again.report.begin(&edited, "sim", true).is_ok());
+    assert!(again.report.begin(&edited, "sim", RobotKind::Simulated).is_ok());
     assert!(again.run().is_err());
     let outcomes = ["emergency-stop", "head", "no-heater", "lamp", "nozzle"].map(|name| again.step(name).0);
     let (passed, not_done) = (StepOutcome::Passed, StepOutcome::NotDone);

@@ -28,6 +28,7 @@ use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::failure::Failure;
+use super::growth_monitor::ResultFormat;
 use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::plan_source::PlanSourceArgs;
@@ -138,7 +139,7 @@ fn step_mm(text: &str) -> Result<f64, String> {
 
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
-    let (opened, unclear) = args.goal.open(args.json)?;
+    let (opened, unclear) = args.goal.open(ResultFormat::of(args.json))?;
     let Opened { robot, plan, .. } = &opened;
     warn(&plan.warnings);
     let slicing = args.slicing(robot.description().layer.height_mm)?;
@@ -151,7 +152,7 @@ pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
         growbot_host::warning!("{}", remedies::message(&unclear));
     }
     let body = args.body_format()?;
-    args.samples.as_deref().map_or(Ok(()), |samples| Samples::check(samples, args.json))?;
+    args.samples.as_deref().map_or(Ok(()), |samples| Samples::check(samples, ResultFormat::of(args.json)))?;
     let seed = args.disturbance.seed;
     let (table, json) = match args.repeat {
         None => {

@@ -8,8 +8,9 @@ use growbot_plan::atomic_file::{AtomicFile, format_from_extension, refuse_inputs
 use growbot_plan::table::{NumberFormat, Table, pose_columns};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use super::super::failure::Failure;
 use super::disturbances::DisturbanceReport;
+use crate::cli::failure::Failure;
+use crate::cli::growth_monitor::ResultFormat;
 
 /// A row of the table: the seed, and the growth.
 type Row = (u64, SimulationResult);
@@ -45,13 +46,13 @@ impl Samples<'_> {
     }
 
     /// Checks the destination before anything is grown.
-    pub fn check(path: &Path, json: bool) -> Result<(), Failure> {
+    pub fn check(path: &Path, result: ResultFormat) -> Result<(), Failure> {
         if is_standard_output(path) {
-            return match json {
-                true => Err(Failure::bad_input(
+            return match result {
+                ResultFormat::Json => Err(Failure::bad_input(
                     "--samples - and --json both go to standard output: remove one of them, or name a file",
                 )),
-                false => Ok(()),
+                ResultFormat::Table | ResultFormat::Nothing => Ok(()),
             };
         }
         format_from_extension(path, &["csv"])?;

@@ -38,7 +38,7 @@ use growbot_plan::plan::{Goal, Plan, PlanOptions};
 use growbot_plan::warning::BLOCKING;
 use keys::Action;
 use model::ConsoleModel;
-use poller::BoardPoller;
+use poller::{BoardPoller, SpeedChange};
 use prompt::{Prompt, PromptAction};
 use ratatui::DefaultTerminal;
 
@@ -79,10 +79,10 @@ pub fn run(
     start: Pose,
     port: &SelectedPort,
 ) -> Result<(), Failure> {
-    let mut watch = BoardPoller::new(client, port.name().is_virtual());
+    let mut watch = BoardPoller::new(client, port);
     // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().open_session()?;
-    let place = format!("{}{}", port.text(), port.simulated_suffix());
+    let place = format!("{}{}", port.text(), port.kind().suffix());
     let mut model = ConsoleModel::new(robot, &place, start, watch.speed());
     if hello.robot_hash != model.robot.hash() {
         model.log_error(&format!(
@@ -207,14 +207,14 @@ impl TuiApp {
             None => {}
             Some(Action::Ask(what)) => self.send_and_show(&what),
             Some(Action::Prompt(begun)) => self.model.prompt = Some(Prompt::new(begun)),
-            Some(Action::Faster) => self.change_speed(true),
-            Some(Action::Slower) => self.change_speed(false),
+            Some(Action::Faster) => self.change_speed(SpeedChange::Faster),
+            Some(Action::Slower) => self.change_speed(SpeedChange::Slower),
             Some(Action::Quit) => self.quit = true,
         }
     }
 
-    fn change_speed(&mut self, faster: bool) {
-        if !self.watch.change_speed(faster) {
+    fn change_speed(&mut self, change: SpeedChange) {
+        if !self.watch.change_speed(change) {
             self.model.log(match self.watch.speed() {
                 Some(_) => "the speed is at its limit",
                 None => "the speed can be changed only on the port sim",
@@ -323,18 +323,11 @@ mod tests {
     fn console() -> TuiApp {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
-        let mut watch = BoardPoller::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), true);
+        let port = LinkArgs::default().at("sim".to_owned()).ok().unwrap();
+        let mut watch = BoardPoller::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), &port);
         watch.client().open_session().unwrap();
         let model = ConsoleModel::new(robot, "sim", start, watch.speed());
-        TuiApp {
-            watch,
-            model,
-            port: LinkArgs::default().at("sim".to_owned()).ok().unwrap(),
-            presets: MaterialPresets::default(),
-            start,
-            history: Vec::new(),
-            quit: false,
-        }
+        TuiApp { watch, model, port, presets: MaterialPresets::default(), start, history: Vec::new(), quit: false }
     }
 
     impl TuiApp {

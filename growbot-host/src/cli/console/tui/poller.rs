@@ -3,9 +3,11 @@
 use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
+use growbot_plan::robot_kind::RobotKind;
 
 use super::model::ConsoleModel;
 use crate::cli::growth_monitor::clock_drift_failure;
+use crate::cli::port_arg::SelectedPort;
 use crate::cli::remedies;
 
 /// Interval of status requests to a real board.
@@ -25,9 +27,19 @@ const COMPUTE: Duration = Duration::from_millis(200);
 /// Possible speeds of `sim`, in multiples of real time. The fifth is the initial one.
 const SPEEDS: [u32; 9] = [1, 3, 10, 30, 60, 200, 600, 2_000, 6_000];
 
+/// Change of the speed of `sim`.
+#[derive(Debug, Clone, Copy)]
+pub enum SpeedChange {
+    /// To the next faster speed.
+    Faster,
+    /// To the next slower speed.
+    Slower,
+}
+
 /// Follows a board for the screen: requests its status and its sensors, and receives its events.
 pub struct BoardPoller {
     client: Client,
+    kind: RobotKind,
     /// Index of the speed of the virtual clock in [`SPEEDS`]. `None` for a board that runs by its own clock.
     pace: Option<usize>,
     /// The board's clock at the latest status request, ms.
@@ -37,10 +49,17 @@ pub struct BoardPoller {
 }
 
 impl BoardPoller {
-    /// Creates a poller of a board. If `virtual_clock` is true, the board's time passes only in
+    /// Creates a poller of the board at this port. The time of a board with a virtual clock passes only in
     /// [`BoardPoller::follow`].
-    pub fn new(client: Client, virtual_clock: bool) -> Self {
-        Self { client, pace: virtual_clock.then_some(4), latest_ms: 0, last_request: None, sensed: None }
+    pub fn new(client: Client, port: &SelectedPort) -> Self {
+        Self {
+            client,
+            kind: port.kind(),
+            pace: port.name().is_virtual().then_some(4),
+            latest_ms: 0,
+            last_request: None,
+            sensed: None,
+        }
     }
 
     /// Returns the client of the board.
@@ -59,9 +78,12 @@ impl BoardPoller {
     }
 
     /// Selects the next faster or slower speed of `sim`. Returns false if the speed stays as it is.
-    pub fn change_speed(&mut self, faster: bool) -> bool {
+    pub fn change_speed(&mut self, change: SpeedChange) -> bool {
         let Some(speed) = &mut self.pace else { return false };
-        let next = if faster { speed.saturating_add(1) } else { speed.wrapping_sub(1) };
+        let next = match change {
+            SpeedChange::Faster => speed.saturating_add(1),
+            SpeedChange::Slower => speed.wrapping_sub(1),
+        };
         let there = next < SPEEDS.len();
         if there {
             *speed = next;
@@ -135,7 +157,7 @@ impl BoardPoller {
         self.latest_ms = status.uptime_ms;
         model.apply_status(status);
         if let Some(drift) = self.client.stop_if_clock_drifts()? {
-            model.log_error(clock_drift_failure(&drift, self.pace.is_some()).message());
+            model.log_error(clock_drift_failure(&drift, self.kind).message());
         }
         Ok(self.latest_ms)
     }
