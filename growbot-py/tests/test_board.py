@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import signal
@@ -13,9 +14,36 @@ from pathlib import Path
 import pytest
 
 import growbot
-from conftest import START
+from conftest import START, run
 
 PLAN = growbot.plan(START, (5, 0, 60, 0, 85))
+
+
+def comparable(log: Path) -> list[dict[str, object]]:
+    """Returns the lines of a run log without what may differ: times, port, command line and the statuses, whose number
+    depends on how often the program asks."""
+    lines = [json.loads(line) for line in log.read_text().splitlines()]
+    dropped = ("utc", "started_utc", "command_line", "port")
+    return [{key: line[key] for key in line if key not in dropped} for line in lines if line["event"] != "status"]
+
+
+@pytest.mark.parametrize(
+    ("options", "conditions"),
+    [
+        ((), None),
+        (("--feedback",), growbot.Conditions(feedback=True)),
+        (("--noise", "5", "--seed", "3"), growbot.Conditions(noise_percent=5)),
+    ],
+)
+def test_a_growth_leaves_the_log_of_the_command(
+    command: Path, tmp_path: Path, options: tuple[str, ...], conditions: growbot.Conditions | None
+) -> None:
+    file, ours, theirs = tmp_path / "plan.json", tmp_path / "python.jsonl", tmp_path / "command.jsonl"
+    PLAN.save(file)
+    run(command, "grow", str(file), "--port", "sim", "--log", str(theirs), *options)
+    with growbot.connect("sim") as board:
+        board.grow(growbot.Plan.load(file), conditions=conditions, seed=3, log=ours).wait()
+    assert comparable(ours) == comparable(theirs)
 
 
 def test_a_growth_is_its_events(tmp_path: Path) -> None:
@@ -89,7 +117,8 @@ def test_orders_and_leaving_stop_it() -> None:
 def test_what_cannot_be_grown_is_refused() -> None:
     with growbot.connect("sim") as board:
         for call, words in [
-            (lambda: board.grow(growbot.plan(START, (20, 10, 60, 0, 80))), "self-collision.*force=True"),
+            (lambda: board.grow(growbot.plan(START, (20, 10, 60, 0, 80))), "because of self-collision.*force"),
+            (lambda: board.grow(growbot.plan(START, (0, 0, 4000, 0, 90))), "because of filament-short.*force"),
             (lambda: board.grow(PLAN, conditions=growbot.Conditions(sag=True)), "without a board"),
             (lambda: board.grow(PLAN, log="/nowhere/run.jsonl").wait(), "/nowhere/run.jsonl"),
         ]:

@@ -164,6 +164,9 @@ struct JobRunner<'a> {
     permit: Permit,
     /// True once the board has accepted a `Start` request, or its status shows an earlier start.
     is_started: bool,
+    /// State of the board that was known or recorded last. The first report of a board repeats the state in which a
+    /// session was opened, unless an earlier session has received that report.
+    state: State,
     sent: UploadState,
     built: LaidProgress,
     board: BoardClock,
@@ -259,6 +262,7 @@ impl<'a> JobRunner<'a> {
             parked: manner.parked,
             permit: orders.permit(),
             is_started: false,
+            state: hello.status.state,
             sent: UploadState::new(job, hello.layer_capacity),
             built: LaidProgress::default(),
             board: BoardClock { boot_id: hello.boot_id, began_ms: None, ended_ms: 0 },

@@ -217,7 +217,9 @@ impl JobRunner<'_> {
                     questions.ask = questions.after_end > 0 && self.built.is_reported();
                 }
                 Some(Message::StateChanged(change)) => {
-                    on_event(&JobEvent::State(change.state));
+                    if std::mem::replace(&mut self.state, change.state) != change.state {
+                        on_event(&JobEvent::State(change.state));
+                    }
                     // The event may belong to the previous job. Only the status shows the state of this one.
                     questions.ask = true;
                 }

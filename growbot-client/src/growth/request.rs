@@ -21,6 +21,9 @@ use super::{CommandQueue, GrowthError, GrowthOptions, OnInterrupted, OnParked, g
 use crate::client::Client;
 use crate::ground_truth::{GroundTruth, grow_with_ground_truth};
 
+/// Seed of the random errors of a simulated robot, unless the user gives another one.
+pub const DEFAULT_SEED: u64 = 1;
+
 /// A check of a growth that the user ignores.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Override {
@@ -164,7 +167,7 @@ impl<'a> GrowthRequest<'a> {
             scene_error: None,
             overrides: &[],
             feedback: None,
-            imperfection: ErrorModel::default(),
+            imperfection: ErrorModel { seed: DEFAULT_SEED, ..ErrorModel::default() },
             kind: RobotKind::Real,
         }
     }

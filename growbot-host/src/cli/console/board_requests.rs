@@ -1,6 +1,7 @@
 //! Requests that a board answers at once, with the response as a few lines of text.
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::growth::GrowthRefusal;
 use growbot_client::maintenance::{MaterialPresets, task_message};
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
@@ -132,4 +133,9 @@ fn layers(client: &mut Client, first: Option<u32>) -> Result<String, Failure> {
 
 fn unexpected(request: &'static str, answer: &Message) -> Failure {
     Failure::request_failed(ClientError::Unexpected { request, kind: answer.kind() })
+}
+
+/// Returns the text of a growth that the console refuses, with the remedy.
+pub fn refusal_text(refusal: &GrowthRefusal) -> String {
+    format!("{refusal}: choose another pose, or grow it with `growbot grow --force`")
 }

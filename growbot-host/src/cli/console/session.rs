@@ -27,7 +27,7 @@ use rustyline::history::FileHistory;
 use rustyline::validate::Validator;
 use rustyline::{CompletionType, Config, Context, Editor, Helper};
 
-use super::board_requests::send;
+use super::board_requests::{refusal_text, send};
 use super::commands::{BoardRequest, ConsoleCommand, complete, help, hint, parse};
 use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
@@ -279,11 +279,9 @@ impl ConsoleSession {
         let kind = self.port.kind();
         let request = GrowthRequest { kind, ..GrowthRequest::new(&self.robot, &plan) };
         for warning in &plan.warnings {
-            growbot_host::warning!("{}: {}", warning.code, warning.message);
+            growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
-        request.check().map_err(|refusal| {
-            Failure::request_failed(format!("{refusal}: choose another pose, or grow it with `growbot grow --force`"))
-        })?;
+        request.check().map_err(|refusal| Failure::request_failed(refusal_text(&refusal)))?;
         let mut emergency = false;
         let mut show = |event: &JobEvent| {
             if let JobEvent::Status(status) = event {

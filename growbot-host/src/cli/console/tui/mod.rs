@@ -27,6 +27,7 @@ use std::time::{Duration, Instant};
 use body::TrackedBody;
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
+use growbot_client::growth::GrowthRequest;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::stop_signal::Permit;
 use growbot_core::job::job_layers;
@@ -35,14 +36,13 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
-use growbot_plan::warning::BLOCKING;
 use keys::Action;
 use model::ConsoleModel;
 use poller::{BoardPoller, SpeedChange};
 use prompt::{Prompt, PromptAction};
 use ratatui::DefaultTerminal;
 
-use super::board_requests::send;
+use super::board_requests::{refusal_text, send};
 use super::commands::{BoardRequest, ConsoleCommand, help, parse};
 use super::script::{is_active, still_active_text};
 use crate::cli::failure::Failure;
@@ -281,13 +281,13 @@ impl TuiApp {
         let layers = job_layers(&plan.path, robot);
         let body =
             TrackedBody::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
+        let request = GrowthRequest { kind: self.port.kind(), ..GrowthRequest::new(robot, &plan) };
+        let refused = request.check().err().map(|refusal| refusal_text(&refusal));
         for warning in &plan.warnings {
             self.model.log_error(&format!("{}: {}", warning.code, remedies::warning_message(warning)));
         }
-        if plan.warnings.iter().any(|warning| BLOCKING.contains(&warning.code.as_str())) {
-            self.model.log_error(
-                "the body was not planned: choose another pose, or grow the body with `growbot grow --force`",
-            );
+        if let Some(text) = refused {
+            self.model.log_error(&text);
             return false;
         }
         let request = BoardRequest::Plan(plan.goal);
@@ -390,7 +390,9 @@ mod tests {
         console.press("g");
         assert!(console.says("stores no plan"));
         console.press(":plan 20,0,0,0,90\n");
-        assert!(console.says("self-collision") && console.says("not planned"), "{:?}", console.model.log);
+        assert!(console.says("not grown because of self-collision"), "{:?}", console.model.log);
+        console.press(":plan 0,0,4000,0,90\n");
+        assert!(console.says("not grown because of filament-short"), "{:?}", console.model.log);
         console.press(":status\n");
         assert!(console.model.popup.as_ref().is_some_and(|sheet| sheet.contains("growbot-a")));
         console.press("-");
