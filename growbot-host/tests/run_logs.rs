@@ -9,7 +9,7 @@ use crate::lab::{GOAL, Lab};
 use crate::running::growbot;
 
 /// Returns the lines of a run log without what may differ: times, port, command line and the statuses, whose number
-/// depends on how often the program asks.
+/// depends on how often the program requests it.
 fn comparable(path: &str) -> Vec<Value> {
     let text = fs::read_to_string(path).unwrap();
     let lines = text.lines().map(|line| serde_json::from_str::<Value>(line).unwrap());
