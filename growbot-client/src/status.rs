@@ -129,7 +129,7 @@ impl RobotStatus {
         self.set_status(&board.status);
     }
 
-    /// Sets what the board's status says.
+    /// Sets the fields of the board's status.
     pub fn set_status(&mut self, status: &Status) {
         let pause = matches!(status.state, State::Paused | State::Parked).then_some(status.pause_cause);
         self.state = Some(status.state.name().to_owned());

@@ -24,7 +24,7 @@ pub struct BoardReport {
 }
 
 impl BoardReport {
-    /// Creates the report of a robot whose board cannot be asked by this program.
+    /// Creates the report of a robot of whose board this program has only the status.
     pub fn of_status(status: RobotStatus) -> Self {
         Self { status, crash: None, image: None }
     }

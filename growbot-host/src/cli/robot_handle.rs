@@ -47,7 +47,7 @@ pub trait RobotHandle {
     /// Resumes an unfinished body, shows it, and prints its result.
     fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure>;
 
-    /// Lends the port to a command that communicates with the board itself. The lease ends when the guard is dropped.
+    /// Leases the port for a command that communicates with the board itself. The lease ends when the guard is dropped.
     /// `None` if no other program owns the port.
     fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure>;
 }
