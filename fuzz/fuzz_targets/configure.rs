@@ -13,9 +13,9 @@ use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
-use growbot_plan::robot_file;
 use growbot_core::link::message::{Configure, MAX_DESCRIPTION_PART, PassiveRequest, Refusal};
 use growbot_core::robot::{MAX_VERSIONED_LEN, Robot};
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use libfuzzer_sys::fuzz_target;
 

@@ -10,10 +10,10 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use growbot_client::port::Port;
-use growbot_plan::robot_file;
 use growbot_core::link::frame::{self, FrameHeader, MAX_BODY_LEN};
 use growbot_core::link::message::{Hello, HostName, Message, SCHEMA_HASH, State};
 use growbot_core::robot::Robot;
+use growbot_plan::robot_file;
 use growbot_sim::port::sim::Sim;
 use libfuzzer_sys::fuzz_target;
 
