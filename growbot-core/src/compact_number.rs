@@ -5,7 +5,7 @@ use core::fmt;
 /// A number that is displayed in a short form: decimal, or with an exponent if the decimal form would need more than a
 /// dozen zeros.
 /// ```
-/// use crate::compact_number::CompactNumber;
+/// use growbot_core::compact_number::CompactNumber;
 /// assert_eq!(format!("{} {}", CompactNumber(&0.774), CompactNumber(&1e7)), "0.774 10000000");
 /// assert_eq!(CompactNumber(&-1e308).to_string(), "-1e308");
 /// ```

@@ -10,7 +10,7 @@
 /// - `inner_length`, `L`: distance from the deposition plane to the back end of the parts inside the tube, mm.
 ///
 /// ```
-/// let r_min = crate::curvature::min_radius_by_packaging(22.0, 12.0, 48.0);
+/// let r_min = growbot_core::curvature::min_radius_by_packaging(22.0, 12.0, 48.0);
 /// assert!((r_min - 98.2).abs() < 1e-12);
 /// ```
 pub fn min_radius_by_packaging(tip_radius: f64, inner_radius: f64, inner_length: f64) -> f64 {

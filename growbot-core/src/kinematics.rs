@@ -19,7 +19,7 @@ use crate::trigonometry;
 /// The result is continuous in `bend` through 0, where it is a pure translation along z.
 ///
 /// ```
-/// use crate::kinematics::step;
+/// use growbot_core::kinematics::step;
 /// // A quarter circle of radius 100 mm with the material at alpha = 0 bends towards -x.
 /// let quarter = std::f64::consts::FRAC_PI_2;
 /// let tip_from_end = step(0.0, quarter, 100.0 * quarter);

@@ -39,11 +39,11 @@
 //! | [`random`] | random numbers that are the same on every machine |
 //!
 //! ```
-//! use crate::layer::grow;
-//! use crate::plan::{Planner, goal_error, plan};
-//! use crate::pose::Pose;
-//! use crate::robot::Robot;
-//! use crate::slicing::{Slicing, layers};
+//! use growbot_core::layer::grow;
+//! use growbot_core::plan::{Planner, goal_error, plan};
+//! use growbot_core::pose::Pose;
+//! use growbot_core::robot::Robot;
+//! use growbot_core::slicing::{Slicing, layers};
 //!
 //! # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
 //! // `file` is the text of robots/growbot-a.toml.

@@ -110,7 +110,7 @@ impl Pose {
     /// Creates a pose from x, y and z in mm, and heading and pitch in degrees.
     ///
     /// ```
-    /// use crate::pose::Pose;
+    /// use growbot_core::pose::Pose;
     /// let up = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
     /// assert!((up.direction() - nalgebra::Vector3::z()).norm() < 1e-15);
     /// assert!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 91.0]).is_err());

@@ -38,7 +38,7 @@ const MAX_POSITION_ERROR: f64 = 1e-12;
 /// Returns all paths of an arc and a line, or of two arcs, from the origin and the x direction to a position (radii) in
 /// the plane, shortest first. There is always one.
 /// ```
-/// use crate::to_position::planar;
+/// use growbot_core::to_position::planar;
 /// assert_eq!(planar(10.0, 0.0)[0].length(), 10.0);
 /// // Inside the circle to the left: first right, then left.
 /// let [near, ..] = &planar(0.0, 0.5)[..] else { panic!() };

@@ -11,7 +11,7 @@ use growbot_core::angle::{degrees, radians, wrap_signed};
 ///
 /// ```
 /// use growbot_core::angle::{degrees, radians};
-/// use crate::degrees::shortest_degrees;
+/// use growbot_plan::degrees::shortest_degrees;
 /// assert_eq!(degrees(radians(30.0)), 29.999999999999996);
 /// assert_eq!(shortest_degrees(radians(30.0)), 30.0);
 /// ```

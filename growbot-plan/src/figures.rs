@@ -5,7 +5,7 @@ use growbot_core::pose::Pose;
 /// Formats a number with `decimals` decimals. A number that is rounded to 0 has no sign.
 ///
 /// ```
-/// use crate::figures::fixed;
+/// use growbot_plan::figures::fixed;
 /// assert_eq!(fixed(-12.3456, 2), "-12.35");
 /// assert_eq!(fixed(-6e-14, 3), "0.000");
 /// ```
@@ -20,7 +20,7 @@ pub fn fixed(number: f64, decimals: usize) -> String {
 /// Formats a number as the shortest text that is read back as the same number. 0 has no sign.
 ///
 /// ```
-/// use crate::figures::shortest;
+/// use growbot_plan::figures::shortest;
 /// assert_eq!(shortest(-0.0), "0");
 /// assert_eq!(shortest(0.1 + 0.2), "0.30000000000000004");
 /// assert_eq!(shortest(6e-14), "6e-14");

@@ -69,7 +69,7 @@ pub struct Quantity {
 /// Parses a length in mm, or with its unit, `mm` or `m`.
 ///
 /// ```
-/// use crate::pose_text::parse_length;
+/// use growbot_plan::pose_text::parse_length;
 /// assert_eq!(parse_length("600").unwrap().value, 600.0);
 /// assert_eq!(parse_length("0.6m").unwrap().value, 600.0);
 /// assert!(parse_length("6deg").is_err());
@@ -90,7 +90,7 @@ pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
 /// Parses an angle in degrees, or with its unit, `deg` or `rad`.
 ///
 /// ```
-/// use crate::pose_text::parse_angle;
+/// use growbot_plan::pose_text::parse_angle;
 /// assert_eq!(parse_angle("-90deg").unwrap().value, -90.0);
 /// assert!((parse_angle("1.57rad").unwrap().value - 89.95437383553924).abs() < 1e-12);
 /// ```
@@ -183,7 +183,7 @@ fn quantity(field: &'static str, text: &str) -> Result<Quantity, PoseTextError> 
 /// Parses a pose `X,Y,Z,HEADING,PITCH`.
 ///
 /// ```
-/// use crate::pose_text::parse_pose;
+/// use growbot_plan::pose_text::parse_pose;
 /// let pose = parse_pose("-120, 0, 350.5, -90, 45").unwrap();
 /// assert_eq!(pose.position().x, -120.0);
 /// assert!(parse_pose("1,2,3").is_err());

@@ -120,7 +120,7 @@ pub fn is_built_in(name: &str) -> bool {
 /// Loads a built-in robot by its name, or else a robot from a TOML file (`-` for standard input).
 ///
 /// ```
-/// use crate::robot_file;
+/// use growbot_plan::robot_file;
 /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
 /// assert!((robot.min_radius() - 98.2).abs() < 1e-9);
 /// ```

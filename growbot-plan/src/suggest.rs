@@ -5,7 +5,7 @@
 /// text. `None` if no name fits.
 ///
 /// ```
-/// use crate::suggest::suggest;
+/// use growbot_plan::suggest::suggest;
 /// assert_eq!(suggest("growbot-a", ["growbot-b", "growbot-a1", "growbot-a"]), Some("growbot-a"));
 /// assert_eq!(suggest("heigth_mm", ["width_mm", "height_mm"]), Some("height_mm"));
 /// assert_eq!(suggest("a8", ["growbot-a", "growbot-a8"]), Some("growbot-a8"));

@@ -97,7 +97,7 @@ fn suggestion(name: &str) -> String {
 /// Reads the poses and positions in a CSV text. A line without heading and pitch is a position.
 ///
 /// ```
-/// use crate::via_csv::read;
+/// use growbot_plan::via_csv::read;
 /// assert_eq!(read("x,y,z\n0,0,300\n200,0,400\n").unwrap().len(), 2);
 /// let error = read("x,y,z\n0,0,3oo\n").unwrap_err();
 /// assert_eq!(error.to_string(), "line 2: z is \"3oo\", which is not a number: write a number like -120 or 0.5");

@@ -28,21 +28,25 @@ def comparable(log: Path) -> list[dict[str, object]]:
 
 
 @pytest.mark.parametrize(
-    ("options", "conditions"),
+    ("options", "conditions", "seed"),
     [
-        ((), None),
-        (("--feedback",), growbot.Conditions(feedback=True)),
-        (("--noise", "5", "--seed", "3"), growbot.Conditions(noise_percent=5)),
+        ((), None, None),
+        (("--feedback",), growbot.Conditions(feedback=True), None),
+        (("--noise", "5", "--seed", "3"), growbot.Conditions(noise_percent=5), 3),
     ],
 )
 def test_a_growth_leaves_the_log_of_the_command(
-    command: Path, tmp_path: Path, options: tuple[str, ...], conditions: growbot.Conditions | None
+    command: Path,
+    tmp_path: Path,
+    options: tuple[str, ...],
+    conditions: growbot.Conditions | None,
+    seed: int | None,
 ) -> None:
     file, ours, theirs = tmp_path / "plan.json", tmp_path / "python.jsonl", tmp_path / "command.jsonl"
     PLAN.save(file)
     run(command, "grow", str(file), "--port", "sim", "--log", str(theirs), *options)
     with growbot.connect("sim") as board:
-        board.grow(growbot.Plan.load(file), conditions=conditions, seed=3, log=ours).wait()
+        board.grow(growbot.Plan.load(file), conditions=conditions, seed=seed, log=ours).wait()
     assert comparable(ours) == comparable(theirs)
 
 

@@ -13,11 +13,11 @@
 //! Lengths are in mm, angles in radians. All results are the same on every machine.
 //!
 //! ```
-//! use crate::clearance::RequiredClearance;
-//! use crate::centreline::TipPose;
-//! use crate::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
-//! use crate::scene::Scene;
-//! use crate::shapes::Shape;
+//! use growbot_scene::clearance::RequiredClearance;
+//! use growbot_scene::centreline::TipPose;
+//! use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
+//! use growbot_scene::scene::Scene;
+//! use growbot_scene::shapes::Shape;
 //! use nalgebra::Vector3;
 //!
 //! // A ball of 100 mm in the middle of the way.

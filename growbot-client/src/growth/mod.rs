@@ -103,7 +103,7 @@ pub struct GrowthOptions<'a> {
 /// Reaction of a growth when its board switches the heater off after a long pause (parks).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum OnParked {
-    /// The growth ends with [`Outcome::Parked`], and can be resumed.
+    /// The growth ends with [`Outcome::Parked`](growbot_plan::growth_report::Outcome::Parked), and can be resumed.
     #[default]
     End,
     /// The growth waits for a user's command to continue.

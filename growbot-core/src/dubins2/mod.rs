@@ -35,7 +35,7 @@ const TIE: f64 = 1e-12;
 /// Returns the shortest planar path from the start to a goal.
 ///
 /// ```
-/// use crate::dubins2::{PlanarPose, PathType, shortest};
+/// use growbot_core::dubins2::{PlanarPose, PathType, shortest};
 /// let path = shortest(&PlanarPose { x: 10.0, y: 0.0, heading: 0.0 });
 /// assert_eq!(path.length(), 10.0);
 /// let behind = shortest(&PlanarPose { x: -1.0, y: 0.0, heading: 0.0 });

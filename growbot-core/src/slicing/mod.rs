@@ -115,7 +115,7 @@ impl Slices<'_> {
 /// ```
 /// use growbot_core::{layer, path::Segment, slicing::{Slicing, layers}};
 /// # let file = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../robots/growbot-a.toml"));
-/// # let robot = crate::robot::Robot::new(toml::from_str(file).unwrap()).unwrap();
+/// # let robot = growbot_core::robot::Robot::new(toml::from_str(file).unwrap()).unwrap();
 /// let path = [Segment::Arc { alpha: 1.0, bend: 0.5, length: 50.0 }];
 /// assert_eq!(layers(&path, &robot, Slicing::Exact).count(), 65);
 /// let heights: f64 = layers(&path, &robot, Slicing::Exact).map(|sliced| sliced.layer.height).sum();

@@ -7,7 +7,7 @@ use super::{ENCODER_STUCK_HIGH, ENCODER_STUCK_LOW, INDEX_FAULT_STUCK_HIGH, INDEX
 /// are the `INDEX_*` words of the shared memory.
 ///
 /// ```
-/// use crate::emulated_tip::{INDEX_FAULT_NONE, index_level};
+/// use growbot_firmware::emulated_tip::{INDEX_FAULT_NONE, index_level};
 ///
 /// // A mark 5 steps wide that begins at step 100 of a turn of 3200.
 /// assert!(index_level(99, 3200, 100, 5, INDEX_FAULT_NONE));
@@ -42,7 +42,7 @@ pub struct EncoderMapping {
 /// are the `ENCODER_*` words of the shared memory.
 ///
 /// ```
-/// use crate::emulated_tip::{ENCODER_OK, EncoderMapping, encoder_level};
+/// use growbot_firmware::emulated_tip::{ENCODER_OK, EncoderMapping, encoder_level};
 /// // An edge every 112.5 steps.
 /// let (pitch, mapping) = (225 * 128, EncoderMapping::default());
 /// let level = |steps| encoder_level(steps, pitch, ENCODER_OK, mapping);

@@ -111,7 +111,7 @@ impl FromStr for FaultSpec {
     type Err = FaultSpecError;
 
     /// ```
-    /// use crate::port::faulty::FaultSpec;
+    /// use growbot_client::port::faulty::FaultSpec;
     /// let spec: FaultSpec = "drop=1%, flip=1e-4, stall=2s@0.1%, seed=7".parse().unwrap();
     /// assert_eq!((spec.drop, spec.flip, spec.stall, spec.seed), (0.01, 1e-4, 0.001, 7));
     /// assert!("drop=200%".parse::<FaultSpec>().is_err());
