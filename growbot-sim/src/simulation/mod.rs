@@ -99,7 +99,7 @@ impl<'a> Simulation<'a> {
     ///
     /// ```
     /// use growbot_core::{plan::Planner, slicing::Slicing};
-    /// use growbot_client::{plan::Plan, pose_text::parse_pose, robot_file};
+    /// use growbot_plan::{plan::Plan, pose_text::parse_pose, robot_file};
     /// use growbot_sim::simulation::Simulation;
     /// let robot = robot_file::load("growbot-a".as_ref()).unwrap();
     /// let (start, goal) = (parse_pose("0,0,0,0,90").unwrap(), parse_pose("200,100,600,0,45").unwrap());
