@@ -5,8 +5,8 @@
 //!
 //! - [`port`]: the serial or TCP connection to a board; [`client`]: requests to the board and their responses;
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
-//! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has really
-//!   laid;
+//! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
+//!   really laid;
 //! - [`status`]: the status of a robot, for every program; [`maintenance`]: presets of materials, and maintenance
 //!   commands.
 //!

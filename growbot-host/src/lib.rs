@@ -1,8 +1,8 @@
 //! The library of the `growbot` command.
 //!
-//! Plans and run logs are in growbot-plan, boards and growths in growbot-client, simulated robots in growbot-sim, pages,
-//! pictures and exports in growbot-pictures, the service in growbot-serve, the paper's experiments in growbot-paper. This
-//! library contains:
+//! Plans and run logs are in growbot-plan, boards and growths in growbot-client, simulated robots in growbot-sim,
+//! pages, pictures and exports in growbot-pictures, the service in growbot-serve, the paper's experiments in
+//! growbot-paper. This library contains:
 //!
 //! - [`settings`]: settings for all commands, such as the default robot and port
 //! - [`annotated_robot`]: explanation of a robot

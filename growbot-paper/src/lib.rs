@@ -16,8 +16,8 @@
 //! Each random number comes from a stream that is named by the seed and by its purpose. So the same seed gives the same
 //! bytes on any number of threads.
 //!
-//! This crate knows no ports, no boards and no command line: it plans, slices and grows with growbot-core and draws with
-//! growbot-pictures.
+//! This crate knows no ports, no boards and no command line: it plans, slices and grows with growbot-core and draws
+//! with growbot-pictures.
 #![forbid(unsafe_code)]
 
 mod compared_values;

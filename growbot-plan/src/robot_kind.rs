@@ -15,7 +15,8 @@ impl RobotKind {
         self == Self::Simulated
     }
 
-    /// Returns the word that precedes "robot" or "board" in messages about a simulated robot. It is empty for a real one.
+    /// Returns the word that precedes "robot" or "board" in messages about a simulated robot. It is empty for a real
+    /// one.
     pub fn prefix(self) -> &'static str {
         if self.is_simulated() { "simulated " } else { "" }
     }

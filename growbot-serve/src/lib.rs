@@ -1,5 +1,5 @@
-//! The service: one process that owns robots and handles the requests of programs and pages. This crate knows no command
-//! line: the program that runs the service gives it the settings.
+//! The service: one process that owns robots and handles the requests of programs and pages. This crate knows no
+//! command line: the program that runs the service gives it the settings.
 //!
 //! - [`Service`] holds the robots. `service_context` is the state that their threads share: the jobs, the notices and a
 //!   counter of changes.

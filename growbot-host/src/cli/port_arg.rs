@@ -88,8 +88,8 @@ impl RequiredPortArg {
         self.resolve_from_files(InvalidFiles::Refuse)
     }
 
-    /// Like [`RequiredPortArg::resolve`], but invalid settings files only cause warnings, because they must not prevent a
-    /// stop.
+    /// Like [`RequiredPortArg::resolve`], but invalid settings files only cause warnings, because they must not prevent
+    /// a stop.
     pub fn resolve_for_stop(&self) -> Result<SelectedPort, Failure> {
         settings::skip_invalid(|invalid| self.resolve_from_files(invalid))
     }
