@@ -15,11 +15,11 @@ use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 
 use super::board_report::BoardReport;
-use super::console::maintain;
 use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
+use super::maintenance_task::maintain;
 use super::opened::Opened;
 use super::port_arg::{Connection, SelectedPort};
 use super::port_lease::PortLeaseGuard;
@@ -216,8 +216,8 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     let status = &board.status;
     if status.plan_id != plan_id || status.plan_id == 0 {
         let nothing = GrowthError::nothing_to_resume(plan_id, status);
-        let anew = if port.is_in_process() { "; this robot is simulated and restarts with each command" } else { "" };
-        return Err(Failure::request_failed(format_args!("{nothing}{anew}")));
+        let remark = if port.is_in_process() { "; this robot is simulated and restarts with each command" } else { "" };
+        return Err(Failure::request_failed(format_args!("{nothing}{remark}")));
     }
     growbot_host::note!(
         "plan {plan_id:016x}: {} of {} layers laid; the {}board is {}, started by {}",

@@ -25,6 +25,7 @@ mod interrupt;
 mod layers;
 mod local_robot;
 mod maintain;
+mod maintenance_task;
 mod man;
 mod new_robot;
 mod opened;

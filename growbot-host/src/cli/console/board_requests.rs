@@ -2,13 +2,13 @@
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::GrowthRefusal;
-use growbot_client::maintenance::{MaterialPresets, task_message};
+use growbot_client::maintenance::MaterialPresets;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{
-    Accepted, Empty, EnergizingRequest, HostSilencePolicy, Message, PassiveRequest, PlanRequest, ReadLayers, Refusal,
-    Resume, Start, State, StoredLayers,
+    Accepted, Empty, EnergizingRequest, HostSilencePolicy, Message, PassiveRequest, PlanRequest, ReadLayers, Resume,
+    Start, State, StoredLayers,
 };
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
@@ -19,6 +19,7 @@ use growbot_plan::table::{NumberFormat, Table};
 use super::commands::BoardRequest;
 use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
+use crate::cli::maintenance_task::maintain;
 use crate::cli::port_arg::SelectedPort;
 use crate::cli::remedies;
 
@@ -71,28 +72,6 @@ fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result
         }
         other => Err(unexpected(what, &other)),
     }
-}
-
-/// Sends the task of a maintenance command to the board, and returns a description of the task.
-pub fn maintain(
-    client: &mut Client,
-    robot: &Robot,
-    presets: &MaterialPresets,
-    word: &str,
-    rest: &str,
-    permit: &Permit,
-) -> Result<String, Failure> {
-    let Some(task) = presets.task(word, rest, robot) else {
-        return Err(Failure::request_failed(format!("unknown maintenance command {word:?}")));
-    };
-    let task = task.map_err(|error| Failure::during_request(&error))?;
-    client.maintain(task, permit).map_err(|error| match error {
-        ClientError::Refused { refusal: Refusal::WrongState { state: State::Idle }, .. } => Failure::request_failed(
-            format!("{error}: motors turn only while the nozzle is hot; preheat the nozzle first"),
-        ),
-        error => error.into(),
-    })?;
-    Ok(format!("{}\n", task_message(task)))
 }
 
 fn start_stored(client: &mut Client, permit: &Permit) -> Result<String, Failure> {

@@ -2,7 +2,6 @@
 //! (`--tui`).
 
 mod board_requests;
-pub use self::board_requests::maintain;
 mod commands;
 mod history;
 mod script;
