@@ -26,8 +26,7 @@ fn comparable(path: &str) -> Vec<Value> {
 
 #[test]
 fn a_growth_of_the_service_leaves_the_log_of_the_command() {
-    // With feedback, the service assumes the sensors of a real robot, and the command those of the simulated one.
-    for goal in [GOAL, "60,0,200,0,45"] {
+    for (goal, options) in [(GOAL, &[][..]), ("60,0,200,0,45", &["--feedback"])] {
         // A board that has grown before also reports that it discards that job.
         let lab = Lab::configured("[robots.lab]\nport = \"sim\"\nrobot = \"growbot-a\"\n");
         lab.wait_until_ready();
@@ -37,9 +36,9 @@ fn a_growth_of_the_service_leaves_the_log_of_the_command() {
         // again.
         let plan = at("plan.json");
         assert_eq!(growbot(&["plan", "--to", goal, "--robot", "growbot-a", "-o", &plan]).code, Some(0));
-        let ran = growbot(&["grow", &plan, "--port", "sim", "--log", &local]);
+        let ran = growbot(&[&["grow", &plan, "--port", "sim", "--log", &local], options].concat());
         assert_eq!(ran.code, Some(0), "{}", ran.err);
-        let (code, text) = lab.run(&["grow", &plan, "--port", "lab", "--log", &copy]);
+        let (code, text) = lab.run(&[&["grow", &plan, "--port", "lab", "--log", &copy], options].concat());
         assert_eq!(code, Some(0), "{text}");
         let (local, copy) = (comparable(&local), comparable(&copy));
         let events = |log: &[Value]| log.iter().map(|line| line["event"].clone()).collect::<Vec<_>>();

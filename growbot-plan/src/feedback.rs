@@ -31,6 +31,7 @@ use growbot_core::link::message::LayerReadings;
 use growbot_core::path::{Leg, Segment, length};
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_core::simulation::ErrorModel;
 use growbot_core::tracking::{Estimate, MeasuredQuantities, Measurement, SensorNoise, Tracker};
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -38,6 +39,7 @@ use serde::{Deserialize, Serialize};
 use crate::arrival::Arrival;
 use crate::clearance_guard::{ClearanceGuard, ClearanceViolation, Detour, SceneContext};
 use crate::plan::Plan;
+use crate::robot_kind::RobotKind;
 
 /// Reports whether a robot has a sensor for feedback: an encoder of the filament, or an orientation sensor.
 pub fn can_measure(robot: &Robot) -> bool {
@@ -49,6 +51,15 @@ pub fn can_measure(robot: &Robot) -> bool {
 /// a direction.
 pub const DEFAULT_SENSOR_NOISE: SensorNoise =
     SensorNoise { odometry: 0.01, direction: 0.5 * std::f64::consts::PI / 180.0 };
+
+/// Returns the noise that the feedback assumes if the user gives none. Simulated sensors measure exactly unless they
+/// are given noise, and real ones have [`DEFAULT_SENSOR_NOISE`].
+pub fn assumed_noise(kind: RobotKind) -> SensorNoise {
+    match kind {
+        RobotKind::Real => DEFAULT_SENSOR_NOISE,
+        RobotKind::Simulated => ErrorModel::default().noise,
+    }
+}
 
 /// Standard deviation of the rounding error of a value that is rounded to whole units, in these units: the root of
 /// 1/12.

@@ -19,7 +19,7 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::robot::Robot;
 use growbot_pictures::view::page::PageAccess;
 use growbot_pictures::view::{Subject, page};
-use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
 use growbot_plan::run_log::{RecordedRun, utc_now};
 use growbot_plan::warning::BLOCKING;
@@ -127,7 +127,7 @@ pub(super) fn make_job(
     let request = GrowthRequest {
         scene: scene.as_ref(),
         overrides: &overrides,
-        feedback: wanted.feedback.then_some(DEFAULT_SENSOR_NOISE),
+        feedback: wanted.feedback.then(|| assumed_noise(keeper.is_simulated().into())),
         kind: keeper.is_simulated().into(),
         ..GrowthRequest::new(&robot, &plan)
     };

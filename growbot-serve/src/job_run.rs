@@ -11,7 +11,7 @@ use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
-use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
+use growbot_plan::feedback::assumed_noise;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::growth_report::Outcome;
 use growbot_plan::job::{Command, Job as BoardJob, JobEvent};
@@ -44,7 +44,7 @@ impl RobotWorker {
         let request = GrowthRequest {
             scene: scene.as_ref(),
             overrides: if job.ignore_scene { &[Override::Scene] } else { &[] },
-            feedback: feedback.then_some(DEFAULT_SENSOR_NOISE),
+            feedback: feedback.then(|| assumed_noise(self.is_simulated().into())),
             kind: self.is_simulated().into(),
             ..GrowthRequest::new(&robot, &plan)
         };
