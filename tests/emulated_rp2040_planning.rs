@@ -5,7 +5,7 @@
 //! --nocapture` plans all of them, which takes half an hour. It prints instructions, the step interrupt's included, and
 //! seconds of the chip.
 
-#[path = "../growbot-firmware/benchmarks/plan/goals.rs"]
+#[path = "../growbot-firmware/benches/plan/goals.rs"]
 mod goals;
 
 use std::cell::RefCell;

@@ -1,10 +1,10 @@
 //! Growths in closed loop have the same bits on the desktop and on the microcontroller. `cargo feedback-cost` also
 //! prints a table of the cost of a layer there.
 //!
-//! The test builds the program that grows them (`growbot-firmware/benchmarks/feedback/`) and runs it in the emulator.
+//! The test builds the program that grows them (`growbot-firmware/benches/feedback/`) and runs it in the emulator.
 //! The emulator counts each instruction, so the figures are the same on every machine.
 
-#[path = "../growbot-firmware/benchmarks/feedback/trial.rs"]
+#[path = "../growbot-firmware/benches/feedback/trial.rs"]
 mod trial;
 
 use std::io::{BufRead, BufReader};

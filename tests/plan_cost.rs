@@ -1,6 +1,6 @@
 //! Cost of planning on the microcontroller, as a table: `cargo plan-cost`.
 //!
-//! The test builds the program that measures it (`growbot-firmware/benchmarks/plan/`) and runs it in the emulator. The
+//! The test builds the program that measures it (`growbot-firmware/benches/plan/`) and runs it in the emulator. The
 //! emulator counts each instruction, so the figures are the same on every machine. They are instructions, not cycles: a
 //! Cortex-M4 takes somewhat more cycles.
 

@@ -1,7 +1,7 @@
 //! Costs of the step interrupt on the microcontroller, as a table: `cargo step-cost`. The table lists each kind of
 //! tick, the step rate that it allows, and an emergency stop by the link.
 //!
-//! The test builds the program that measures it (`growbot-firmware/benchmarks/step/`) and runs it in the emulator. The
+//! The test builds the program that measures it (`growbot-firmware/benches/step/`) and runs it in the emulator. The
 //! emulator counts each instruction, so the figures are the same on every machine. They are instructions. The time on
 //! the robot's board is computed from them with a conservative estimate.
 

@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 # This number may only fall.
-ALLOWED = 70_391
+ALLOWED = 69_716
 
 SUFFIXES = ("rs", "py", "js", "ts", "css", "html")
 # Folders and files of tests, examples, tools and what others have written.
