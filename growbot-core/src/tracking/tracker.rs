@@ -87,10 +87,19 @@ impl<'a> Tracker<'a> {
                 self.commit(layer.height * (1.0 + systematic.growth));
             }
         }
-        while too_thin(&self.reference, self.robot) {
-            let Some(reference) = self.stages.next(&self.begins) else { break };
-            self.reference = reference;
-        }
+        while too_thin(&self.reference, self.robot) && self.start_next_stage().is_some() {}
+        self.correct_reference();
+    }
+
+    /// Continues with the next stage. Returns `None` after the last stage.
+    fn start_next_stage(&mut self) -> Option<()> {
+        self.reference = self.stages.next(&self.begins)?;
+        Some(())
+    }
+
+    // Inlined, its 14 KiB of stack would also be taken during the change of the stage.
+    #[inline(never)]
+    fn correct_reference(&mut self) {
         let resolution = self.robot.description().layer.height_mm;
         self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
     }
@@ -99,10 +108,9 @@ impl<'a> Tracker<'a> {
     /// where the other path begins.
     pub fn switch_path(&mut self, start: &Pose, path: &'a [Segment], legs: &'a [Leg]) {
         self.stages = Stages::new(self.robot, start, path, legs);
-        let Some(reference) = self.stages.next(&self.begins) else { return };
-        self.reference = reference;
-        let resolution = self.robot.description().layer.height_mm;
-        self.miss = self.reference.correct(&self.begins, &self.stages.goal, self.max_curvature(), resolution);
+        if self.start_next_stage().is_some() {
+            self.correct_reference();
+        }
     }
 
     /// Returns the estimated frame of the tip at the beginning of the reference trajectory. It lies after the layers
