@@ -1,5 +1,6 @@
 //! Audit log: a record of all commands, in a file to which lines are only appended.
 
+use std::error::Error;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::os::unix::fs::OpenOptionsExt;
@@ -33,19 +34,19 @@ struct AuditRecord<'a> {
     robot: &'a str,
     command: &'a str,
     /// Reason why the command failed. `None` if the command was carried out or accepted.
-    error: Option<&'a str>,
+    error: Option<String>,
 }
 
 impl Audit {
     pub fn open(path: &Path) -> Result<Self, JobStoreError> {
         let file = OpenOptions::new().append(true).create(true).mode(0o600).open(path);
-        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::from_io(path, &error))
+        file.map(|file| Self(Mutex::new(file))).map_err(|error| JobStoreError::from_io(path, error))
     }
 
-    /// Appends a command with its source to the audit log. `refused` is the reason why the command failed, or `None` if
-    /// the command succeeded.
-    pub fn note(&self, by: CommandSource, robot: &str, order: &str, refused: Option<&str>) {
-        let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error: refused });
+    /// Appends a command with its source and its outcome to the audit log.
+    pub fn note<T, E: Error>(&self, by: CommandSource, robot: &str, order: &str, outcome: &Result<T, E>) {
+        let error = outcome.as_ref().err().map(ToString::to_string);
+        let line = json_line(&AuditRecord { time_utc: utc_now(), source: by, robot, command: order, error });
         let mut file = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         if let Err(error) = file.write_all(line.as_bytes()) {
             log::warn!("cannot record a command in the audit log: {error}");

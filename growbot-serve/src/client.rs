@@ -1,5 +1,6 @@
 //! Client of the running service, through the service's Unix socket. growbot's command line uses it.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use axum::body::{Body, Bytes};
@@ -26,10 +27,10 @@ use crate::ownership::{OwnershipError, trusts_user};
 pub enum ServiceError {
     /// The service does not respond.
     #[error(
-        "no valid response from the growbot service ({0}): check that `growbot serve` runs and has the release of this \
+        "no valid response from the growbot service ({0}): check that the service runs and has the release of this \
          command"
     )]
-    Unreachable(String),
+    Unreachable(#[from] ResponseError),
     /// Another user may have replaced the service's socket, because that user can write to a directory of its path.
     #[error(
         "the growbot service of this user is not used, because another user can answer in place of the service: {0}"
@@ -38,7 +39,7 @@ pub enum ServiceError {
     /// Another user listens on the service's socket.
     #[error(
         "the program that listens on {socket} belongs to user {owner}, so it is not the growbot service of this user: \
-         remove the socket, and start `growbot serve` again"
+         remove the socket, and start the service again"
     )]
     ForeignPeer {
         /// Path of the socket.
@@ -57,10 +58,29 @@ pub enum ServiceError {
 }
 
 impl ServiceError {
-    #[expect(clippy::needless_pass_by_value, reason = "errors are mapped by it")]
-    fn silent(error: impl ToString) -> Self {
-        Self::Unreachable(error.to_string())
+    fn silent(error: impl Into<ResponseError>) -> Self {
+        Self::Unreachable(error.into())
     }
+}
+
+/// Reason why the service has not sent a valid response.
+#[derive(Debug, thiserror::Error)]
+pub enum ResponseError {
+    /// The socket cannot be used.
+    #[error("{0}")]
+    Socket(#[from] io::Error),
+    /// The connection or the response does not follow HTTP.
+    #[error("{0}")]
+    Http(#[from] hyper::Error),
+    /// The request is not valid in HTTP.
+    #[error("{0}")]
+    Request(#[from] axum::http::Error),
+    /// The body of the response or the request is not valid.
+    #[error("{0}")]
+    Json(#[from] serde_json::Error),
+    /// The response did not arrive within this time.
+    #[error("no response within {:.1} s", .0.as_secs_f64())]
+    Late(Duration),
 }
 
 /// A lease of a robot's port. The lease ends when this value is dropped, when its [`ServiceClient`] is dropped, or when
@@ -194,7 +214,7 @@ impl ServiceClient {
             }
             serde_json::from_slice(&bytes).map_err(ServiceError::silent)
         };
-        let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", limit.as_secs_f64()));
+        let late = |_| ServiceError::silent(ResponseError::Late(limit));
         timeout(limit, response).await.map_err(late)?
     }
 
@@ -229,7 +249,7 @@ impl ServiceClient {
             let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
             Err(rejection(status, &bytes))
         };
-        let late = |_| ServiceError::Unreachable(format!("no response within {:.1} s", RESPONSE_TIMEOUT.as_secs_f64()));
+        let late = |_| ServiceError::silent(ResponseError::Late(RESPONSE_TIMEOUT));
         self.runtime.block_on(async { timeout(RESPONSE_TIMEOUT, begun).await.map_err(late)? })
     }
 

@@ -16,6 +16,7 @@ use super::access::{Access, require_control};
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::problem::Problem;
+use super::robot_error::RobotError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 use super::service::{ArrivalPermits, Service};
@@ -65,8 +66,8 @@ async fn command_robot(
     let permit = if command.stops_or_pauses() { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let given = run_command(&keeper, command, &permit);
-        service.shared.audit.note(by, &name, command.name(), given.as_ref().err().map(String::as_str));
-        given.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &name, command.name(), &given);
+        given?;
         Ok(Json(keeper.status()))
     })
     .await
@@ -104,14 +105,11 @@ pub async fn maintain(
                 )));
             }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => Err(format!(
-                "robot {name} has an active job: to preheat, load, unload or purge, pause the job and use its page; for \
-                 other maintenance, stop the job first"
-            )),
+            (Some(Ok(_)), Some(_)) => Err(RobotError::MaintenanceDuringJob { robot: name.clone() }),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
-        service.shared.audit.note(by, &name, &task, outcome.as_ref().err().map(String::as_str));
-        outcome.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &name, &task, &outcome);
+        outcome?;
         Ok(Json(keeper.status()))
     })
     .await
@@ -135,15 +133,15 @@ pub async fn send_live_command(
         })?;
         let answer = watch::send_command(&live, &order, &permits.age).await;
         if answer.status().is_success() {
-            service.shared.audit.note(by, &keeper.name, &order, None);
+            service.shared.audit.note(by, &keeper.name, &order, &Ok::<_, Problem>(()));
         }
         return Ok(answer);
     };
     let permit = permits.of(&keeper.name)?.clone();
     run_blocking(move || {
         let given = run_command(&keeper, stop, &permit);
-        service.shared.audit.note(by, &keeper.name, &order, given.as_ref().err().map(String::as_str));
-        given.map_err(Problem::conflict)
+        service.shared.audit.note(by, &keeper.name, &order, &given);
+        Ok(given?)
     })
     .await?;
     Ok(StatusCode::ACCEPTED.into_response())

@@ -8,6 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 
+use super::robot_error::RobotError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 
@@ -17,11 +18,6 @@ pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
 const RECONNECTIONS: u32 = 2;
 /// Interval of the checks whether the board has confirmed a stop.
 const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
-/// Start of the error message after an emergency stop that the board has not confirmed.
-const ESTOP_UNCONFIRMED: &str = "the board did not confirm the emergency stop: cut the robot's power now";
-/// End of the error message after each stop that the board has not confirmed.
-const KEPT: &str = "The service keeps the stop, and sends the stop before anything else once the robot is connected; \
-                    the command `withdraw-stop` of the API, or Withdraw stop on the page, withdraws the stop";
 
 /// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema, IntoStaticStr)]
@@ -65,7 +61,8 @@ pub struct CommandRequest {
 
 /// Sends a command to a robot, with the permit that was issued when the command arrived. Waits until the board has
 /// carried the command out. Pause and continue are only queued for the active growth.
-pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), String> {
+pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), RobotError> {
+    let robot = || keeper.name.clone();
     match order {
         RobotCommand::EmergencyStop => emergency_stop(keeper),
         RobotCommand::Stop => stop(keeper),
@@ -73,9 +70,7 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         // A growth ends at a fault, so its robot has none. The thread that follows it takes no requests.
         RobotCommand::ClearFault if keeper.ensure_idle().is_err() => keeper.ensure_idle(),
         RobotCommand::ClearFault => keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT),
-        RobotCommand::Cancel if keeper.status().job.is_some() => {
-            Err(format!("robot {} has an active job: stop the job first", keeper.name))
-        }
+        RobotCommand::Cancel if keeper.status().job.is_some() => Err(RobotError::CancelDuringJob { robot: robot() }),
         RobotCommand::Cancel => {
             // The body of an order that has not begun is discarded, too.
             keeper.signal().void();
@@ -83,46 +78,37 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         }
         RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
         RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
-        RobotCommand::Pause | RobotCommand::Continue => Err(format!(
-            "cannot {} robot {}, because the robot has no active job or is not connected: check the robot's \
-             state",
-            order.name(),
-            keeper.name
-        )),
+        RobotCommand::Pause | RobotCommand::Continue => {
+            Err(RobotError::NoGrowth { command: order.name(), robot: robot() })
+        }
     }
 }
 
 /// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.
-fn emergency_stop(keeper: &RobotWorker) -> Result<(), String> {
+fn emergency_stop(keeper: &RobotWorker) -> Result<(), RobotError> {
     let stop = keeper.raise_stop(StopLevel::EmergencyStop);
     let ticket = keeper.stopper.send();
     keeper.sync_stop_file();
-    ticket.wait().map_err(|why| format!("{ESTOP_UNCONFIRMED} ({why}). {KEPT}"))?;
+    ticket.wait()?;
     keeper.record_emergency_stop();
     keeper.notify_thread(RobotRequest::StopConfirmed(stop.generation));
     Ok(())
 }
 
 /// Stops the robot, and waits until the board has confirmed the stop.
-fn stop(keeper: &RobotWorker) -> Result<(), String> {
+fn stop(keeper: &RobotWorker) -> Result<(), RobotError> {
     let reconnects_within = RECONNECTIONS * keeper.connector.reconnect_interval();
     let began = Instant::now();
     let _stop = keeper.raise_stop(StopLevel::Stop);
     keeper.sync_stop_file();
     while keeper.signal().level().is_some() {
-        let robot = &keeper.name;
-        let problem = keeper.status().connection_error.filter(|_| began.elapsed() > reconnects_within);
-        if let Some(problem) = problem {
-            return Err(format!(
-                "robot {robot} is not connected ({problem}): if the robot must be off now, send the emergency stop or \
-                 cut its power. {KEPT}"
-            ));
+        let robot = || keeper.name.clone();
+        let lost = keeper.lock_state().connection_error.clone().filter(|_| began.elapsed() > reconnects_within);
+        if let Some(reason) = lost {
+            return Err(RobotError::StopNotSent { robot: robot(), reason });
         }
         if began.elapsed() > COMMAND_TIMEOUT {
-            return Err(format!(
-                "robot {robot} did not confirm the stop within {} s: send the emergency stop, or cut its power. {KEPT}",
-                COMMAND_TIMEOUT.as_secs()
-            ));
+            return Err(RobotError::StopUnconfirmed { robot: robot(), limit: COMMAND_TIMEOUT });
         }
         std::thread::sleep(CONFIRM_POLL_INTERVAL);
     }

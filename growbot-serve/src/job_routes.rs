@@ -36,6 +36,7 @@ use super::job::{Job, JobState};
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, StreamPermit, holding};
 use super::problem::Problem;
+use super::robot_error::RobotError;
 use super::robot_request::{Claim, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::{ArrivalPermits, Service};
@@ -68,9 +69,8 @@ pub async fn new_job(
     let made = limits.compute(move |computation| {
         let plan = |robot: &Robot| wanted.resolve(robot, service.places(), access, computation);
         let made = make_job(&service, &keeper, &wanted, plan, order, key.as_deref());
-        let refused = made.as_ref().err().map(|problem| problem.detail.clone());
         let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
-        service.shared.audit.note(by, &name, order, refused.as_deref());
+        service.shared.audit.note(by, &name, order, &made);
         made
     });
     let made = made.await;
@@ -138,7 +138,7 @@ pub(super) fn make_job(
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
-    keeper.ensure_idle().and_then(|()| order.claim.check()).map_err(Problem::conflict)?;
+    keeper.ensure_idle().and_then(|()| order.claim.check())?;
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
         robot: keeper.name.clone(),
@@ -161,9 +161,9 @@ pub(super) fn make_job(
     if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
         if !service.shared.jobs_to_read().log_path(&job.id).exists() {
-            service.shared.jobs().mark_rejected(&job.id, &why);
+            service.shared.jobs().mark_rejected(&job.id, &why.to_string());
         }
-        return Err(Problem::conflict(why));
+        return Err(why.into());
     }
     Ok((StatusCode::CREATED, Json(job)))
 }
@@ -204,23 +204,20 @@ pub async fn resume(
             .and_then(|()| ensure_resumable(&job))
             .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), COMMAND_TIMEOUT));
         drop(begins);
-        service.shared.audit.note(by, &job.robot, "resume", outcome.as_ref().err().map(String::as_str));
-        outcome.map_err(Problem::conflict)?;
+        service.shared.audit.note(by, &job.robot, "resume", &outcome);
+        outcome?;
         found_job(&service, &id).map(Json)
     })
     .await
 }
 
 /// Returns an error if the job cannot be resumed.
-fn ensure_resumable(job: &Job) -> Result<(), String> {
+fn ensure_resumable(job: &Job) -> Result<(), RobotError> {
+    let id = || job.id.clone();
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
-        JobState::Done => Err(format!("job {} is done: there is nothing to resume", job.id)),
-        JobState::Failed => Err(format!(
-            "job {} has failed ({}) and cannot be resumed: grow its plan again",
-            job.id,
-            job.reason.as_deref().unwrap_or("for an unknown reason")
-        )),
+        JobState::Done => Err(RobotError::JobDone { job: id() }),
+        JobState::Failed => Err(RobotError::JobFailed { job: id(), reason: job.reason.clone() }),
     }
 }
 

@@ -2,7 +2,6 @@
 
 use std::sync::Arc;
 
-use growbot_client::client::ClientError;
 use growbot_client::growth::{
     Beginning, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted, OnParked, Override,
 };
@@ -24,21 +23,17 @@ use time::OffsetDateTime;
 use super::connector::BoardConnection;
 use super::job::{Job, JobState, end_reason};
 use super::notification::NotificationEvent;
-use super::robot_request::NewJob;
-use super::robot_worker::{LinkState, RobotWorker};
-use super::stopper::Reply;
+use super::robot_error::{ConnectionError, RobotError};
+use super::robot_request::{NewJob, Reply};
+use super::robot_worker::{LinkState, RobotWorker, is_loss};
 use crate::watch::LiveGrowth;
-
-/// Message for a job that was not started because a later stop has voided its request.
-const VOIDED: &str = "the job was not started, because the robot was stopped, had a fault or discarded its body before \
-                      the order reached it: check the robot, and order the job again";
 
 impl RobotWorker {
     /// Starts a new job, and follows it until it ends or the connection is lost.
     pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
         let NewJob { job, plan, robot, scene, feedback, permit } = new;
         if !permit.is_valid() {
-            return refuse(&reply, VOIDED);
+            return refuse(&reply, RobotError::Voided);
         }
         let commands = self.announce_growth(&job, permit);
         let request = GrowthRequest {
@@ -52,11 +47,11 @@ impl RobotWorker {
         let path = self.shared.jobs().log_path(&job.id);
         let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {
             Ok(log) => log,
-            Err(error) => return self.refuse_growth(&reply, &error.to_string()),
+            Err(error) => return self.refuse_growth(&reply, error),
         };
         if commands.stop_requested() {
             log.discard();
-            return self.refuse_growth(&reply, VOIDED);
+            return self.refuse_growth(&reply, RobotError::Voided);
         }
         self.set_job_state(&job, JobState::Active, None);
         let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands);
@@ -73,7 +68,7 @@ impl RobotWorker {
         reply: Reply,
     ) -> LinkState {
         if !permit.is_valid() {
-            return refuse(&reply, VOIDED);
+            return refuse(&reply, RobotError::Voided);
         }
         self.continue_job(connection, job, permit, Some(reply), |_| Ok(()))
     }
@@ -86,11 +81,7 @@ impl RobotWorker {
         let permit = self.signal().continuation();
         self.continue_job(connection, job, permit, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
-            state => Err(format!(
-                "the board is in state {}: clear the fault or the emergency stop, if there is one, then resume or \
-                 cancel the job",
-                state.name()
-            )),
+            state => Err(RobotError::BoardState(state)),
         })
     }
 
@@ -100,29 +91,28 @@ impl RobotWorker {
         job: &Job,
         permit: Permit,
         reply: Option<Reply>,
-        may: impl FnOnce(State) -> Result<(), String>,
+        may: impl FnOnce(State) -> Result<(), RobotError>,
     ) -> LinkState {
         let commands = self.announce_growth(job, permit);
         let hello = match connection.client.identify() {
             Ok(hello) => hello,
-            Err(error) => return LinkState::Lost(error.to_string()),
+            Err(error) => return LinkState::lost(error),
         };
         let path = self.shared.jobs().log_path(&job.id);
         // The board reports again the layers that are missing in the log of the job.
         self.write_kept();
         self.drop_kept_log(&job.id);
-        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), String> {
-            let mut record = RecordedRun::open(&path).map_err(|error| error.to_string())?;
-            let robot = record.own_robot().map_err(|error| error.to_string())?;
-            let plan = record.plan(&robot).map_err(|error| error.to_string())?;
+        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), RobotError> {
+            let mut record = RecordedRun::open(&path)?;
+            let robot = record.own_robot()?;
+            let plan = record.plan(&robot)?;
             record.sync_to_board(hello.status.plan_id);
             if hello.status.plan_id != record.plan_id {
-                let stored = GrowthError::nothing_to_resume(record.plan_id, &hello.status);
-                return Err(stored.to_string());
+                return Err(GrowthError::nothing_to_resume(record.plan_id, &hello.status).into());
             }
             may(hello.status.state)?;
             let scene = match (record.scene(&plan, &robot, None), record.feedback.is_some()) {
-                (Err(error), true) => return Err(error.to_string()),
+                (Err(error), true) => return Err(error.into()),
                 // Without feedback, the scene serves only to compare the finished body with it.
                 (scene, _) => scene.ok().flatten(),
             };
@@ -130,13 +120,7 @@ impl RobotWorker {
         };
         let (record, robot, plan, scene) = match opened() {
             Ok(opened) => opened,
-            Err(why) => {
-                // A job that a client wants to resume keeps its state.
-                if let Some(reply) = reply {
-                    return self.refuse_growth(&reply, &why);
-                }
-                return self.leave_job(job, &hello.status, &why);
-            }
+            Err(error) => return self.refuse_rest(job, &hello.status, reply, error),
         };
         let request = GrowthRequest {
             beginning: Beginning::Resume { record: Some(&record), interrupted: OnInterrupted::Redo },
@@ -147,18 +131,21 @@ impl RobotWorker {
         let board_job = request.job();
         let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {
             Ok(log) => log,
-            Err(error) => {
-                let why = error.to_string();
-                if let Some(reply) = reply {
-                    return self.refuse_growth(&reply, &why);
-                }
-                return self.leave_job(job, &hello.status, &why);
-            }
+            Err(error) => return self.refuse_rest(job, &hello.status, reply, error.into()),
         };
         self.set_job_state(job, JobState::Active, None);
         let mut growing = RunningJob::new(self, job, &board_job, &record.known_layers(), log, &commands);
         growing.reply = reply;
         growing.run(&request, &board_job, connection)
+    }
+
+    /// Refuses to grow the rest of a job. A job that a client wants to resume keeps its state, otherwise the job becomes
+    /// interrupted.
+    fn refuse_rest(&self, job: &Job, status: &Status, reply: Option<Reply>, error: RobotError) -> LinkState {
+        match reply {
+            Some(reply) => self.refuse_growth(&reply, error),
+            None => self.leave_job(job, status, &error.to_string()),
+        }
     }
 
     /// Marks a job as interrupted, because a user ordered a stop while the board was disconnected, and the board
@@ -201,9 +188,9 @@ impl RobotWorker {
         self.update_state(|known| (known.commands, known.job) = (None, None));
     }
 
-    fn refuse_growth(&self, reply: &Reply, why: &str) -> LinkState {
+    fn refuse_growth(&self, reply: &Reply, error: impl Into<RobotError>) -> LinkState {
         self.forget_growth();
-        refuse(reply, why)
+        refuse(reply, error.into())
     }
 
     /// Records the state of a job in the list of jobs, and whether the robot has an active job.
@@ -219,9 +206,9 @@ impl RobotWorker {
     }
 }
 
-fn refuse(reply: &Reply, why: &str) -> LinkState {
+fn refuse(reply: &Reply, error: RobotError) -> LinkState {
     // The client may no longer wait for the response.
-    let _ = reply.send(Err(why.to_owned()));
+    let _ = reply.send(Err(error));
     LinkState::Ready
 }
 
@@ -326,10 +313,10 @@ impl<'a> RunningJob<'a> {
         };
         let grown = request.run(board_job, board, &mut |event| self.ingest(event));
         self.keeper.update_state(|known| (known.commands, known.live_growth, known.finish) = (None, None, None));
-        match &grown {
-            Ok(report) if report.outcome == Outcome::Lost => self.detach("the board has not responded for too long"),
+        let result = request.result(&grown);
+        match grown {
+            Ok(report) if report.outcome == Outcome::Lost => self.detach(ConnectionError::Silent),
             Ok(report) => {
-                let result = request.result(&grown);
                 self.laid = report.laid;
                 self.save_progress();
                 let board_state = self.keeper.lock_state().status.as_ref().map(|status| status.state.name());
@@ -340,44 +327,43 @@ impl<'a> RunningJob<'a> {
                 self.close(result, &why);
                 LinkState::Ready
             }
-            Err(GrowthError::Interrupted(error)) => self.detach(&error.to_string()),
+            Err(GrowthError::Interrupted(error)) => self.detach(error.into()),
+            // The board may go on with the job.
+            Err(GrowthError::NotStarted(error)) if is_loss(&error) && self.reply.is_none() => self.detach(error.into()),
             Err(error) => {
                 let reply = self.reply.take();
                 let why = error.to_string();
-                let lost =
-                    matches!(error, GrowthError::NotStarted(ClientError::Port(_) | ClientError::NoResponse { .. }));
-                if lost && reply.is_none() {
-                    // The board may go on with the job.
-                    return self.detach(&why);
-                }
                 if self.laid == 0 {
                     std::mem::take(&mut self.log).discard();
                     self.keeper.set_job_state(self.job, JobState::Failed, Some(&why));
                 } else {
-                    let nothing = GrowthResult { error: None, ..request.result(&grown) };
-                    let interrupted = GrowthResult { outcome: OutcomeKind::Interrupted, ..nothing };
+                    let interrupted = GrowthResult { error: None, outcome: OutcomeKind::Interrupted, ..result };
                     if reply.is_none() {
                         self.keeper.notify_job(self.job, NotificationEvent::Interrupted, Some(&why));
                     }
                     self.close(interrupted, &why);
                 }
+                let (left, error) = match error {
+                    GrowthError::NotStarted(error) => LinkState::after(error),
+                    error => (LinkState::Ready, error.into()),
+                };
                 if let Some(reply) = reply {
-                    let _ = reply.send(Err(why.clone()));
+                    let _ = reply.send(Err(error));
                 }
-                if lost { LinkState::Lost(why) } else { LinkState::Ready }
+                left
             }
         }
     }
 
-    /// Stops following a job that continues or waits on the board without its host. `why` is the reason of the lost
+    /// Stops following a job that continues or waits on the board without its host. `reason` is that of the lost
     /// connection. After the reconnection, the robot's thread delivers an unconfirmed stop, or else follows the job
     /// again.
-    fn detach(&mut self, why: &str) -> LinkState {
+    fn detach(&mut self, reason: ConnectionError) -> LinkState {
         self.live_growth.supersede();
         // A stop that was withdrawn meanwhile may have ordered a pause, too.
         self.keeper.update_state(|known| known.pauses_on_reconnect |= self.commands.pause_waits());
         self.confirm_start();
-        LinkState::Lost(why.to_owned())
+        LinkState::lost(reason)
     }
 
     /// Ends the run log and the live pages with this result, and records the state of the job.

@@ -2,6 +2,7 @@
 //! authoritative record.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::Sender;
 use std::time::Duration;
@@ -64,12 +65,12 @@ const TABLES: &str = "
 #[derive(Debug, thiserror::Error)]
 pub enum JobStoreError {
     /// A file or directory cannot be used.
-    #[error("cannot use {path}: {reason}; the service needs a writable directory of its own", path = .path.display())]
+    #[error("cannot use {path}: {error}; the service needs a writable directory of its own", path = .path.display())]
     File {
         /// Path of the file.
         path: PathBuf,
         /// Error of the operating system.
-        reason: String,
+        error: io::Error,
     },
     /// Another release has written the database.
     #[error(
@@ -94,8 +95,8 @@ pub enum JobStoreError {
 
 impl JobStoreError {
     /// Converts an error of the operating system about a file.
-    pub fn from_io(path: &Path, error: &std::io::Error) -> Self {
-        Self::File { path: path.to_path_buf(), reason: error.to_string() }
+    pub fn from_io(path: &Path, error: io::Error) -> Self {
+        Self::File { path: path.to_path_buf(), error }
     }
 }
 
@@ -114,13 +115,13 @@ pub(super) const COLUMNS: &str =
 impl JobStore {
     /// Opens the list of jobs. A missing or damaged list is rebuilt from the run logs.
     pub fn open(places: &ServicePaths) -> Result<Self, JobStoreError> {
-        places.create().map_err(|error| JobStoreError::from_io(places.state_dir(), &error))?;
+        places.create().map_err(|error| JobStoreError::from_io(places.state_dir(), error))?;
         let path = places.database();
         let is_new = !path.exists();
         let mut jobs = Self::new(Connection::open(&path)?, places);
         if !is_new && !jobs.is_sound() {
             let aside = path.with_extension("damaged");
-            fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, &error))?;
+            fs::rename(&path, &aside).map_err(|error| JobStoreError::from_io(&path, error))?;
             log::warn!(
                 "the list of jobs is damaged: it was rebuilt from the run logs, and the old file is kept as {}",
                 aside.display()
@@ -178,7 +179,7 @@ impl JobStore {
 
     /// Inserts a job into the list for each run log that can be read.
     fn rebuild(&self) -> Result<(), JobStoreError> {
-        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::from_io(&self.logs, &error))?;
+        let entries = fs::read_dir(&self.logs).map_err(|error| JobStoreError::from_io(&self.logs, error))?;
         // Jobs are listed in the order in which they are entered.
         let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
         paths.sort();

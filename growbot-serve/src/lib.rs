@@ -4,7 +4,7 @@
 //! - [`Service`] holds the robots. `service_context` is the state that their threads share: the jobs, the notices and a
 //!   counter of changes.
 //! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
-//!   `robot_request` are the requests to that thread. `connector` opens ports, `robot_stops` raises and delivers the
+//!   `robot_request` are the requests to that thread, and `robot_error` their errors. `connector` opens ports, `robot_stops` raises and delivers the
 //!   stops of a robot, and `robot_alerts` sends the notices about it. `stopper` sends emergency stops, and `stop_file`
 //!   stores an unconfirmed stop on disk. `job_run` carries out a job on the board.
 //! - `job_store` is a database of all [`job`]s that can be rebuilt from their run logs. `job_updates` are the changes of
@@ -70,6 +70,7 @@ pub mod port_lease;
 mod problem;
 mod request_kind;
 mod robot_alerts;
+mod robot_error;
 mod robot_request;
 mod robot_stops;
 mod robot_worker;
@@ -92,9 +93,10 @@ pub mod watch;
 mod workers;
 
 pub use self::job_store::JobStoreError;
-pub use self::notifier::NotifyError;
+pub use self::notifier::{NotifyError, SecretError};
 pub use self::paths::ServicePaths;
 pub use self::service::{Service, StartError};
+pub use self::state_lock::LockError;
 
 /// Path of the API, below the address of the service's page or on the user's socket.
 pub const PREFIX: &str = "/api/v1";

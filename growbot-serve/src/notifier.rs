@@ -4,7 +4,7 @@
 use std::io::Write;
 use std::os::unix::process::CommandExt;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, ExitStatus, Stdio};
 use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, sleep};
@@ -58,8 +58,48 @@ pub enum NotifyError {
         /// Path of the secret's file.
         path: String,
         /// Reason why the secret cannot be used.
-        reason: String,
+        reason: SecretError,
     },
+}
+
+/// Reason why the webhook's secret cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum SecretError {
+    /// The file of the secret cannot be read or written.
+    #[error("{0}")]
+    File(#[from] io::Error),
+    /// The system has no random numbers for a new secret.
+    #[error("{0}")]
+    Random(#[from] getrandom::Error),
+    /// The prefix is missing.
+    #[error("the secret does not begin with {SECRET}")]
+    Prefix,
+    /// The rest is not base64.
+    #[error("the secret is not base64")]
+    Base64,
+    /// The secret has this number of bytes.
+    #[error("the secret has {0} bytes, but must have 24 to 64")]
+    Length(usize),
+}
+
+/// Reason why a receiver did not accept a notice.
+#[derive(Debug, thiserror::Error)]
+enum DeliveryError {
+    #[error("the receiver responded {0}")]
+    Status(u16),
+    /// The message does not repeat the URL, because it may contain a secret.
+    #[error("the URL is invalid")]
+    Address,
+    #[error("{0}")]
+    Webhook(ureq::Error),
+    #[error("{0}")]
+    Notice(#[from] serde_json::Error),
+    #[error("{0}")]
+    Command(#[from] io::Error),
+    #[error("the command ended with {0}")]
+    Ended(ExitStatus),
+    #[error("the command did not end within {} s", COMMAND.as_secs())]
+    Late,
 }
 
 /// The configured channels, and the events that are sent on them.
@@ -233,11 +273,12 @@ impl Webhook {
             .http_status_as_error(false)
             .user_agent(concat!("growbot/", env!("CARGO_PKG_VERSION")))
             .build();
-        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(secret)?);
+        let error = |reason| NotifyError::Secret { path: secret.display().to_string(), reason };
+        let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(secret).map_err(error)?);
         Ok(Self { address: address.to_owned(), host: format!("{scheme}://{host}"), key, agent: agent.into() })
     }
 
-    fn post(&self, next: &QueuedNotification) -> Result<(), String> {
+    fn post(&self, next: &QueuedNotification) -> Result<(), DeliveryError> {
         let id = format!("{}-{}", next.created_ms, next.id);
         let time = (now_ms() / 1000).to_string();
         let answer = self
@@ -250,9 +291,9 @@ impl Webhook {
             .send(&next.notice);
         match answer {
             Ok(answer) if answer.status().is_success() => Ok(()),
-            Ok(answer) => Err(format!("the receiver responded {}", answer.status().as_u16())),
-            Err(ureq::Error::BadUri(_)) => Err("the URL is invalid".to_owned()),
-            Err(error) => Err(error.to_string()),
+            Ok(answer) => Err(DeliveryError::Status(answer.status().as_u16())),
+            Err(ureq::Error::BadUri(_)) => Err(DeliveryError::Address),
+            Err(error) => Err(DeliveryError::Webhook(error)),
         }
     }
 }
@@ -263,31 +304,29 @@ fn signature(key: &hmac::Key, id: &str, time: &str, notice: &str) -> String {
 }
 
 /// Returns the webhook's secret from its file. A missing file is created with a new secret.
-fn secret_of(path: &Path) -> Result<Vec<u8>, NotifyError> {
-    let error = |reason: String| NotifyError::Secret { path: path.display().to_string(), reason };
+fn secret_of(path: &Path) -> Result<Vec<u8>, SecretError> {
     let text = match fs::read_to_string(path) {
         Ok(text) => text,
         Err(missing) if missing.kind() == io::ErrorKind::NotFound => {
             let mut bytes = [0; 32];
-            getrandom::fill(&mut bytes).map_err(|why| error(why.to_string()))?;
+            getrandom::fill(&mut bytes)?;
             let text = format!("{SECRET}{}\n", STANDARD.encode(bytes));
-            write_secret(path, &text).map_err(|why| error(why.to_string()))?;
+            write_secret(path, &text)?;
             text
         }
-        Err(why) => return Err(error(why.to_string())),
+        Err(error) => return Err(error.into()),
     };
-    let encoded =
-        text.trim().strip_prefix(SECRET).ok_or_else(|| error(format!("the secret does not begin with {SECRET}")))?;
-    let bytes = STANDARD.decode(encoded).map_err(|_| error("the secret is not base64".to_owned()))?;
+    let encoded = text.trim().strip_prefix(SECRET).ok_or(SecretError::Prefix)?;
+    let bytes = STANDARD.decode(encoded).map_err(|_| SecretError::Base64)?;
     match bytes.len() {
         24..=64 => Ok(bytes),
-        length => Err(error(format!("the secret has {length} bytes, but must have 24 to 64"))),
+        length => Err(SecretError::Length(length)),
     }
 }
 
 /// Runs the configured command with the notice on its standard input and in environment variables.
-fn call(command: &[String], notice: &str) -> Result<(), String> {
-    let read: Notification = serde_json::from_str(notice).map_err(|error| error.to_string())?;
+fn call(command: &[String], notice: &str) -> Result<(), DeliveryError> {
+    let read: Notification = serde_json::from_str(notice)?;
     let mut child = Command::new(&command[0])
         .args(&command[1..])
         .env("GROWBOT_NOTIFICATION_EVENT", read.event.name())
@@ -296,26 +335,24 @@ fn call(command: &[String], notice: &str) -> Result<(), String> {
         .stdin(Stdio::piped())
         .stdout(Stdio::null())
         .process_group(0)
-        .spawn()
-        .map_err(|error| error.to_string())?;
+        .spawn()?;
     if let Some(mut stdin) = child.stdin.take() {
         // The command may ignore its input. A pipe can buffer a whole notice, so the write does not block.
         let _ = stdin.write_all(notice.as_bytes());
     }
     let began = Instant::now();
     loop {
-        match child.try_wait() {
-            Ok(Some(status)) if status.success() => return Ok(()),
-            Ok(Some(status)) => return Err(format!("the command ended with {status}")),
-            Ok(None) if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
-            Ok(None) => {
+        match child.try_wait()? {
+            Some(status) if status.success() => return Ok(()),
+            Some(status) => return Err(DeliveryError::Ended(status)),
+            None if began.elapsed() < COMMAND => sleep(Duration::from_millis(20)),
+            None => {
                 if let Some(group) = i32::try_from(child.id()).ok().and_then(Pid::from_raw) {
                     let _ = kill_process_group(group, Signal::KILL);
                 }
                 let _ = child.wait();
-                return Err(format!("the command did not end within {} s", COMMAND.as_secs()));
+                return Err(DeliveryError::Late);
             }
-            Err(error) => return Err(error.to_string()),
         }
     }
 }
@@ -342,7 +379,7 @@ mod tests {
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
         for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
             fs::write(&path, wrong).unwrap();
-            let message = secret_of(&path).unwrap_err().to_string();
+            let message = Webhook::new("https://hooks.example", &path).err().unwrap().to_string();
             assert!(
                 message.contains("the secret that the service then generates")
                     && (wrong.is_empty() || !message.contains(wrong)),

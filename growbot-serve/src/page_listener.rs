@@ -5,7 +5,7 @@ use std::net::{Ipv4Addr, SocketAddr, TcpListener};
 
 use listenfd::ListenFd;
 
-use super::server_error::ServerError;
+use super::server_error::{HandOverError, ServerError};
 
 /// Takes the socket that systemd, or another service manager with the protocol of systemd (`LISTEN_FDS`), hands over.
 /// Returns `None` if nothing is handed over. The function must be called before the process has threads.
@@ -14,17 +14,16 @@ use super::server_error::ServerError;
 /// [`ServerError::HandedOver`] if anything but one listening TCP socket of the loopback interface is handed over.
 pub fn take_handed_over() -> Result<Option<TcpListener>, ServerError> {
     let mut given = ListenFd::from_env();
-    let refused = |reason: String| ServerError::HandedOver { reason };
     match given.len() {
         0 => return Ok(None),
         1 => {}
-        count => return Err(refused(format!("there are {count} sockets"))),
+        count => return Err(HandOverError::Count(count).into()),
     }
-    let listener = given.take_tcp_listener(0).map_err(|error| refused(error.to_string()))?;
+    let listener = given.take_tcp_listener(0).map_err(HandOverError::Socket)?;
     let Some(listener) = listener else { return Ok(None) };
-    let address = listener.local_addr().map_err(|error| refused(error.to_string()))?;
+    let address = listener.local_addr().map_err(HandOverError::Socket)?;
     if !address.ip().is_loopback() {
-        return Err(refused(format!("the socket listens at {address}, which other machines can reach")));
+        return Err(HandOverError::Reachable(address).into());
     }
     Ok(Some(listener))
 }

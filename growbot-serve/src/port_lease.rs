@@ -19,6 +19,7 @@ use super::access::Access;
 use super::audit::CommandSource;
 use super::handler::ServiceState;
 use super::problem::Problem;
+use super::robot_error::{ConnectionError, RobotError};
 use super::robot_request::{PendingRequest, PortLease, RobotRequest};
 use super::robot_worker::RobotWorker;
 
@@ -60,15 +61,10 @@ pub async fn lease_port(
     let outcome = spawn_blocking(move || {
         let _begins = keeper.lock_job_start();
         let outcome = keeper.ensure_idle().and_then(|()| keeper.request(RobotRequest::Lend(loan), LEASE_TIMEOUT));
-        service.shared.audit.note(
-            CommandSource::Socket,
-            &name,
-            &format!("lend to {to}"),
-            outcome.as_ref().err().map(String::as_str),
-        );
+        service.shared.audit.note(CommandSource::Socket, &name, &format!("lend to {to}"), &outcome);
         outcome
     });
-    outcome.await.map_err(Problem::internal)?.map_err(Problem::conflict)?;
+    outcome.await.map_err(Problem::internal)??;
     // The stream sends no events. It ends when the client disconnects.
     let nothing = futures_util::stream::unfold(held, |held| async move {
         std::future::pending::<()>().await;
@@ -81,11 +77,12 @@ impl RobotWorker {
     /// Waits until the lease of the closed port ends, and rejects all requests to the robot's thread in the meantime.
     /// Emergency stops are still sent, by a thread of their own.
     pub(super) fn wait_for_lease_end(&self, loan: &PortLease, requests: &Receiver<PendingRequest>) {
-        let lent = format!("the port is in use by {}: end that program first", loan.to);
-        self.update_state(|known| known.connection_error = Some(lent.clone()));
+        let reason = Arc::new(ConnectionError::Leased(loan.to.clone()));
+        self.update_state(|known| known.connection_error = Some(Arc::clone(&reason)));
         while !loan.is_over.load(Ordering::Acquire) {
             let Ok(pending) = requests.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
-            self.respond_without_board(pending, || format!("robot {}: {lent}", self.name));
+            let (robot, reason) = (self.name.clone(), Arc::clone(&reason));
+            self.respond_without_board(pending, RobotError::Leased { robot, reason });
         }
     }
 }

@@ -14,12 +14,14 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::PREFIX;
+use super::robot_error::RobotError;
 
 /// Remedy for a request that the service does not know. A page that was open during an update sends such requests.
 const RELOAD: &str = "reload the page, or update the program that sent the request";
 
 /// Reason why a request failed.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, JsonSchema, thiserror::Error)]
+#[error("{detail}")]
 pub struct Problem {
     /// Kind of the problem.
     pub title: &'static str,
@@ -110,6 +112,12 @@ impl Problem {
 impl From<PlanError> for Problem {
     fn from(error: PlanError) -> Self {
         Self::bad(error)
+    }
+}
+
+impl From<RobotError> for Problem {
+    fn from(error: RobotError) -> Self {
+        Self::conflict(error)
     }
 }
 

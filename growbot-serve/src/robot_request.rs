@@ -11,6 +11,10 @@ use growbot_plan::plan::Plan;
 use growbot_scene::scene_file::LoadedScene;
 
 use super::job::Job;
+use super::robot_error::RobotError;
+
+/// Channel on which the response to a request is sent.
+pub(super) type Reply = Sender<Result<(), RobotError>>;
 
 /// A job to start.
 pub struct NewJob {
@@ -43,7 +47,7 @@ pub enum RobotRequest {
 /// A request in the queue of a robot's thread, with the channel on which its response is sent.
 pub struct PendingRequest {
     pub request: RobotRequest,
-    pub reply: Sender<Result<(), String>>,
+    pub reply: Reply,
     pub claim: Claim,
 }
 
@@ -60,19 +64,13 @@ impl Claim {
 
     /// Returns an error if the flag is set. Before the request is sent to the thread, this means that the caller has
     /// given it up.
-    pub fn check(&self) -> Result<(), String> {
-        if self.0.load(Ordering::Acquire) {
-            return Err(
-                "the request was not started, because its sender closed the connection: send the request again"
-                    .to_owned(),
-            );
-        }
-        Ok(())
+    pub fn check(&self) -> Result<(), RobotError> {
+        if self.0.load(Ordering::Acquire) { Err(RobotError::GivenUp) } else { Ok(()) }
     }
 }
 
 impl PendingRequest {
-    pub(super) fn respond(self, response: Result<(), String>) {
+    pub(super) fn respond(self, response: Result<(), RobotError>) {
         // The caller may no longer wait for the response.
         let _ = self.reply.send(response);
     }

@@ -3,11 +3,12 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use growbot_client::client::Client;
+use growbot_client::client::{Client, ClientError};
 use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
 use growbot_plan::job::Command;
 
+use super::robot_error::RobotError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 
@@ -44,13 +45,13 @@ impl RobotWorker {
 
     /// Drops a stop that the board has not confirmed, at a person's request. A growth that the stop has not reached is
     /// paused once the robot is connected again, so that only an order of a person continues it.
-    pub(super) fn withdraw_stop(&self) -> Result<(), String> {
-        let name = &self.name;
+    pub(super) fn withdraw_stop(&self) -> Result<(), RobotError> {
+        let robot = || self.name.clone();
         let Some((_, generation)) = self.signal.pending() else {
-            return Err(format!("robot {name} has no unconfirmed stop: there is nothing to withdraw"));
+            return Err(RobotError::NoStop { robot: robot() });
         };
         if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
-            return Err(format!("robot {name} is being stopped now: a stop can be withdrawn only after it has failed"));
+            return Err(RobotError::StopInProgress { robot: robot() });
         }
         self.update_state(|known| match &known.commands {
             Some(commands) => commands.push(Command::Pause),
@@ -70,14 +71,13 @@ impl RobotWorker {
 
     /// Sends each unconfirmed stop to the board, and records its confirmation. This does not need a session. Returns
     /// false if no stop was sent, because all stops were confirmed before.
-    pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, String> {
+    pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, ClientError> {
         let mut is_stopped = false;
         while let Some((level, generation)) = self.signal.pending() {
             match level {
-                StopLevel::Stop => client.stop().map(drop),
-                StopLevel::EmergencyStop => client.emergency_stop(),
+                StopLevel::Stop => client.stop().map(drop)?,
+                StopLevel::EmergencyStop => client.emergency_stop()?,
             }
-            .map_err(|error| error.to_string())?;
             is_stopped = true;
             self.confirm_stop(generation);
         }

@@ -16,9 +16,9 @@ use growbot_client::stop_signal::{Permit, StopSignal};
 use growbot_core::link::message::{BoardInfo, Cancel, PassiveRequest, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
-use growbot_plan::robot_file;
+use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::run_log::RunLog;
-use growbot_sim::port::{self, OpenPort, PortName};
+use growbot_sim::port::{OpenError, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::sim_daemon::process::switch_on;
 use time::OffsetDateTime;
@@ -28,7 +28,8 @@ use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job::JobState;
 use super::paths::ServicePaths;
-use super::robot_request::{Claim, PendingRequest, PortLease, RobotRequest};
+use super::robot_error::{ConnectionError, RobotError};
+use super::robot_request::{Claim, PendingRequest, PortLease, Reply, RobotRequest};
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
@@ -67,7 +68,7 @@ pub struct RobotWorker {
 /// Latest known state of a robot.
 #[derive(Default)]
 pub struct WorkerState {
-    pub connection_error: Option<String>,
+    pub connection_error: Option<Arc<ConnectionError>>,
     /// Description of the robot. `None` until the first connection to the board.
     pub robot: Option<Robot>,
     /// The board as it reported itself at its latest start or connection.
@@ -92,11 +93,32 @@ pub struct WorkerState {
 pub enum LinkState {
     /// The board is ready for the next request.
     Ready,
-    /// The connection is lost or the board does not respond. The text is the reason.
-    Lost(String),
+    /// The connection is lost or the board does not respond.
+    Lost(Arc<ConnectionError>),
     /// The thread must close the port for this lease. The channel reports to the waiting client that the port is
     /// closed.
-    Leased(PortLease, Sender<Result<(), String>>),
+    Leased(PortLease, Reply),
+}
+
+impl LinkState {
+    /// Returns the state after a connection is lost for this reason.
+    pub fn lost(reason: impl Into<ConnectionError>) -> Self {
+        Self::Lost(Arc::new(reason.into()))
+    }
+
+    /// Returns the state after a request has failed, and the error for its client.
+    pub fn after(error: ClientError) -> (Self, RobotError) {
+        if !is_loss(&error) {
+            return (Self::Ready, error.into());
+        }
+        let reason = Arc::new(ConnectionError::from(error));
+        (Self::Lost(Arc::clone(&reason)), reason.into())
+    }
+}
+
+/// Returns true if a request has failed because the connection is lost or the board does not respond.
+pub fn is_loss(error: &ClientError) -> bool {
+    matches!(error, ClientError::Port(_) | ClientError::NoResponse { .. })
 }
 
 impl RobotWorker {
@@ -128,7 +150,7 @@ impl RobotWorker {
         }
         let stopper = Stopper::start(&entry.port, &signal, Arc::clone(&connector));
         let (pause_file, pauses_on_reconnect) = PauseFile::open(places, name);
-        let connection_error = Some("the service is looking for the robot".to_owned());
+        let connection_error = Some(Arc::new(ConnectionError::Searching));
         let known = Mutex::new(WorkerState { connection_error, pauses_on_reconnect, ..WorkerState::default() });
         let keeper = Arc::new(Self {
             name: name.to_owned(),
@@ -149,9 +171,7 @@ impl RobotWorker {
         let own = Arc::clone(&keeper);
         let spawned = thread::Builder::new().name(format!("robot {name}")).spawn(move || own.run(&requests));
         if let Err(error) = spawned {
-            keeper.update_state(|known| {
-                known.connection_error = Some(format!("cannot start the thread of the robot: {error}"));
-            });
+            keeper.update_state(|known| known.connection_error = Some(Arc::new(ConnectionError::Thread(error))));
         }
         keeper
     }
@@ -178,8 +198,8 @@ impl RobotWorker {
         Some(if is_paused { 0.0 } else { status_age_s(reported, pace) })
     }
 
-    pub(super) fn port(&self) -> Result<PortName, String> {
-        self.entry.port.parse().map_err(|error: port::OpenError| error.to_string())
+    pub(super) fn port(&self) -> Result<PortName, OpenError> {
+        self.entry.port.parse()
     }
 
     /// Returns true if the robot is simulated.
@@ -211,7 +231,7 @@ impl RobotWorker {
                 (None, Some(_)) => ConnectionState::Busy,
                 (None, None) => ConnectionState::Ready,
             },
-            connection_error: known.connection_error.clone(),
+            connection_error: known.connection_error.as_ref().map(ToString::to_string),
             status_age_s: age_s,
             stale: age_s.is_none_or(|age_s| age_s > STALE_AFTER.as_secs_f64()),
             job: known.job.clone(),
@@ -233,12 +253,12 @@ impl RobotWorker {
 
     /// Returns the robot description with which the board was last connected. Before the first connection, returns the
     /// configured or default description.
-    pub fn description(&self) -> Result<Robot, String> {
+    pub fn description(&self) -> Result<Robot, RobotFileError> {
         if let Some(robot) = &self.lock_state().robot {
             return Ok(robot.clone());
         }
         let robot = self.entry.robot.as_deref().unwrap_or(robot_file::DEFAULT);
-        robot_file::load(robot.as_ref()).map_err(|error| error.to_string())
+        robot_file::load(robot.as_ref())
     }
 
     /// Returns the material presets of the configured or default robot.
@@ -281,22 +301,20 @@ impl RobotWorker {
 
     /// Returns an error if the robot has an active job. The latest known state may still contain a job that has just
     /// ended, so the job's state is read from the list of jobs.
-    pub(super) fn ensure_idle(&self) -> Result<(), String> {
+    pub(super) fn ensure_idle(&self) -> Result<(), RobotError> {
         let job = self.lock_state().job.clone();
         let is_active = |id: &String| {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
         };
-        job.filter(is_active).map_or(Ok(()), |job| {
-            Err(format!("robot {} has an active job, {job}: wait until the job ends, or stop the job", self.name))
-        })
+        job.filter(is_active).map_or(Ok(()), |job| Err(RobotError::Busy { robot: self.name.clone(), job }))
     }
 
     /// Sends a request to the robot's thread and waits for the response.
     ///
     /// # Errors
-    /// The reason why the request was rejected, or that it timed out.
-    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), String> {
+    /// [`RobotError`] if the request was rejected or timed out.
+    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), RobotError> {
         self.request_claimed(request, &Claim::default(), limit)
     }
 
@@ -304,76 +322,63 @@ impl RobotWorker {
     ///
     /// # Errors
     /// Like [`Self::request`].
-    pub(super) fn request_claimed(&self, request: RobotRequest, claim: &Claim, limit: Duration) -> Result<(), String> {
+    pub(super) fn request_claimed(
+        &self,
+        request: RobotRequest,
+        claim: &Claim,
+        limit: Duration,
+    ) -> Result<(), RobotError> {
         let (reply, response) = mpsc::channel();
         claim.check()?;
         let pending = PendingRequest { request, reply, claim: claim.clone() };
-        self.requests
-            .send(pending)
-            .map_err(|_| "the service's thread for this robot has ended: restart the service".to_owned())?;
+        self.requests.send(pending).map_err(|_| RobotError::ThreadEnded)?;
         response.recv_timeout(limit).unwrap_or_else(|_| {
-            let (robot, limit) = (&self.name, limit.as_secs_f64());
+            let robot = self.name.clone();
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
             Err(match claim.take() {
-                true => {
-                    format!(
-                        "robot {robot} did not accept the request within {limit:.0} s, so the request was cancelled: \
-                         try again"
-                    )
-                }
-                false => {
-                    format!(
-                        "robot {robot} accepted the request, but did not finish it within {limit:.0} s: check the \
-                         robot's state"
-                    )
-                }
+                true => RobotError::NotAccepted { robot, limit },
+                false => RobotError::NotFinished { robot, limit },
             })
         })
     }
 
     /// Connects to the board. Delivers an unconfirmed stop before anything else, even to a board of another robot,
     /// owner or release. `switches_on` starts a simulated robot that is switched off.
-    pub(super) fn connect(&self, switches_on: bool) -> Result<BoardConnection, String> {
+    pub(super) fn connect(&self, switches_on: bool) -> Result<BoardConnection, ConnectionError> {
         let name = self.port()?;
         let configured = self.entry.robot.as_ref().map(PathBuf::from);
         let mut robot = match &configured {
-            Some(robot) => Some(robot_file::load(robot).map_err(|error| error.to_string())?),
+            Some(robot) => Some(robot_file::load(robot)?),
             None => None,
         };
         if let PortName::SimDaemon(name) = &name {
-            let place = StateDir::of(name).map_err(|error| error.to_string())?;
+            let place = StateDir::of(name)?;
             if switches_on && !place.is_on() {
                 let pace = self.entry.pace.unwrap_or(1.0);
-                switch_on(&place, configured.as_deref(), pace).map_err(|error| error.to_string())?;
+                switch_on(&place, configured.as_deref(), pace)?;
             }
-            robot = place.robot().map_err(|error| error.to_string())?.or(robot);
+            robot = place.robot()?.or(robot);
         }
         let robot = match robot {
             Some(robot) => Some(robot),
-            None if name.is_simulated() => {
-                Some(robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|e| e.to_string())?)
-            }
+            None if name.is_simulated() => Some(robot_file::load(robot_file::DEFAULT.as_ref())?),
             None => None,
         };
         // On a real port the board reports which robot it is.
-        let any = robot_file::load(robot_file::DEFAULT.as_ref()).map_err(|error| error.to_string())?;
-        let opened = self.connector.open(robot.as_ref().unwrap_or(&any)).map_err(|error| error.to_string())?;
+        let any = robot_file::load(robot_file::DEFAULT.as_ref())?;
+        let opened = self.connector.open(robot.as_ref().unwrap_or(&any))?;
         let OpenPort { port, simulated_tip: simulation } = opened;
         let mut client = Client::new(port, &self.entry.port);
         self.stopper.publish(client.emergency_port());
         let is_stopped = self.deliver_stop(&mut client)?;
-        let hello = client.identify().map_err(|error| error.to_string())?;
+        let hello = client.identify()?;
         let robot = match robot {
             Some(robot) => robot,
-            None => robot_file::load(hello.robot_name.as_str().as_ref()).map_err(|_| {
-                format!(
-                    "the board's robot is {}, which is not built in: set `robot` for this robot in growbot.toml",
-                    hello.robot_name
-                )
-            })?,
+            None => robot_file::load(hello.robot_name.as_str().as_ref())
+                .map_err(|_| ConnectionError::NotBuiltIn(hello.robot_name.to_string()))?,
         };
-        let hello = client.open_session_for(&robot).map_err(|error| error.to_string())?;
+        let hello = client.open_session_for(&robot)?;
         Ok(BoardConnection { client, simulation, robot, hello, is_stopped })
     }
 
@@ -384,11 +389,11 @@ impl RobotWorker {
         loop {
             let left = match self.connect(switches_on) {
                 Ok(connection) => self.serve_board(connection, requests),
-                Err(why) => LinkState::Lost(why),
+                Err(reason) => LinkState::lost(reason),
             };
-            let why = match left {
+            let reason = match left {
                 LinkState::Ready => continue,
-                LinkState::Lost(why) => why,
+                LinkState::Lost(reason) => reason,
                 LinkState::Leased(loan, reply) => {
                     // The port is closed now, with its duplicate. The client that waits for it may be gone.
                     self.stopper.publish(None);
@@ -400,25 +405,26 @@ impl RobotWorker {
             // A user who switches the simulated robot off later wants it to stay off.
             switches_on = false;
             self.stopper.publish(None);
-            self.record_connection(Some(&why));
+            self.record_connection(Some(&reason.to_string()));
             self.write_kept();
             self.update_state(|known| {
                 (known.commands, known.live_growth, known.finish) = (None, None, None);
-                known.connection_error = Some(why.clone());
+                known.connection_error = Some(Arc::clone(&reason));
             });
             let until = Instant::now() + self.connector.reconnect_interval();
             while let Ok(pending) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
-                self.respond_without_board(pending, || format!("robot {} is not connected: {why}", self.name));
+                let (robot, reason) = (self.name.clone(), Arc::clone(&reason));
+                self.respond_without_board(pending, RobotError::NotConnected { robot, reason });
             }
         }
     }
 
     /// Handles a request while the port is closed. Records a stop that the board has confirmed, and rejects any other
-    /// request with the reason `why`.
-    pub(super) fn respond_without_board(&self, pending: PendingRequest, why: impl Fn() -> String) {
+    /// request with this error.
+    pub(super) fn respond_without_board(&self, pending: PendingRequest, error: RobotError) {
         match pending.request {
             RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
-            _ => pending.respond(Err(why())),
+            _ => pending.respond(Err(error)),
         }
     }
 
@@ -450,9 +456,9 @@ impl RobotWorker {
                 Ok(false) => {}
                 Ok(true) => match connection.client.status() {
                     Ok(status) => self.record_status(status),
-                    Err(error) => return LinkState::Lost(error.to_string()),
+                    Err(error) => return LinkState::lost(error),
                 },
-                Err(why) => return LinkState::Lost(why),
+                Err(error) => return LinkState::lost(error),
             }
             // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
             let next = match is_virtual {
@@ -494,7 +500,7 @@ impl RobotWorker {
                 }
                 LinkState::Ready
             }
-            Err(error) => LinkState::Lost(error.to_string()),
+            Err(error) => LinkState::lost(error),
         }
     }
 
@@ -516,9 +522,12 @@ impl RobotWorker {
         if is_cancel && done.is_ok() {
             self.give_up_others(None, "discarded: the board has deleted the body");
         }
-        let left = match &done {
-            Err(error @ (ClientError::Port(_) | ClientError::NoResponse { .. })) => LinkState::Lost(error.to_string()),
-            _ => LinkState::Ready,
+        let (left, response) = match done {
+            Ok(()) => (LinkState::Ready, Ok(())),
+            Err(error) => {
+                let (left, error) = LinkState::after(error);
+                (left, Err(error))
+            }
         };
         if self.port().is_ok_and(|port| port.is_virtual())
             && let Ok(status) = client.status()
@@ -526,7 +535,7 @@ impl RobotWorker {
             // A board with a virtual clock is not polled, so its status after the request is read here.
             self.record_status(status);
         }
-        let _ = pending.reply.send(done.map_err(|error| error.to_string()));
+        let _ = pending.reply.send(response);
         left
     }
 }

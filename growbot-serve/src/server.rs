@@ -29,7 +29,7 @@ use super::page_listener::listen;
 use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 use super::problem::Problem;
-pub use super::server_error::ServerError;
+pub use super::server_error::{HandOverError, ServerError};
 use super::service::Service;
 use super::state_lock::StateLock;
 use super::tokens::Tokens;
@@ -63,7 +63,7 @@ impl Server {
         port: u16,
     ) -> Result<Self, ServerError> {
         let file = |path: &Path| {
-            let path = path.display().to_string();
+            let path = path.to_path_buf();
             move |error| ServerError::File { path, error }
         };
         places.check()?;

@@ -24,7 +24,7 @@ pub struct StateLock(#[expect(dead_code, reason = "it is held")] File);
 #[derive(Debug, thiserror::Error)]
 pub enum LockError {
     /// Another service uses the folder.
-    #[error("this user already runs `growbot serve` with the data folder {folder} ({holder}): end that process first",
+    #[error("this user already runs a service with the data folder {folder} ({holder}): end that process first",
         folder = .folder.display())]
     Held {
         /// The data folder.
@@ -80,7 +80,7 @@ mod tests {
         let lock = StateLock::acquire(&places).unwrap();
         let refused = StateLock::acquire(&places).unwrap_err().to_string();
         let holder = format!("(process {} of user {}, since ", process::id(), geteuid().as_raw());
-        assert!(refused.contains("already runs `growbot serve`") && refused.contains(&holder), "{refused}");
+        assert!(refused.contains("already runs a service") && refused.contains(&holder), "{refused}");
         drop(lock);
         // A killed service leaves the file behind, but not the lock.
         assert!(places.lock().exists());

@@ -31,6 +31,8 @@ use super::json_body::JsonBody;
 use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
 use super::paths::ServicePaths;
+use super::problem::Problem;
+use super::robot_error::RobotError;
 use super::robot_request::{Claim, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::Service;
@@ -209,9 +211,9 @@ impl<'a> Case<'a> {
         }
     }
 
-    pub(super) fn carry_out(&mut self, step: Step) -> Result<(), String> {
+    pub(super) fn carry_out(&mut self, step: Step) -> Result<(), Problem> {
         let permit = self.worker.signal().permit();
-        let command = |command| run_command(&self.worker, command, &permit);
+        let command = |command| Ok(run_command(&self.worker, command, &permit)?);
         match step {
             Step::Grow => {
                 let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
@@ -220,18 +222,19 @@ impl<'a> Case<'a> {
                 let computation = Computation::new(&Arc::default());
                 let plan = |robot: &Robot| wanted.resolve(robot, self.service.places(), access, &computation);
                 let made = make_job(self.service, &self.worker, &wanted, plan, order, None);
-                return made.map(drop).map_err(|problem| problem.detail);
+                return made.map(drop);
             }
             Step::Resume => {
-                let jobs = self.service.shared.jobs_to_read().latest(1000).map_err(|error| error.to_string())?;
-                let job = jobs.into_iter().find(|job| job.robot == self.name).ok_or("no job")?;
+                let jobs = self.service.shared.jobs_to_read().latest(1000).map_err(Problem::internal)?;
+                let job =
+                    jobs.into_iter().find(|job| job.robot == self.name).ok_or_else(|| Problem::not_found("job", ""))?;
                 self.worker.ensure_idle()?;
-                return self.worker.request(RobotRequest::Resume(Box::new(job), permit), COMMAND_TIMEOUT);
+                return Ok(self.worker.request(RobotRequest::Resume(Box::new(job), permit), COMMAND_TIMEOUT)?);
             }
             Step::Preheat => {
                 self.worker.ensure_idle()?;
                 let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
-                return self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT);
+                return Ok(self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT)?);
             }
             Step::Continue => return command(RobotCommand::Continue),
             Step::Pause => return command(RobotCommand::Pause),
@@ -401,8 +404,8 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
         let stop = scope.spawn(|| run_command(worker, RobotCommand::Stop, &permit));
         wait_until(|| worker.status().pending_stop.is_some());
         drop(jobs);
-        assert!(grow.join().unwrap().unwrap_err().contains("the robot was stopped"));
-        assert_eq!(stop.join().unwrap(), Ok(()));
+        assert!(matches!(grow.join().unwrap(), Err(RobotError::Voided)));
+        stop.join().unwrap().unwrap();
     });
     let board = case.line.board();
     assert!(board.violations.is_empty() && board.state == BoardState::Stopped, "{:?}", board.violations);
@@ -422,9 +425,9 @@ fn an_idle_thread_on_a_virtual_clock_sends_nothing() {
     let permit = worker.signal().permit();
     let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
     line.board().may_heat = true;
-    assert_eq!(worker.request(RobotRequest::Task(task, permit.clone()), COMMAND_TIMEOUT), Ok(()));
+    worker.request(RobotRequest::Task(task, permit.clone()), COMMAND_TIMEOUT).unwrap();
     assert_eq!(worker.status().state.as_deref(), Some(BoardState::Maintenance.name()));
-    assert_eq!(run_command(&worker, RobotCommand::Stop, &permit), Ok(()));
+    run_command(&worker, RobotCommand::Stop, &permit).unwrap();
     assert_eq!(line.board().state, BoardState::Stopped);
 }
 
@@ -439,7 +442,7 @@ fn an_emergency_stop_reaches_the_board_although_the_thread_has_ended() {
     // The thread ends at its next use of the line. The stop does not use it.
     wait_until(|| !case.line.has_thread());
     let permit = case.worker.signal().permit();
-    assert_eq!(run_command(&case.worker, RobotCommand::EmergencyStop, &permit), Ok(()));
+    run_command(&case.worker, RobotCommand::EmergencyStop, &permit).unwrap();
     assert_eq!(case.line.board().state, BoardState::EmergencyStop);
 }
 
@@ -498,6 +501,6 @@ fn a_stop_of_another_origin_voids_earlier_orders() {
         }
     }
     let permit = case.worker.signal().permit();
-    assert_eq!(run_command(&case.worker, RobotCommand::Cancel, &permit), Ok(()));
+    run_command(&case.worker, RobotCommand::Cancel, &permit).unwrap();
     assert!(!permit.is_valid(), "a cancellation");
 }

@@ -7,8 +7,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, EMERGENCY_PAUSE};
-use growbot_client::port::Port;
+use growbot_client::port::{Port, PortError};
 use growbot_client::stop_signal::StopSignal;
+use growbot_sim::port::OpenError;
 
 use super::connector::Connector;
 
@@ -21,19 +22,36 @@ const RESPONSE_MARGIN: Duration = Duration::from_secs(1);
 
 type Line = Box<dyn Port + Send>;
 
-/// Channel of the result of an emergency stop.
-pub(super) type Reply = Sender<Result<(), String>>;
+/// Reason why the board has not confirmed an emergency stop.
+#[derive(Debug, thiserror::Error)]
+pub enum EmergencyStopError {
+    #[error("the robot is not connected")]
+    NotConnected,
+    /// The board at the port with this name has not responded.
+    #[error("no response at {0}")]
+    NoResponse(String),
+    #[error("the robot's link accepts no stop")]
+    Late,
+    #[error("the thread of the emergency stop has ended")]
+    ThreadEnded,
+    #[error("{0}")]
+    Port(#[from] PortError),
+    #[error("{0}")]
+    Open(#[from] OpenError),
+}
+
+type StopResult = Result<(), EmergencyStopError>;
 
 /// Handle of the thread that sends a robot's emergency stops.
 pub struct Stopper {
-    tasks: Sender<Reply>,
+    tasks: Sender<Sender<StopResult>>,
     line: Arc<Mutex<Option<Line>>>,
     limit: Duration,
 }
 
 /// An emergency stop that is being sent, with the channel of its result.
 pub struct StopTicket {
-    result: Receiver<Result<(), String>>,
+    result: Receiver<StopResult>,
     limit: Duration,
 }
 
@@ -41,12 +59,12 @@ impl StopTicket {
     /// Waits until the board has confirmed the stop.
     ///
     /// # Errors
-    /// The reason why the board has not confirmed the stop.
-    pub fn wait(self) -> Result<(), String> {
+    /// [`EmergencyStopError`].
+    pub fn wait(self) -> StopResult {
         match self.result.recv_timeout(self.limit + RESPONSE_MARGIN) {
             Ok(result) => result,
-            Err(RecvTimeoutError::Timeout) => Err("the robot's link accepts no stop".to_owned()),
-            Err(RecvTimeoutError::Disconnected) => Err("the thread of the emergency stop has ended".to_owned()),
+            Err(RecvTimeoutError::Timeout) => Err(EmergencyStopError::Late),
+            Err(RecvTimeoutError::Disconnected) => Err(EmergencyStopError::ThreadEnded),
         }
     }
 }
@@ -90,7 +108,7 @@ struct StopSender {
 }
 
 impl StopSender {
-    fn run(&self, tasks: &Receiver<Reply>) {
+    fn run(&self, tasks: &Receiver<Sender<StopResult>>) {
         for reply in tasks {
             // The caller may no longer wait for the result.
             let _ = reply.send(self.stop());
@@ -99,9 +117,9 @@ impl StopSender {
 
     /// Sends the emergency stop, in turn on a duplicate of the robot's connection and on a separate connection, until
     /// the board confirms it or the time limit is over.
-    fn stop(&self) -> Result<(), String> {
+    fn stop(&self) -> StopResult {
         let until = Instant::now() + self.connector.emergency_limit();
-        let mut why = "the robot is not connected".to_owned();
+        let mut why = EmergencyStopError::NotConnected;
         loop {
             if let Some(line) = self.duplicate() {
                 match self.send_on(line) {
@@ -122,7 +140,7 @@ impl StopSender {
                     Err(error) => why = error,
                 },
                 Err(error) => {
-                    why = error.to_string();
+                    why = error.into();
                     // The robot may be in this process. Then only its own thread reaches it.
                     let pause = Instant::now() + EMERGENCY_PAUSE;
                     while Instant::now() < pause && !self.is_confirmed() {
@@ -143,11 +161,10 @@ impl StopSender {
         }
     }
 
-    fn send_on(&self, line: Box<dyn Port>) -> Result<(), String> {
-        match Client::new(line, &self.name).emergency_stop_within(EMERGENCY_PAUSE, &mut 0) {
-            Ok(true) => Ok(()),
-            Ok(false) => Err(format!("no response at {}", self.name)),
-            Err(error) => Err(error.to_string()),
+    fn send_on(&self, line: Box<dyn Port>) -> StopResult {
+        match Client::new(line, &self.name).emergency_stop_within(EMERGENCY_PAUSE, &mut 0)? {
+            true => Ok(()),
+            false => Err(EmergencyStopError::NoResponse(self.name.clone())),
         }
     }
 

@@ -59,7 +59,7 @@ fn socket_identity(socket: impl AsFd) -> io::Result<String> {
 }
 
 fn new_token() -> io::Result<String> {
-    random_token().map_err(|error| io::Error::other(error.to_string()))
+    random_token().map_err(io::Error::other)
 }
 
 #[cfg(test)]

@@ -19,6 +19,9 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{ReadRunLogError, RunLogError};
 use growbot_plan::scene_planning::{NoPathError, SceneCheckError};
 use growbot_plan::warning::{SELF_COLLISION, Warning};
+use growbot_serve::LockError;
+use growbot_serve::client::ServiceError;
+use growbot_serve::server::ServerError;
 use growbot_serve::watch::WatchError;
 use growbot_sim::sim_daemon::SimDaemonError;
 use growbot_sim::sim_daemon::process::SimProcessError;
@@ -57,6 +60,10 @@ fn name_options(error: &(dyn Error + 'static), text: String) -> String {
     let (parameter, option) = match error.downcast_ref() {
         Some(NoPathError::AtResolution { .. }) => ("smaller radius", "smaller --radius"),
         Some(NoPathError::TooFar { .. } | NoPathError::TwoPlaneBlocked) => ("the maximum length", "--max-length"),
+        _ if matches!(error.downcast_ref(), Some(ServiceError::Unreachable(_) | ServiceError::ForeignPeer { .. })) => {
+            ("the service", "`growbot serve`")
+        }
+        _ if error.is::<LockError>() => ("a service", "`growbot serve`"),
         _ if error.is::<PathTooLong>() => ("the maximum length", "--max-length"),
         _ if error.is::<SimDaemonError>() => ("the robot description", "--robot"),
         _ => return text,
@@ -86,6 +93,7 @@ fn remedy(error: &(dyn Error + 'static)) -> Cow<'static, str> {
         of_port,
         of_read_log,
         of_scene_check,
+        of_server,
         of_simulated_robot,
         of_simulator_start,
         of_too_long,
@@ -224,6 +232,10 @@ fn of_scene_check(error: &SceneCheckError) -> &'static str {
     }
 }
 
+fn of_server(error: &ServerError) -> &'static str {
+    if matches!(error, ServerError::Address { .. }) { " with --page-port" } else { "" }
+}
+
 fn of_simulated_robot(error: &SimDaemonError) -> String {
     match error {
         SimDaemonError::NotRunning(name) => format!(" with `growbot power on --port sim:{name}`"),
@@ -255,9 +267,12 @@ fn of_view(error: &ViewError) -> &'static str {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use growbot_plan::batch::QueryError;
     use growbot_plan::plan_file;
     use growbot_plan::scene_planning::ScenePlanError;
+    use growbot_serve::client::ResponseError;
     use growbot_sim::port::OpenError;
 
     use super::*;
@@ -266,7 +281,7 @@ mod tests {
     fn remedies_with_options_are_in_the_messages_of_the_command_line_only() {
         let busy = || ClientError::Port(PortError::Busy("/dev/ttyACM0".to_owned(), "cu".to_owned()));
         let refused = |refusal| ClientError::Refused { request: "the request to start", refusal };
-        let errors: [(Box<dyn Error>, &str); 12] = [
+        let errors: [(Box<dyn Error>, &str); 16] = [
             (
                 Box::new(ScenePlanError::from(NoPathError::TooFar { distance: 700.0, left: 600.0 })),
                 "only 600 mm of --max-length remain: raise --max-length, or choose a nearer goal",
@@ -308,6 +323,22 @@ mod tests {
             (
                 Box::new(WatchError::Server(std::io::Error::other("no"))),
                 "cannot start the page's server (no): remove --watch",
+            ),
+            (
+                Box::new(ServerError::from(LockError::Held { folder: "state".into(), holder: "process 7".to_owned() })),
+                "this user already runs `growbot serve` with the data folder state (process 7): end that process first",
+            ),
+            (
+                Box::new(ServerError::Address { port: 80, error: std::io::Error::other("no") }),
+                "cannot serve pages at 127.0.0.1:80 (no): choose another port with --page-port",
+            ),
+            (
+                Box::new(ServiceError::from(ResponseError::Late(Duration::from_secs(2)))),
+                "service (no response within 2.0 s): check that `growbot serve` runs and has the release of this",
+            ),
+            (
+                Box::new(ServiceError::ForeignPeer { socket: "serve.sock".to_owned(), owner: 7 }),
+                "is not the growbot service of this user: remove the socket, and start `growbot serve` again",
             ),
         ];
         for (error, expected) in errors {

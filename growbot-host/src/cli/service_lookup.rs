@@ -7,6 +7,8 @@ use growbot_client::status::RobotStatus;
 use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use growbot_serve::client::ServiceClient;
 
+use super::remedies;
+
 /// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
 /// the stop in time, the command sends it to the robot's port itself.
 pub const EMERGENCY: Duration = Duration::from_millis(50);
@@ -31,7 +33,7 @@ pub fn robots_in_emergency() -> Vec<RobotStatus> {
 pub fn service_in_emergency() -> Option<ServiceClient> {
     static WARNED: Once = Once::new();
     ServiceClient::find().unwrap_or_else(|error| {
-        WARNED.call_once(|| growbot_host::warning!("{error}"));
+        WARNED.call_once(|| growbot_host::warning!("{}", remedies::message(&error)));
         None
     })
 }

@@ -42,8 +42,8 @@ use super::service_lookup::{EMERGENCY, service_in_emergency};
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
         match &error {
-            ServiceError::Rejected { status: 422 | 404, .. } => Self::bad_input(error),
-            _ => Self::request_failed(error),
+            ServiceError::Rejected { status: 422 | 404, .. } => Self::before_start(&error),
+            _ => Self::during_request(&error),
         }
     }
 }
