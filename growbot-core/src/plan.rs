@@ -143,8 +143,9 @@ pub fn plan_with_keep_alive(
     planner: Planner,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<PlannedPath, PlanError> {
+    check_radius(robot, radius)?;
     // The first candidate is accepted, so there is always a result.
-    search(robot, start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
+    search(start, goal, radius, planner, |_| true, keep_alive)?.ok_or(PlanError::NoPath)
 }
 
 /// Returns the shortest of the planner's candidates that `accept` accepts. `None` if it accepts none. `accept` receives
@@ -160,11 +161,11 @@ pub fn plan_with_filter(
     planner: Planner,
     accept: impl FnMut(&[Segment]) -> bool,
 ) -> Result<Option<PlannedPath>, PlanError> {
-    search(robot, start, goal, radius, planner, accept, &mut || ())
+    check_radius(robot, radius)?;
+    search(start, goal, radius, planner, accept, &mut || ())
 }
 
 fn search(
-    robot: &Robot,
     start: &Pose,
     goal: &Pose,
     radius: f64,
@@ -172,7 +173,6 @@ fn search(
     accept: impl FnMut(&[Segment]) -> bool,
     keep_alive: &mut dyn FnMut(),
 ) -> Result<Option<PlannedPath>, PlanError> {
-    check_radius(robot, radius)?;
     match planner {
         Planner::TwoPlane => two_plane_only(start, goal, radius, accept),
         Planner::Shortest => shortest_of_all(start, goal, radius, accept, keep_alive),

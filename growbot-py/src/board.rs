@@ -145,7 +145,8 @@ impl BoardWorker {
         self.link = None;
         let OpenPort { port, simulated_tip } = open(&self.port, &self.robot, settings).map_err(board_error)?;
         let name = if self.port.is_simulated() { format!("{} (simulated)", self.name) } else { self.name.clone() };
-        let client = Client::new(port, &name).with_take_over(self.take_over);
+        let client = Client::new(port, &name);
+        let client = if self.take_over { client.with_take_over() } else { client };
         Ok(self.link.insert(BoardLink { client, simulated_tip }))
     }
 

@@ -174,7 +174,7 @@ mod tests {
     fn the_nearest_of_many_obstacles_are_displayed() {
         let points: Vec<Vector3<f64>> = (0..100_000).map(|i| Vector3::new(0.002 * f64::from(i), 0.0, 250.0)).collect();
         let triangles = points.iter().map(|at| Triangle([*at, at + Vector3::x(), at + Vector3::y()])).collect();
-        let scene = Scene::new(vec![], vec![], vec![Cloud::new(points, 1.0)], vec![Mesh::new(triangles, false)]);
+        let scene = Scene::new(vec![], vec![], vec![Cloud::new(points, 1.0)], vec![Mesh::surface(triangles)]);
         let shown = ObstacleSelection::near(&scene, &line(), &LIMITS);
         assert_eq!((shown.triangles.len(), shown.points.len(), shown.total), (100, 100, 200_000));
         assert!(shown.points.iter().all(|(at, radius)| at.x < 0.21 && *radius == 1.0), "{:?}", shown.points);

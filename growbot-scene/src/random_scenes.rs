@@ -78,7 +78,7 @@ impl RandomScene {
     /// Builds the scene with its obstacles.
     pub fn scene(&self) -> Scene {
         let clouds = if self.points.is_empty() { vec![] } else { vec![Cloud::new(self.points.clone(), POINT_RADIUS)] };
-        let meshes = if self.triangles.is_empty() { vec![] } else { vec![Mesh::new(self.triangles.clone(), true)] };
+        let meshes = if self.triangles.is_empty() { vec![] } else { vec![Mesh::solid(self.triangles.clone())] };
         Scene::new(self.shapes.clone(), Vec::new(), clouds, meshes)
     }
 }

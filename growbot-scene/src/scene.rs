@@ -75,9 +75,14 @@ impl Mesh {
         self.triangles.items()
     }
 
-    /// Creates a mesh of these triangles. If it is `solid`, it must be closed.
-    pub fn new(triangles: Vec<Triangle>, solid: bool) -> Self {
-        Self { triangles: Bvh::new(triangles), solid }
+    /// Creates a mesh of which only the triangles are obstacles.
+    pub fn surface(triangles: Vec<Triangle>) -> Self {
+        Self { triangles: Bvh::new(triangles), solid: false }
+    }
+
+    /// Creates a mesh whose enclosed volume is an obstacle too. It must be closed.
+    pub fn solid(triangles: Vec<Triangle>) -> Self {
+        Self { triangles: Bvh::new(triangles), solid: true }
     }
 
     /// Reports whether the mesh encloses a point.

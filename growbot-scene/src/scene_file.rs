@@ -477,7 +477,7 @@ fn mesh_of(read: &GeometryFile, scale: Option<f64>, solid: bool, file: &str) -> 
     let (faults, mesh) = thread::scope(|scope| {
         let check = || if solid { read::find_defects(&points, &geometry.triangles) } else { MeshDefects::default() };
         let faults = scope.spawn(check);
-        let mesh = Mesh::new(triangles, solid);
+        let mesh = if solid { Mesh::solid(triangles) } else { Mesh::surface(triangles) };
         // A thread that panicked has checked nothing.
         (faults.join().unwrap_or(MeshDefects { open: usize::MAX, flipped: 0 }), mesh)
     });

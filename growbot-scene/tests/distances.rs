@@ -61,7 +61,7 @@ fn distances_to_random_meshes_are_lower_bounds() {
     let mut random = Rng::new(&[7]);
     for _ in 0..20 {
         let triangles = triangles(&mut random, 200);
-        let scene = Scene::new(vec![], vec![], vec![], vec![Mesh::new(triangles.clone(), false)]);
+        let scene = Scene::new(vec![], vec![], vec![], vec![Mesh::surface(triangles.clone())]);
         let truth = |point: &Vector3<f64>| {
             triangles.iter().map(|triangle| brute_force_triangle(triangle, point)).fold(f64::INFINITY, f64::min)
         };

@@ -168,7 +168,7 @@ impl Subject<'_> {
     /// Lets another host continue the growth from the log, and checks that the body is completed.
     fn check_continuation(&self, power_was_lost: bool, Attempt { board, logged, .. }: Attempt) -> Result<(), String> {
         let known: Vec<_> = logged.into_iter().map(|(_, as_built)| as_built).collect();
-        let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over(true);
+        let mut client = Client::new(Box::new(Rc::clone(&board)), "sim").with_take_over();
         let hello = client.open_session().map_err(|error| error.to_string())?;
         if matches!(hello.status.state, State::Fault) {
             client.clear_fault(&Permit::standalone()).map_err(|error| error.to_string())?;

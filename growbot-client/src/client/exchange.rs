@@ -81,7 +81,7 @@ impl Client {
         let mut repeat = if plans { PLAN_RETRY_DELAY } else { FIRST_RETRY_DELAY };
         self.seq = next_seq(self.seq);
         let seq = self.seq;
-        let mut wait = ResponseWait::default();
+        let mut wait = ResponseWait { in_session: self.open, ..ResponseWait::default() };
         for attempt in 0..MAX_ATTEMPTS {
             check()?;
             self.repeated += u64::from(attempt > 0);
@@ -89,7 +89,7 @@ impl Client {
             if let Some(frame) = self.wait_for_response(|ack| ack == seq, repeat, &mut wait)? {
                 return decode_response(what, &frame);
             }
-            if wait.has_timed_out(if plans { PLAN_TIMEOUT } else { Duration::ZERO }, self.open) {
+            if wait.has_timed_out(if plans { PLAN_TIMEOUT } else { Duration::ZERO }) {
                 break;
             }
             repeat = (repeat * 5 / 4).min(MAX_RETRY_DELAY.max(repeat));

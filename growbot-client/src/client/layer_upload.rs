@@ -29,7 +29,7 @@ impl Client {
     ) -> Result<Accepted, ClientError> {
         let what = "the request to store layers";
         let mut handover = LayerUpload::new(plan_id, layers, accepted);
-        let mut wait = ResponseWait::default();
+        let mut wait = ResponseWait { in_session: self.open, ..ResponseWait::default() };
         loop {
             while let Some(layers) = handover.next_message() {
                 self.seq = next_seq(self.seq);
@@ -42,7 +42,7 @@ impl Client {
             let answered =
                 self.wait_for_response(|ack| handover.in_flight.contains(&ack), MAX_RETRY_DELAY, &mut wait)?;
             let Some(frame) = answered else {
-                if wait.has_timed_out(Duration::ZERO, self.open) || handover.fruitless >= MAX_ATTEMPTS {
+                if wait.has_timed_out(Duration::ZERO) || handover.fruitless >= MAX_ATTEMPTS {
                     return Err(self.timeout_error(&wait));
                 }
                 self.repeated += handover.resend_all();

@@ -71,10 +71,10 @@ impl Client {
         }
     }
 
-    /// Sets whether this client, when it opens its session, takes the board from another host that owns it.
+    /// Lets this client, when it opens its session, take the board from another host that owns it.
     #[must_use]
-    pub fn with_take_over(mut self, takes_over: bool) -> Self {
-        self.takes_over = takes_over;
+    pub fn with_take_over(mut self) -> Self {
+        self.takes_over = true;
         self
     }
 

@@ -30,6 +30,8 @@ pub(super) const MAX_ATTEMPTS: u32 = 120;
 /// State of the wait for a response to a request.
 #[derive(Debug, Default)]
 pub(super) struct ResponseWait {
+    /// True if a session is open, in which the timeout is longer.
+    pub in_session: bool,
     /// Time since the latest valid frame.
     pub quiet: Duration,
     /// Number of invalid frames that were received since the latest valid frame.
@@ -39,11 +41,10 @@ pub(super) struct ResponseWait {
 }
 
 impl ResponseWait {
-    /// Reports whether the time without a valid frame has reached the timeout. `known` is true if a session is open, in
-    /// which the timeout is longer. `least` is the minimum timeout.
-    pub fn has_timed_out(&self, least: Duration, known: bool) -> bool {
+    /// Reports whether the time without a valid frame has reached the timeout. `least` is the minimum timeout.
+    pub fn has_timed_out(&self, least: Duration) -> bool {
         let pieces = f64::from(self.pieces);
-        let patience = if known {
+        let patience = if self.in_session {
             OPEN_SESSION_TIMEOUT
         } else if pieces > 0.0 && pieces <= MAX_FRAGMENTS_PER_S * self.quiet.as_secs_f64() {
             FRAGMENT_TIMEOUT
@@ -51,7 +52,7 @@ impl ResponseWait {
             SILENCE_TIMEOUT
         };
         // A complete frame of another version of the protocol is not noise, so waiting would not help.
-        let speaks_otherwise = !known && matches!(self.unreadable, Some(FrameError::Version { .. }));
+        let speaks_otherwise = !self.in_session && matches!(self.unreadable, Some(FrameError::Version { .. }));
         speaks_otherwise || self.quiet >= patience.max(least)
     }
 }

@@ -40,7 +40,9 @@ use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 use growbot_firmware::board_robot;
-use growbot_firmware::stepping::{AxisMove, EngineConfig, HomingMove, Mailbox, Move, Report, Turn, TurnPlanner};
+use growbot_firmware::stepping::{
+    AxisMove, Direction, EngineConfig, HomingMove, Mailbox, Move, Report, Turn, TurnPlanner,
+};
 
 use crate::pins::{BenchmarkEngine, World};
 use crate::polled_uart::PolledUart;
@@ -173,9 +175,9 @@ impl Bench {
         self.idle(100);
         self.until_report(Move::Home(homing), Kind::Homing)?;
         self.idle(100);
-        for backwards in [true, false] {
+        for direction in [Direction::Backward, Direction::Forward] {
             self.until_report(
-                Move::Feed(AxisMove { steps: 50, backwards, ticks_per_step: 8, changes_filament: false }),
+                Move::Feed(AxisMove { steps: 50, direction, ticks_per_step: 8, changes_filament: false }),
                 Kind::Feeding,
             )?;
         }
@@ -223,7 +225,8 @@ impl Bench {
         let mut turn_of = |index: u32| {
             let lean = f64::from(index % 3) * 0.0025;
             let layer = Layer { alpha: 0.9 * f64::from(index), height: 0.77 - 0.1 * f64::from(index % 2), tilt: lean };
-            material.next_turn(&encoder.encode(&layer), robot, alternate && index % 2 == 1).ok()
+            let direction = if alternate && index % 2 == 1 { Direction::Backward } else { Direction::Forward };
+            material.next_turn(&encoder.encode(&layer), robot, direction).ok()
         };
         let mut laid = 0;
         let mut next = turn_of(0)?;

@@ -4,7 +4,7 @@
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin, PinState};
 use growbot_core::robot::Robot;
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
@@ -56,7 +56,7 @@ pub type BenchmarkEngine =
     Engine<Pin, WiredPin, WiredPin, Pin, WiredPin, WiredPin, WiredPin, Pin, WiredPin, BenchmarkOutputs>;
 
 fn wired(pin: &'static AtomicBool) -> WiredPin {
-    InvertiblePin::new(Pin(pin), false)
+    InvertiblePin::new(Pin(pin), PinState::High)
 }
 
 /// Creates a step engine with the simulated pins.

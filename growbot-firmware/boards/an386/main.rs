@@ -24,6 +24,7 @@ mod vectors;
 mod watchdog;
 
 use cortex_m_rt::entry;
+use embedded_hal::digital::PinState;
 use growbot_core::robot::{Robot, RobotError};
 use growbot_firmware::board_robot::BoardRobot;
 use growbot_firmware::controller::{BootInfo, Controller};
@@ -124,7 +125,7 @@ fn set_up() -> (Uart, &'static mut Controller<An386>) {
         StepperPins { step: tip.feed_step, direction: tip.feed_direction, enable: tip.feed_enable },
         EngineInputs {
             // The emulated sensor pulls its line low on the mark.
-            index: InvertiblePin::new(tip.index, true),
+            index: InvertiblePin::new(tip.index, PinState::Low),
             filament_motion: tip.filament_motion,
             emergency_stop: tip.emergency_stop,
         },

@@ -10,7 +10,7 @@ use growbot_firmware::emulated_tip;
 
 use crate::registers::Register;
 use crate::runtime::crash::{self, ExceptionContext};
-use crate::tip;
+use crate::tip::{self, Boot};
 
 /// Note of the cause of a reset. It survives the reset, because no code loads or clears this section.
 #[unsafe(link_section = ".uninit.reset_note")]
@@ -33,10 +33,10 @@ fn note() -> Register {
 }
 
 /// Returns the cause of the board's start, as a `RESET_*` of `emulated_tip`. Call it once, because it clears the note.
-pub fn read_and_clear_cause(first_boot: bool) -> u32 {
+pub fn read_and_clear_cause(boot: Boot) -> u32 {
     let left = note().read();
     note().write(0);
-    if first_boot {
+    if boot == Boot::Cold {
         emulated_tip::RESET_POWER_ON
     } else if left & !0xFF == NOTE_MARK {
         left & 0xFF

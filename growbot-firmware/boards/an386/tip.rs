@@ -22,6 +22,15 @@ fn count(offset: usize) {
     word(offset).write(word(offset).read().wrapping_add(1));
 }
 
+/// Kind of a boot, as the shared memory shows it.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub enum Boot {
+    /// The first boot on this memory.
+    Cold,
+    /// A boot after a reset.
+    Warm,
+}
+
 /// All outputs and inputs of the emulated tip, each once.
 pub struct TipPins {
     /// STEP pin of the head's driver.
@@ -64,12 +73,13 @@ impl TipPins {
     /// Writes the board's words of the shared memory for a new boot, with all outputs off, and returns the pins. Call
     /// it once.
     ///
-    /// `cause` returns the cause of the board's start. Its argument is `true` in the first boot on this memory.
-    pub fn start(cause: impl FnOnce(bool) -> u32) -> Self {
-        let first_boot =
-            word(table::MAGIC).read() != table::MAGIC_VALUE || word(table::VERSION).read() != table::VERSION_VALUE;
+    /// `cause` returns the cause of the board's start.
+    pub fn start(cause: impl FnOnce(Boot) -> u32) -> Self {
+        let is_written =
+            word(table::MAGIC).read() == table::MAGIC_VALUE && word(table::VERSION).read() == table::VERSION_VALUE;
+        let boot = if is_written { Boot::Warm } else { Boot::Cold };
         make_safe();
-        if first_boot {
+        if boot == Boot::Cold {
             for survivor in [table::BOOTS, table::HEAD_STEPS, table::FEED_STEPS, table::STEP_WRITE_INDEX] {
                 word(survivor).write(0);
             }
@@ -86,7 +96,7 @@ impl TipPins {
         ] {
             word(fresh).write(0);
         }
-        word(table::RESET_CAUSE).write(cause(first_boot));
+        word(table::RESET_CAUSE).write(cause(boot));
         word(table::BOOT_WRITE_INDEX).write(word(table::STEP_WRITE_INDEX).read());
         word(table::VERSION).write(table::VERSION_VALUE);
         word(table::MAGIC).write(table::MAGIC_VALUE);

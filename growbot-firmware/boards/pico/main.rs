@@ -151,9 +151,9 @@ fn set_up() -> &'static mut Controller<Pico> {
     // The fast clocks come first, because without them the check of the image takes ten times as long.
     clock::start(&device);
     let mut descriptions = DescriptionStore::open(Rp2040Flash::of_description());
-    let BoardRobot { robot, configured } = BoardRobot::load(&mut descriptions);
-    let identity = BootInfo { configured, ..boot_info(&device) };
-    let pins = PicoPins::new(robot.description(), configured, device.IO_BANK0, device.PADS_BANK0);
+    let board = BoardRobot::load(&mut descriptions);
+    let identity = BootInfo { configured: board.configured, ..boot_info(&device) };
+    let pins = PicoPins::new(&board, device.IO_BANK0, device.PADS_BANK0);
     uart::start(&device.UART0);
     usb::start(&device.RESETS);
     let engine = Engine::new(
@@ -161,7 +161,7 @@ fn set_up() -> &'static mut Controller<Pico> {
         StepperPins { step: pins.feed_step, direction: pins.feed_direction, enable: pins.feed_enable },
         EngineInputs { index: pins.index, filament_motion: pins.filament_motion, emergency_stop: pins.emergency_stop },
         pins::PicoOutputs,
-        EngineConfig::for_robot(&robot),
+        EngineConfig::for_robot(&board.robot),
     );
     let (thermistor, supply) = adc::new(device.ADC, pins.thermistor, pins.supply);
     let parts = BoardResources {
@@ -172,7 +172,7 @@ fn set_up() -> &'static mut Controller<Pico> {
         supply,
         filament_presence: pins.filament_presence,
         driver_fault: pins.driver_fault,
-        drivers: DriverConfig::of(robot.description())
+        drivers: DriverConfig::of(board.robot.description())
             .map(|settings| Tmc2209::new(TmcUart::start(device.UART1), settings)),
         orientation: Bmi160Sensor::new(SoftI2c::new(pins.orientation_clock, pins.orientation_data, CycleDelay)),
         watchdog,
@@ -184,15 +184,15 @@ fn set_up() -> &'static mut Controller<Pico> {
     };
     defmt::info!(
         "pico for {=str}, boot id {=u32:08x}, started by {=str}",
-        robot.name(),
+        board.robot.name(),
         identity.boot_id,
         identity.reset_cause.name()
     );
     vectors::relocate_to_ram();
-    step_timer::start(engine, &device.PWM, robot.description().motion.tick_hz);
+    step_timer::start(engine, &device.PWM, board.robot.description().motion.tick_hz);
     start_interrupts(&mut core.NVIC);
     // The controller is not on the stack, because planning needs the stack.
-    let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(robot, identity, parts, &MAILBOX));
+    let controller = cortex_m::singleton!(: Controller<Pico> = Controller::new(board.robot, identity, parts, &MAILBOX));
     let Some(controller) = controller else { reset::restart() };
     controller
 }

@@ -6,8 +6,9 @@
 use core::convert::Infallible;
 use core::sync::atomic::{AtomicU32, Ordering};
 
-use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, RobotDescription, Signal};
+use embedded_hal::digital::{ErrorType, InputPin, OutputPin, PinState};
+use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Signal};
+use growbot_firmware::board_robot::BoardRobot;
 use growbot_firmware::hal::Outputs;
 use growbot_firmware::invertible_pin::InvertiblePin;
 use rp2040_pac as pac;
@@ -231,7 +232,9 @@ pub struct PicoPins {
 impl PicoPins {
     /// Configures the pins for the robot's board. If the board is not configured, all pins except those of the link
     /// stay in their state after the reset.
-    pub fn new(robot: &RobotDescription, configured: bool, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
+    pub fn new(board_robot: &BoardRobot, io: pac::IO_BANK0, pads: pac::PADS_BANK0) -> Self {
+        let BoardRobot { ref robot, configured } = *board_robot;
+        let robot = robot.description();
         let roles = PinMux { io, pads };
         roles.give(Some(LINK_TX), PAD, FUNCTION_UART);
         // Without an adapter the line idles, instead of picking up bytes.
@@ -246,6 +249,7 @@ impl PicoPins {
         }
         let pin = |signal: Signal| board.pin(signal).filter(|_| configured && signal.is_used(robot));
         let enable_low = robot.motion.enable_low;
+        let on = PinState::from(!enable_low);
         let enables = bit(pin(Signal::HeadEnable)) | bit(pin(Signal::FeedEnable));
         SAFE_LOW.store(bit(pin(Signal::HeaterEnable)) | if enable_low { 0 } else { enables }, Ordering::Relaxed);
         SAFE_HIGH.store(if enable_low { enables } else { 0 }, Ordering::Relaxed);
@@ -257,35 +261,32 @@ impl PicoPins {
         }
         let sensors = &robot.sensors;
         // The inputs of sensors that the robot does not have are never read, so that any level is valid.
-        let active_low = |input: Option<DigitalInput>| input.is_some_and(|input| input.active_low);
+        let active = |input: Option<DigitalInput>| PinState::from(input.is_none_or(|input| !input.active_low));
         let output = |signal, high| roles.output(pin(signal), high);
         let input = |signal| roles.input(pin(signal));
         PicoPins {
             head_step: output(Signal::HeadStep, false),
             head_direction: InvertiblePin::new(
                 output(Signal::HeadDirection, false),
-                !robot.head.direction_high_is_positive,
+                PinState::from(robot.head.direction_high_is_positive),
             ),
-            head_enable: InvertiblePin::new(output(Signal::HeadEnable, enable_low), enable_low),
+            head_enable: InvertiblePin::new(output(Signal::HeadEnable, enable_low), on),
             feed_step: output(Signal::FeedStep, false),
             feed_direction: InvertiblePin::new(
                 output(Signal::FeedDirection, false),
-                !robot.feed.direction_high_is_forward,
+                PinState::from(robot.feed.direction_high_is_forward),
             ),
-            feed_enable: InvertiblePin::new(output(Signal::FeedEnable, enable_low), enable_low),
+            feed_enable: InvertiblePin::new(output(Signal::FeedEnable, enable_low), on),
             heater: pin(Signal::Heater),
             heater_enable: output(Signal::HeaterEnable, false),
             fan: pin(Signal::Fan),
-            filament_presence: InvertiblePin::new(
-                input(Signal::FilamentPresence),
-                active_low(sensors.filament_presence),
-            ),
-            driver_fault: InvertiblePin::new(input(Signal::DriverFault), active_low(sensors.driver_fault)),
+            filament_presence: InvertiblePin::new(input(Signal::FilamentPresence), active(sensors.filament_presence)),
+            driver_fault: InvertiblePin::new(input(Signal::DriverFault), active(sensors.driver_fault)),
             orientation_clock: roles.open_drain(pin(Signal::OrientationClock)),
             orientation_data: roles.open_drain(pin(Signal::OrientationData)),
-            index: InvertiblePin::new(input(Signal::Index), robot.head.index_low_on_mark),
+            index: InvertiblePin::new(input(Signal::Index), PinState::from(!robot.head.index_low_on_mark)),
             filament_motion: input(Signal::FilamentMotion),
-            emergency_stop: InvertiblePin::new(input(Signal::EmergencyStop), active_low(sensors.emergency_stop)),
+            emergency_stop: InvertiblePin::new(input(Signal::EmergencyStop), active(sensors.emergency_stop)),
             thermistor: pin(Signal::Thermistor),
             supply: pin(Signal::Supply),
         }

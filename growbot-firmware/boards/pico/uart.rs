@@ -51,9 +51,9 @@ pub fn send_queued() {
     cortex_m::peripheral::NVIC::pend(pac::Interrupt::UART0_IRQ);
 }
 
-/// Switches everything off at once if an emergency stop has arrived.
-pub fn handle_emergency_stop(emergency_stop: bool) {
-    if emergency_stop {
+/// Gives the detector a received byte, and switches everything off at once if the byte ends an emergency stop.
+pub fn check_for_emergency_stop(detector: &mut EmergencyStopDetector, byte: u8) {
+    if detector.push(byte) {
         // This comes first, so that no step in between energises a motor again.
         MAILBOX.request_emergency_stop();
         pins::make_safe();
@@ -84,7 +84,7 @@ fn UART0_IRQ() {
     while uart.uartfr().read().bits() & RECEIVE_EMPTY == 0 {
         let byte = (uart.uartdr().read().bits() & 0xFF) as u8;
         // SAFETY: only this interrupt calls this.
-        unsafe { ESTOP_DETECTOR.with(|watch| handle_emergency_stop(watch.push(byte))) };
+        unsafe { ESTOP_DETECTOR.with(|detector| check_for_emergency_stop(detector, byte)) };
         // A byte is lost if the queue is full, which the CRC of its frame shows.
         let _ = RECEIVED.enqueue(byte);
     }

@@ -275,7 +275,7 @@ impl Device {
 
     fn on_received(&mut self) {
         for byte in self.receive.received() {
-            uart::handle_emergency_stop(self.watch.push(byte));
+            uart::check_for_emergency_stop(&mut self.watch, byte);
             // A byte is lost if the queue is full, which the CRC of its frame shows.
             let _ = RECEIVED.enqueue(byte);
         }

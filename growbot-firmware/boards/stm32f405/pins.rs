@@ -9,7 +9,8 @@
 
 use core::sync::atomic::{AtomicBool, Ordering};
 
-use growbot_core::robot::RobotDescription;
+use embedded_hal::digital;
+use growbot_core::robot::{DigitalInput, RobotDescription};
 use growbot_firmware::invertible_pin::InvertiblePin;
 use stm32f4xx_hal::gpio::{Alternate, Analog, GpioExt, Input, OpenDrain, Output, PinState, Pull};
 use stm32f4xx_hal::gpio::{
@@ -112,19 +113,20 @@ impl Stm32Pins {
         let enable_low = robot.motion.enable_low;
         ENABLE_LOW.store(enable_low, Ordering::Relaxed);
         let off = PinState::from(enable_low);
-        let head_backwards = !robot.head.direction_high_is_positive;
-        let feed_backwards = !robot.feed.direction_high_is_forward;
+        let on = digital::PinState::from(!enable_low);
+        let head_positive = digital::PinState::from(robot.head.direction_high_is_positive);
+        let feed_forward = digital::PinState::from(robot.feed.direction_high_is_forward);
         let sensors = &robot.sensors;
         // The inputs of sensors that the robot does not have are never read, so that any level is valid.
-        let active_low = |input: Option<growbot_core::robot::DigitalInput>| input.is_some_and(|input| input.active_low);
+        let active = |input: Option<DigitalInput>| digital::PinState::from(input.is_none_or(|input| !input.active_low));
         let (a, b, c) = (a.split(rcc), b.split(rcc), c.split(rcc));
         Stm32Pins {
             head_step: c.pc6.into_push_pull_output_in_state(PinState::Low),
-            head_direction: InvertiblePin::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_backwards),
-            head_enable: InvertiblePin::new(c.pc8.into_push_pull_output_in_state(off), enable_low),
+            head_direction: InvertiblePin::new(c.pc7.into_push_pull_output_in_state(PinState::Low), head_positive),
+            head_enable: InvertiblePin::new(c.pc8.into_push_pull_output_in_state(off), on),
             feed_step: b.pb12.into_push_pull_output_in_state(PinState::Low),
-            feed_direction: InvertiblePin::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_backwards),
-            feed_enable: InvertiblePin::new(b.pb14.into_push_pull_output_in_state(off), enable_low),
+            feed_direction: InvertiblePin::new(b.pb13.into_push_pull_output_in_state(PinState::Low), feed_forward),
+            feed_enable: InvertiblePin::new(b.pb14.into_push_pull_output_in_state(off), on),
             // The processor's own pull-downs supplement those at the gate drivers, because the timers' outputs may be
             // off and a wire may break.
             heater: a.pa8.into_alternate().internal_resistor(Pull::Down),
@@ -132,13 +134,16 @@ impl Stm32Pins {
             fan: b.pb15.into_alternate().internal_resistor(Pull::Down),
             thermistor: c.pc0.into_analog(),
             supply: c.pc1.into_analog(),
-            filament_presence: InvertiblePin::new(b.pb5.into_pull_up_input(), active_low(sensors.filament_presence)),
-            driver_fault: InvertiblePin::new(c.pc9.into_pull_up_input(), active_low(sensors.driver_fault)),
+            filament_presence: InvertiblePin::new(b.pb5.into_pull_up_input(), active(sensors.filament_presence)),
+            driver_fault: InvertiblePin::new(c.pc9.into_pull_up_input(), active(sensors.driver_fault)),
             orientation_clock: b.pb10.into_open_drain_output_in_state(PinState::High).internal_resistor(Pull::Up),
             orientation_data: b.pb11.into_open_drain_output_in_state(PinState::High).internal_resistor(Pull::Up),
-            index: InvertiblePin::new(b.pb6.into_pull_up_input(), robot.head.index_low_on_mark),
+            index: InvertiblePin::new(
+                b.pb6.into_pull_up_input(),
+                digital::PinState::from(!robot.head.index_low_on_mark),
+            ),
             filament_motion: b.pb7.into_pull_up_input(),
-            emergency_stop: InvertiblePin::new(b.pb8.into_pull_up_input(), active_low(sensors.emergency_stop)),
+            emergency_stop: InvertiblePin::new(b.pb8.into_pull_up_input(), active(sensors.emergency_stop)),
             link_tx: a.pa2.into_alternate(),
             // Without an adapter the line idles, instead of picking up bytes.
             link_rx: a.pa3.into_alternate().internal_resistor(Pull::Up),

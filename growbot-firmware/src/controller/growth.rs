@@ -6,11 +6,11 @@ use growbot_core::link::message::{Fault, PauseCause, State};
 use growbot_core::robot::HeadRotation;
 
 use super::Controller;
-use super::move_tracker::{FilamentDirection, MaintenanceMove};
+use super::move_tracker::MaintenanceMove;
 use crate::hal::{Board, StepperDrivers};
 use crate::journal;
 use crate::safety::transitions::Event;
-use crate::stepping::{AxisMove, HomingMove, Mailbox, Move, Report, TurnReport, as_built};
+use crate::stepping::{AxisMove, Direction, HomingMove, Mailbox, Move, Report, TurnReport, as_built};
 
 /// Time for which the heater already gets the power for the first layer after homing or a pause before the plastic of
 /// that layer flows, s. Power takes seconds from the heater to the nozzle (docs/decisions/0022-heater-regulation.md;
@@ -48,7 +48,7 @@ impl<B: Board> Controller<B> {
             Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
             Report::Homed if self.state == State::Homing => {
                 self.motion.on_reported(self.now_us);
-                self.motion.backwards = false;
+                self.motion.next_turn = Direction::Forward;
                 self.apply_event(Event::Homed);
             }
             Report::Laid(turn) if growing => {
@@ -57,7 +57,7 @@ impl<B: Board> Controller<B> {
             }
             Report::Fed if growing => {
                 self.motion.on_reported(self.now_us);
-                let back = self.motion.feeding.take() == Some(FilamentDirection::Back);
+                let back = self.motion.feeding.take() == Some(Direction::Backward);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
             // All other reports are late: they belong to moves from before everything was switched off.
@@ -136,25 +136,26 @@ impl<B: Board> Controller<B> {
             // The current layer is finished first.
             if self.job.layers_laid == self.job.layers_begun {
                 self.apply_event(Event::LayersExhausted);
-                self.feed(FilamentDirection::Back, handover);
+                self.feed(Direction::Backward, handover);
             }
             return;
         };
         if self.motion.retracted_steps > 0 {
-            self.feed(FilamentDirection::Forward, handover);
+            self.feed(Direction::Forward, handover);
             return;
         }
         if self.is_in_power_lead() {
             return;
         }
-        let backwards = self.robot.description().motion.turning == HeadRotation::Alternate && self.motion.backwards;
-        match self.job.material.next_turn(&bytes, &self.robot, backwards) {
+        let alternates = self.robot.description().motion.turning == HeadRotation::Alternate;
+        let direction = if alternates { self.motion.next_turn } else { Direction::Forward };
+        match self.job.material.next_turn(&bytes, &self.robot, direction) {
             Ok(turn) => {
                 let period_s = self.robot.description().layer.period_s;
                 self.note_begun();
                 handover.submit(Move::Lay(turn));
                 self.motion.on_submitted(period_s, self.now_us);
-                self.motion.backwards = !backwards;
+                self.motion.next_turn = direction.opposite();
                 self.job.layers_begun += 1;
                 // The queue is not full, because no more than two turns are outstanding.
                 let _ = self.job.carries.push_back(journal::LayerRecord {
@@ -175,24 +176,22 @@ impl<B: Board> Controller<B> {
     }
 
     /// Starts the filament move that pulls filament back for a pause, or pushes it forward to the nozzle after a pause.
-    fn feed(&mut self, feeding: FilamentDirection, handover: &Mailbox) {
+    fn feed(&mut self, direction: Direction, handover: &Mailbox) {
         let description = self.robot.description();
         let feed = &description.feed;
-        let backwards = feeding == FilamentDirection::Back;
         // Filament that maintenance has pulled back already counts.
-        let steps = if backwards {
-            self.retract_steps().saturating_sub(self.motion.retracted_steps)
-        } else {
-            self.motion.retracted_steps
+        let steps = match direction {
+            Direction::Forward => self.motion.retracted_steps,
+            Direction::Backward => self.retract_steps().saturating_sub(self.motion.retracted_steps),
         };
         if steps == 0 {
             return;
         }
         let steps_a_second = feed.retract_mm_per_s * feed.steps_per_mm;
         let ticks_per_step = (f64::from(description.motion.tick_hz) / steps_a_second).max(2.0) as u32;
-        handover.submit(Move::Feed(AxisMove { steps, backwards, ticks_per_step, changes_filament: false }));
+        handover.submit(Move::Feed(AxisMove { steps, direction, ticks_per_step, changes_filament: false }));
         self.motion.on_submitted(f64::from(steps) / steps_a_second, self.now_us);
-        self.motion.feeding = Some(feeding);
+        self.motion.feeding = Some(direction);
     }
 
     /// Handles a pause. The growth continues as soon as a layer is stored and the nozzle is hot. Otherwise the nozzle

@@ -2,6 +2,8 @@
 
 use growbot_core::link::message::PauseCause;
 
+use crate::stepping::Direction;
+
 /// Time by which a move may exceed its expected duration before it is overdue, as a share of that duration.
 const ALLOWANCE: f64 = 0.2;
 /// Time that is added to the max duration of every move, us, in addition to [`ALLOWANCE`].
@@ -18,23 +20,16 @@ pub(super) struct MoveTracker {
     /// Max duration of the most recently submitted move, us.
     latest_us: u64,
     /// Direction of the filament move at the beginning or end of a pause. `None` if no such move is in progress.
-    pub feeding: Option<FilamentDirection>,
+    pub feeding: Option<Direction>,
     /// Maintenance move that is in progress. `None` if no maintenance move is in progress.
     pub maintained: Option<MaintenanceMove>,
     /// Number of feed steps by which the end of the filament is behind the nozzle. A pause or maintenance has retracted
     /// the filament, and it is pushed forward again before the next layer.
     pub retracted_steps: u32,
-    /// True if the head's next turn is in reverse, back to the start of the previous turn. Used for heads that turn to
-    /// and fro.
-    pub backwards: bool,
+    /// Direction of the head's next turn. Used for heads that turn to and fro.
+    pub next_turn: Direction,
     /// Reason for a pause after the current layer. `None` if no pause was requested.
     pub pause: Option<PauseCause>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum FilamentDirection {
-    Back,
-    Forward,
 }
 
 /// Maintenance move that is in progress.

@@ -10,7 +10,7 @@ use super::{Controller, StepTickMonitor, centi};
 use crate::hal::{Board, DebugPort, GravitySensor, StepperDrivers, Watchdog};
 use crate::heater::{self, Demand, HeaterOutput};
 use crate::link;
-use crate::safety::input_monitor::{InputSample, volts};
+use crate::safety::input_monitor::{InputSample, MissingFilament, volts};
 use crate::safety::retained::{RetainedError, fault_for_reset};
 use crate::safety::transitions::{Event, may_feed, may_heat};
 use crate::stepping::Mailbox;
@@ -52,7 +52,8 @@ impl<B: Board> Controller<B> {
         let grows = matches!(self.state, State::Heating | State::Homing | State::Growing | State::Paused);
         let needs_filament = (grows && self.pause_cause() != PauseCause::FilamentOut)
             || (self.state == State::Maintenance && self.motion.is_loading());
-        let found = self.inputs.update(&look, self.robot.description(), needs_filament);
+        let missing_filament = if needs_filament { MissingFilament::Fault } else { MissingFilament::Ignored };
+        let found = self.inputs.update(&look, self.robot.description(), missing_filament);
         if found == Some(Fault::FilamentOut) && matches!(self.state, State::Growing | State::Paused) {
             // The current layer is finished, unless the filament jams before.
             self.set_pause(Some(PauseCause::FilamentOut));

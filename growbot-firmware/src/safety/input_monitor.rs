@@ -27,6 +27,15 @@ pub struct InputSample {
     pub driver_fault: Option<bool>,
 }
 
+/// Consequence of missing filament.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum MissingFilament {
+    /// The filament is needed, so that its absence is a fault.
+    Fault,
+    /// The filament is not needed.
+    Ignored,
+}
+
 /// Counters of the consecutive samples in which each input was wrong.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct InputMonitor {
@@ -44,11 +53,11 @@ fn count(counter: &mut u8, is_so: bool) -> u8 {
 }
 
 impl InputMonitor {
-    /// Processes a sample of the inputs. Returns a fault if a wrong input has persisted for long enough. Missing
-    /// filament counts only if `needs_filament`.
-    pub fn update(&mut self, look: &InputSample, robot: &RobotDescription, needs_filament: bool) -> Option<Fault> {
+    /// Processes a sample of the inputs. Returns a fault if a wrong input has persisted for long enough.
+    pub fn update(&mut self, look: &InputSample, robot: &RobotDescription, missing: MissingFilament) -> Option<Fault> {
         let low = look.supply_v.is_some_and(|volts| volts < robot.supply.min_v);
         let high = look.supply_v.is_some_and(|volts| volts > robot.supply.max_v);
+        let no_filament = missing == MissingFilament::Fault && look.filament_present == Some(false);
         let blind = robot.sensors.supply && look.supply_v.is_none();
         // Every counter is updated, even if another one has found a fault.
         let found = [
@@ -57,11 +66,7 @@ impl InputMonitor {
             (count(&mut self.high, high) >= FAULT_SAMPLES, Fault::SupplyHigh),
             // If the voltage cannot be read, it may be too low.
             (count(&mut self.no_voltage, blind) >= NO_VOLTAGE_SAMPLES, Fault::SupplyLow),
-            (
-                count(&mut self.no_filament, needs_filament && look.filament_present == Some(false))
-                    >= NO_FILAMENT_SAMPLES,
-                Fault::FilamentOut,
-            ),
+            (count(&mut self.no_filament, no_filament) >= NO_FILAMENT_SAMPLES, Fault::FilamentOut),
         ];
         found.iter().find(|(is_so, _)| *is_so).map(|(_, fault)| *fault)
     }
@@ -85,7 +90,7 @@ mod tests {
         let robot = robot_a();
         let mut inputs = InputMonitor::default();
         for looks in 1..100 {
-            if let Some(found) = inputs.update(&look, robot.description(), true) {
+            if let Some(found) = inputs.update(&look, robot.description(), MissingFilament::Fault) {
                 assert_eq!(found, fault);
                 return looks;
             }
@@ -109,7 +114,10 @@ mod tests {
         for volts in [supply.min_v, supply.max_v] {
             let mut inputs = InputMonitor::default();
             let look = InputSample { supply_v: Some(volts), ..FINE };
-            assert!((0..20).all(|_| inputs.update(&look, robot.description(), true).is_none()), "{volts} V");
+            assert!(
+                (0..20).all(|_| inputs.update(&look, robot.description(), MissingFilament::Fault).is_none()),
+                "{volts} V"
+            );
         }
     }
 
@@ -129,7 +137,7 @@ mod tests {
         for round in 0..100 {
             let noisy = InputSample { supply_v: Some(9.0), driver_fault: Some(true), filament_present: Some(false) };
             let look = if round % 2 == 0 { noisy } else { FINE };
-            assert_eq!(inputs.update(&look, robot.description(), true), None);
+            assert_eq!(inputs.update(&look, robot.description(), MissingFilament::Fault), None);
         }
     }
 
@@ -139,7 +147,7 @@ mod tests {
         let mut inputs = InputMonitor::default();
         for _ in 0..100 {
             let look = InputSample { filament_present: Some(false), ..FINE };
-            assert_eq!(inputs.update(&look, robot.description(), false), None);
+            assert_eq!(inputs.update(&look, robot.description(), MissingFilament::Ignored), None);
         }
     }
 
@@ -149,7 +157,7 @@ mod tests {
         description.sensors = growbot_core::robot::Sensors::default();
         let mut inputs = InputMonitor::default();
         for _ in 0..100 {
-            assert_eq!(inputs.update(&InputSample::default(), &description, true), None);
+            assert_eq!(inputs.update(&InputSample::default(), &description, MissingFilament::Fault), None);
         }
     }
 }

@@ -15,6 +15,7 @@ use growbot_core::robot::Robot;
 
 use super::axis_move::AxisMoveRun;
 use super::bresenham::Bresenham;
+use super::direction::Direction;
 use super::homing::HomingRun;
 use super::index_monitor::{IndexMonitor, IndexWindow, read_index_sensor};
 use super::mailbox::{Mailbox, PendingMove, PendingReport, Slot, TurnHeader};
@@ -253,7 +254,7 @@ where
             return Ok(());
         }
         // The encoder's level rises in forward motion at the position at which it falls in reverse motion.
-        self.filament_pulses = match (before, high, self.feed.reverse == Some(true)) {
+        self.filament_pulses = match (before, high, self.feed.direction == Some(Direction::Backward)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
             _ => return Ok(()),
@@ -335,13 +336,13 @@ where
     fn begin(&mut self, task: PendingMove, handover: &Mailbox) -> Result<bool, EngineFault> {
         match task {
             PendingMove::Home(homing) => {
-                self.head.enable(false)?;
+                self.head.enable(Direction::Forward)?;
                 self.watch = IndexMonitor::LOST;
                 self.mode = Mode::Homing(HomingRun::new(homing));
                 Ok(false)
             }
             PendingMove::Feed(order) => {
-                self.feed.enable(order.backwards)?;
+                self.feed.enable(order.direction)?;
                 if order.changes_filament {
                     self.feed_steps_without_pulse = 0;
                 }
@@ -349,23 +350,23 @@ where
                 Ok(false)
             }
             PendingMove::Rotate(order) => {
-                self.head.enable(order.backwards)?;
+                self.head.enable(order.direction)?;
                 self.watch = IndexMonitor::LOST;
                 self.mode = Mode::Rotating(AxisMoveRun::new(order));
                 Ok(false)
             }
             PendingMove::Lay(turn) => {
-                let (head, feed) = (self.head.enable(turn.backwards)?, self.feed.enable(false)?);
+                let (head, feed) = (self.head.enable(turn.direction)?, self.feed.enable(Direction::Forward)?);
                 let follows = !(self.clock.is_at_rest() || head || feed);
                 self.turn = turn;
                 self.clock.enter(&self.turn.pace);
-                self.watch.begin_turn(self.turn.backwards);
+                self.watch.begin_turn(self.turn.direction);
                 self.progress.head_made = 0;
                 self.progress.turn_left = self.turn.ticks;
                 self.progress.sectors_left = SECTORS;
                 handover.set_progress(0);
                 self.mode = Mode::Laying;
-                self.start_sector(if self.turn.backwards { SECTORS - 1 } else { 0 }, handover);
+                self.start_sector(if turn.direction == Direction::Forward { 0 } else { SECTORS - 1 }, handover);
                 Ok(follows)
             }
         }
@@ -415,8 +416,9 @@ where
             progress.sectors_left -= 1;
             handover.set_progress(SECTORS - progress.sectors_left);
             if progress.sectors_left > 0 {
+                let is_forward = self.turn.direction == Direction::Forward;
                 let sector = progress.sector;
-                self.start_sector(if self.turn.backwards { sector.wrapping_sub(1) } else { sector + 1 }, handover);
+                self.start_sector(if is_forward { sector + 1 } else { sector.wrapping_sub(1) }, handover);
             } else {
                 self.watch.end_turn()?;
                 handover.end_progress();

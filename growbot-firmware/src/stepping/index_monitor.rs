@@ -25,6 +25,7 @@ use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::robot::Robot;
 
+use super::direction::Direction;
 use super::mailbox::Mailbox;
 use super::moves::EngineFault;
 
@@ -82,7 +83,7 @@ pub(super) struct IndexMonitor {
     /// Position of the head, in head steps from the beginning of the tolerance before the index mark. `None` unless the
     /// head has homed since its motor was last energised.
     place: Option<u32>,
-    backwards: bool,
+    direction: Direction,
     /// Number of consecutive samples in which the index mark was detected.
     seen_for: u32,
     /// Number of consecutive samples in which the index mark was detected outside its position. `absent_for` is the
@@ -100,7 +101,7 @@ pub(super) struct IndexMonitor {
 impl IndexMonitor {
     pub const LOST: Self = Self {
         place: None,
-        backwards: false,
+        direction: Direction::Forward,
         seen_for: 0,
         stray_for: 0,
         absent_for: 0,
@@ -114,21 +115,21 @@ impl IndexMonitor {
         *self = Self { place: Some(mark.zero), ..Self::LOST };
     }
 
-    pub fn begin_turn(&mut self, backwards: bool) {
-        let turned = self.backwards != backwards;
+    pub fn begin_turn(&mut self, direction: Direction) {
+        let turned = self.direction != direction;
         let seen_for = if turned { 0 } else { self.seen_for };
-        *self = Self { place: self.place, backwards, seen_for, stray: self.stray, ..Self::LOST };
+        *self = Self { place: self.place, direction, seen_for, stray: self.stray, ..Self::LOST };
     }
 
     /// Checks the reading of the index sensor at a step of the head. `on` is true if the sensor detects the mark.
     #[inline]
     pub fn step(&mut self, on: bool, mark: &IndexWindow) -> Result<(), EngineFault> {
         let Some(place) = self.place else { return Ok(()) };
-        self.place = Some(match (self.backwards, place) {
-            (false, place) if place + 1 == mark.steps_per_turn => 0,
-            (false, place) => place + 1,
-            (true, 0) => mark.steps_per_turn - 1,
-            (true, place) => place - 1,
+        self.place = Some(match (self.direction, place) {
+            (Direction::Forward, place) if place + 1 == mark.steps_per_turn => 0,
+            (Direction::Forward, place) => place + 1,
+            (Direction::Backward, 0) => mark.steps_per_turn - 1,
+            (Direction::Backward, place) => place - 1,
         });
         if on { self.on_mark_seen(place, mark) } else { self.on_mark_absent(place, mark) }
     }

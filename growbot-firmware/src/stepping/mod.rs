@@ -14,6 +14,7 @@
 
 mod axis_move;
 mod bresenham;
+mod direction;
 mod engine;
 mod homing;
 mod index_monitor;
@@ -26,6 +27,7 @@ mod tests;
 mod turn;
 mod turn_planner;
 
+pub use direction::Direction;
 pub use engine::{Engine, EngineConfig, EngineInputs};
 pub use mailbox::Mailbox;
 pub use moves::{AxisMove, HomingMove, Move, Report, TurnReport};

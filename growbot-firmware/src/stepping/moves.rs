@@ -2,6 +2,7 @@
 
 use growbot_core::layer::SECTORS;
 
+use super::direction::Direction;
 use super::turn::Turn;
 
 /// A move that the controller submits to the step engine.
@@ -35,8 +36,8 @@ pub struct HomingMove {
 pub struct AxisMove {
     /// Number of steps of the move.
     pub steps: u32,
-    /// True if filament is pulled back, or the head is turned in reverse.
-    pub backwards: bool,
+    /// Direction of the motor.
+    pub direction: Direction,
     /// Number of ticks between two steps, at least 2.
     pub ticks_per_step: u32,
     /// True if filament is loaded, purged or unloaded. Its encoder pulses do not count as growth, and a forward move is

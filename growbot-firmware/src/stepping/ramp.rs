@@ -14,6 +14,8 @@
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 
+use super::direction::Direction;
+
 /// Rate at full speed: one virtual tick in each tick.
 pub const FULL_RATE: u32 = 1 << FRACTION;
 /// Number of fractional bits of a rate.
@@ -41,9 +43,9 @@ pub(super) struct EndSpeeds {
 }
 
 impl EndSpeeds {
-    pub fn of(motion: &LayerMotion, backwards: bool) -> Self {
+    pub fn of(motion: &LayerMotion, direction: Direction) -> Self {
         let head = motion.head.speed_at_ends;
-        Self { head: if backwards { -head } else { head }, feed: motion.feed.speed_at_ends }
+        Self { head: if direction == Direction::Forward { head } else { -head }, feed: motion.feed.speed_at_ends }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use embedded_hal::digital::OutputPin;
 
+use super::direction::Direction;
 use super::moves::EngineFault;
 
 /// Step, direction and enable pins of a stepper driver. Levels are logical. A board with inverted wiring wraps its pins
@@ -19,23 +20,24 @@ pub struct StepperPins<S, D, E> {
 pub(super) struct Stepper<S, D, E> {
     pins: StepperPins<S, D, E>,
     pub raised: bool,
-    /// True if the direction pin is set to reverse. `None` before the pin is first set.
-    pub reverse: Option<bool>,
+    /// Direction to which the direction pin is set. `None` before the pin is first set.
+    pub direction: Option<Direction>,
 }
 
 impl<S: OutputPin, D: OutputPin, E: OutputPin> Stepper<S, D, E> {
     pub fn new(pins: StepperPins<S, D, E>) -> Self {
-        Self { pins, raised: false, reverse: None }
+        Self { pins, raised: false, direction: None }
     }
 
     /// Energises the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
     /// before the next step.
-    pub fn enable(&mut self, backwards: bool) -> Result<bool, EngineFault> {
-        let other = self.reverse != Some(backwards);
+    pub fn enable(&mut self, direction: Direction) -> Result<bool, EngineFault> {
+        let other = self.direction != Some(direction);
         if other {
-            let set = if backwards { self.pins.direction.set_low() } else { self.pins.direction.set_high() };
+            let pin = &mut self.pins.direction;
+            let set = if direction == Direction::Forward { pin.set_high() } else { pin.set_low() };
             set.map_err(|_| EngineFault::Hardware)?;
-            self.reverse = Some(backwards);
+            self.direction = Some(direction);
         }
         self.pins.enable.set_high().map_err(|_| EngineFault::Hardware)?;
         Ok(other)

@@ -20,6 +20,7 @@ use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 use growbot_core::trigonometry;
 
+use super::direction::Direction;
 use super::ramp::{EndSpeeds, FULL_RATE, RampLimits};
 
 /// Steps and ticks of one sector of a turn. Neither head nor feed makes more than one step in two ticks.
@@ -38,8 +39,8 @@ pub struct Sector {
 pub struct Turn {
     /// The sectors in the order of increasing angles, starting at the tip's x axis.
     pub sectors: [Sector; SECTORS],
-    /// True if the head turns clockwise, from the last sector to the first.
-    pub reverse: bool,
+    /// Direction of the head. Backward is from the last sector to the first.
+    pub direction: Direction,
     /// Total number of ticks of all sectors.
     pub ticks: u32,
     /// Limits of the speed at the beginning and the end of the turn, and of its change.
@@ -70,7 +71,7 @@ impl Turn {
         profile: &Layer,
         feed_steps: impl Fn(f64) -> f64,
         robot: &Robot,
-        backwards: bool,
+        direction: Direction,
         before: Option<&EndSpeeds>,
     ) -> Result<(Self, EndSpeeds), StepRateError> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
@@ -79,9 +80,9 @@ impl Turn {
         let (sectors, motion) = Self::of_profile(&steeper, &feed_steps, robot)
             .or_else(|StepRateError| Self::of_profile(profile, &feed_steps, robot))?;
         let ticks = sectors.iter().map(|sector| sector.ticks).sum();
-        let ends = EndSpeeds::of(&motion, backwards);
+        let ends = EndSpeeds::of(&motion, direction);
         let pace = RampLimits::of(&motion, &ends, before, robot.description().motion.tick_hz, ticks);
-        Ok((Self { sectors, reverse: backwards, ticks, pace }, ends))
+        Ok((Self { sectors, direction, ticks, pace }, ends))
     }
 
     fn of_profile(
@@ -176,7 +177,7 @@ mod tests {
 
     fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRateError> {
         let feed_steps = |share| share * layer.height * robot.feed_steps_per_length();
-        Turn::new(layer, feed_steps, robot, false, None).map(|(turn, _)| turn)
+        Turn::new(layer, feed_steps, robot, Direction::Forward, None).map(|(turn, _)| turn)
     }
 
     proptest! {

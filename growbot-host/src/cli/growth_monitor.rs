@@ -154,7 +154,8 @@ impl GrowthMonitor<'_> {
             failure.print();
         }
         match grown {
-            Ok(grown) => outcome_result(grown.outcome, emergency, robot),
+            Ok(grown) if emergency && grown.outcome == Outcome::Stopped => Err(emergency_stop_failure(robot)),
+            Ok(grown) => outcome_result(grown.outcome, robot),
             Err(GrowthError::NotStarted(error)) => Err(error.into()),
             Err(error) => Err(growth_failure(error, robot)),
         }
@@ -185,14 +186,19 @@ pub fn growth_failure(error: GrowthError, robot: RobotKind) -> Failure {
     }
 }
 
-/// Returns success or failure for an outcome. `emergency` is true after an emergency stop.
-pub fn outcome_result(outcome: Outcome, emergency: bool, robot: RobotKind) -> Result<(), Failure> {
+/// Returns the failure for a growth that an emergency stop has ended.
+pub fn emergency_stop_failure(robot: RobotKind) -> Failure {
+    let off = off_text(robot);
+    Failure::request_failed(format!(
+        "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
+    ))
+}
+
+/// Returns success or failure for an outcome.
+pub fn outcome_result(outcome: Outcome, robot: RobotKind) -> Result<(), Failure> {
     let (kind, off) = (robot.prefix(), off_text(robot));
     match outcome {
         Outcome::Done => Ok(()),
-        Outcome::Stopped if emergency => Err(Failure::request_failed(format!(
-            "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
-        ))),
         Outcome::Stopped => Err(Failure::request_failed(format!("stopped before the last layer: {off}"))),
         Outcome::Fault(fault) => Err(Failure::request_failed(format!(
             "fault {}: {}; {off}",
@@ -423,19 +429,18 @@ mod tests {
     #[test]
     fn messages_mark_simulated_robots_and_do_not_ask_to_cut_the_power() {
         let outcomes = [
-            (Outcome::Stopped, false),
-            (Outcome::Stopped, true),
-            (Outcome::Fault(Fault::OverTemperature), false),
-            (Outcome::ClockDrift(DRIFT), false),
-            (Outcome::Parked, false),
-            (Outcome::Interrupted, false),
-            (Outcome::Lost, false),
+            None,
+            Some(Outcome::Stopped),
+            Some(Outcome::Fault(Fault::OverTemperature)),
+            Some(Outcome::ClockDrift(DRIFT)),
+            Some(Outcome::Parked),
+            Some(Outcome::Interrupted),
+            Some(Outcome::Lost),
         ];
-        for (outcome, emergency) in outcomes {
-            let message = |simulated| {
-                let Err(failure) = outcome_result(outcome, emergency, simulated) else { panic!("{outcome:?}") };
-                failure.message().to_owned()
-            };
+        for outcome in outcomes {
+            let result =
+                |kind| outcome.map_or(Err(emergency_stop_failure(kind)), |outcome| outcome_result(outcome, kind));
+            let message = |kind| result(kind).expect_err("not complete").message().to_owned();
             assert!(
                 message(RobotKind::Simulated).contains("simulated") && !message(RobotKind::Simulated).contains("power"),
                 "{}",

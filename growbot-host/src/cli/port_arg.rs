@@ -191,7 +191,8 @@ impl SelectedPort {
     pub fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
         let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
         let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
-        Ok(Connection { client: Client::new(port, &name).with_take_over(self.take_over), simulation })
+        let client = Client::new(port, &name);
+        Ok(Connection { client: if self.take_over { client.with_take_over() } else { client }, simulation })
     }
 
     /// Returns the port's name as it was given.

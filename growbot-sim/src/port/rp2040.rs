@@ -19,6 +19,7 @@ use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
+use growbot_firmware::stepping::Direction;
 use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
 
 use super::open_error::OpenError;
@@ -328,11 +329,12 @@ impl Rp2040Emulator {
             let on_when = |high: bool| *state == if high { PinState::High } else { PinState::Low };
             match output {
                 ProcessOutput::Step(motor) => tip.step(*motor),
-                ProcessOutput::Direction(Motor::Head) => {
-                    tip.set_direction(Motor::Head, on_when(self.levels.head_high_is_positive));
-                }
-                ProcessOutput::Direction(Motor::Feed) => {
-                    tip.set_direction(Motor::Feed, on_when(self.levels.feed_high_is_forward));
+                ProcessOutput::Direction(motor) => {
+                    let is_forward = on_when(match motor {
+                        Motor::Head => self.levels.head_high_is_positive,
+                        Motor::Feed => self.levels.feed_high_is_forward,
+                    });
+                    tip.set_direction(*motor, if is_forward { Direction::Forward } else { Direction::Backward });
                 }
                 ProcessOutput::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
                 ProcessOutput::HeaterEnable => {

@@ -1,6 +1,7 @@
 //! The filament between spool and nozzle: its position, its end, and the encoder that it turns.
 
 use growbot_core::robot::Robot;
+use growbot_firmware::stepping::Direction;
 
 /// Effect of a feed step on the filament.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -75,16 +76,20 @@ impl SimulatedFilament {
         self.position == self.front
     }
 
-    /// If `free`, takes the filament out of the nozzle, so that nothing stops it. Otherwise puts the filament into the
-    /// nozzle at its present position.
-    pub fn set_free(&mut self, free: bool) {
-        self.front = if free { i64::MAX } else { self.position };
+    /// Takes the filament out of the nozzle, so that nothing stops it.
+    pub fn release(&mut self) {
+        self.front = i64::MAX;
+    }
+
+    /// Puts the filament into the nozzle at its present position.
+    pub fn insert(&mut self) {
+        self.front = self.position;
     }
 
     /// Moves the filament by a step of the feed. `seen` is the distance, in feed steps, by which the encoder turns if
     /// the step pushes filament out of the nozzle.
-    pub fn step(&mut self, forwards: bool, seen: f64) -> FeedResult {
-        if !forwards {
+    pub fn step(&mut self, direction: Direction, seen: f64) -> FeedResult {
+        if direction == Direction::Backward {
             self.position -= 1;
             self.turn(-1.0);
             return FeedResult::Retracted;
@@ -148,7 +153,7 @@ mod tests {
         let (mut rises, mut before) = (0, filament.encoder());
         // 90 steps a mm, 1.25 mm a pulse: 112.5 steps.
         for _ in 0..1125 {
-            assert_eq!(filament.step(true, 1.0), FeedResult::Extruded);
+            assert_eq!(filament.step(Direction::Forward, 1.0), FeedResult::Extruded);
             rises += u32::from(filament.encoder() && !before);
             before = filament.encoder();
         }
@@ -158,13 +163,13 @@ mod tests {
     #[test]
     fn retracted_filament_is_refilled_first() {
         let mut filament = filament();
-        filament.step(true, 1.25);
+        filament.step(Direction::Forward, 1.25);
         assert_eq!(
-            [filament.step(false, 1.25), filament.step(false, 1.25)],
+            [filament.step(Direction::Backward, 1.25), filament.step(Direction::Backward, 1.25)],
             [FeedResult::Retracted, FeedResult::Retracted]
         );
         assert_eq!(
-            [(); 3].map(|()| filament.step(true, 1.25)),
+            [(); 3].map(|()| filament.step(Direction::Forward, 1.25)),
             [FeedResult::Refilled, FeedResult::Refilled, FeedResult::Extruded]
         );
         assert_eq!(filament.turned(), 2.5, "only what goes out slips");
@@ -175,9 +180,9 @@ mod tests {
         let mut filament = filament();
         assert!((filament.left() - 330_000.0).abs() < 1e-6);
         filament.set_left(0.1);
-        assert_eq!((0..20).filter(|_| filament.step(true, 1.0) == FeedResult::Extruded).count(), 9);
+        assert_eq!((0..20).filter(|_| filament.step(Direction::Forward, 1.0) == FeedResult::Extruded).count(), 9);
         assert!(!filament.is_there());
-        filament.step(false, 1.0);
+        filament.step(Direction::Backward, 1.0);
         assert!(filament.is_there());
     }
 }

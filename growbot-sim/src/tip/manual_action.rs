@@ -1,6 +1,7 @@
 //! Manual actions on a tip, which commissioning requests from a person beside the robot.
 
 use growbot_core::pose::Pose;
+use growbot_firmware::stepping::Direction;
 use serde::{Deserialize, Serialize};
 
 use super::{TipFault, TipModel};
@@ -31,7 +32,7 @@ impl TipModel {
                 let steps = i64::from(sixty_fourths) * i64::from(self.mark.steps_per_turn) / 64;
                 self.sync();
                 for _ in 0..steps.unsigned_abs() {
-                    self.plastic.turn(steps > 0, self.now);
+                    self.plastic.turn(Direction::of(sixty_fourths), self.now);
                 }
                 self.position += steps;
                 self.slipped += steps;
@@ -39,7 +40,8 @@ impl TipModel {
             ManualAction::TakeFilament(taken) => self.break_or_mend(TipFault::FilamentOut, taken),
             ManualAction::PressEmergencyStop(pressed) => self.break_or_mend(TipFault::EmergencyStop, pressed),
             ManualAction::DisconnectHeater(off) => self.break_or_mend(TipFault::HeaterOpen, off),
-            ManualAction::FreeFilament(free) => self.filament.set_free(free),
+            ManualAction::FreeFilament(true) => self.filament.release(),
+            ManualAction::FreeFilament(false) => self.filament.insert(),
             ManualAction::LayDown(down) => {
                 let pitch = if down { 0.0 } else { 90.0 };
                 if let Ok(pose) = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, pitch]) {
@@ -86,7 +88,7 @@ mod tests {
     fn released_filament_passes_a_cold_nozzle() {
         let mut tip = tip();
         tip.set_enabled(Motor::Feed, true);
-        tip.set_direction(Motor::Feed, true);
+        tip.set_direction(Motor::Feed, Direction::Forward);
         let feed = |tip: &mut TipModel| (0..100).for_each(|_| tip.step(Motor::Feed));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 100);

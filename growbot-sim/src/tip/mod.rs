@@ -54,6 +54,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
+use growbot_firmware::stepping::Direction;
 
 use fault::StuckReading;
 use filament::{FeedResult, SimulatedFilament};
@@ -111,10 +112,10 @@ pub enum Motor {
 }
 
 /// The signals of a motor's driver.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Axis {
     enabled: bool,
-    forwards: bool,
+    direction: Direction,
 }
 
 /// Signals of the heater's two switches.
@@ -134,8 +135,8 @@ impl TipModel {
             faults: Faults::default(),
             mark: IndexMark::of(&robot),
             now: 0,
-            head: Axis::default(),
-            feed: Axis::default(),
+            head: Axis { enabled: false, direction: Direction::Backward },
+            feed: Axis { enabled: false, direction: Direction::Backward },
             position: head_steps,
             slipped: 0,
             to_slip: 0,
@@ -189,8 +190,8 @@ impl TipModel {
     }
 
     /// Sets the direction signal of a motor's driver.
-    pub fn set_direction(&mut self, motor: Motor, forwards: bool) {
-        self.axis(motor).forwards = forwards;
+    pub fn set_direction(&mut self, motor: Motor, direction: Direction) {
+        self.axis(motor).direction = direction;
     }
 
     fn axis(&mut self, motor: Motor) -> &mut Axis {
@@ -202,18 +203,18 @@ impl TipModel {
 
     /// Applies a step pulse to a motor's driver. A disabled driver does not move its motor.
     pub fn step(&mut self, motor: Motor) {
-        let Axis { enabled, forwards } = *self.axis(motor);
+        let Axis { enabled, direction } = *self.axis(motor);
         if !enabled {
             return;
         }
         match motor {
-            Motor::Head => self.step_head(forwards),
-            Motor::Feed => self.step_feed(forwards),
+            Motor::Head => self.step_head(direction),
+            Motor::Feed => self.step_feed(direction),
         }
     }
 
-    fn step_head(&mut self, positive: bool) {
-        let sign = if positive { 1 } else { -1 };
+    fn step_head(&mut self, direction: Direction) {
+        let sign = if direction == Direction::Forward { 1 } else { -1 };
         self.slipped -= sign;
         if self.head_is_held() {
             return;
@@ -223,23 +224,23 @@ impl TipModel {
             return;
         }
         for _ in 0..=std::mem::take(&mut self.to_slip) {
-            self.plastic.turn(positive, self.now);
+            self.plastic.turn(direction, self.now);
             self.position += sign;
             self.slipped += sign;
         }
     }
 
-    fn step_feed(&mut self, forwards: bool) {
+    fn step_feed(&mut self, direction: Direction) {
         if self.faults.has(TipFault::DriverFault) {
             return;
         }
-        self.feed_steps += if forwards { 1 } else { -1 };
+        self.feed_steps += if direction == Direction::Forward { 1 } else { -1 };
         if self.filament_is_held() {
             self.plastic.pass(self.now);
             return;
         }
         // Cold plastic in the nozzle stops the filament at its foremost position.
-        if forwards && self.filament.is_at_front() {
+        if direction == Direction::Forward && self.filament.is_at_front() {
             self.sync_slot();
             if self.nozzle.at_slot() < self.robot.description().heater.extrusion_min_c {
                 self.cold_feed_steps += 1;
@@ -248,7 +249,7 @@ impl TipModel {
             }
         }
         let seen = self.seen_per_step();
-        match self.filament.step(forwards, seen) {
+        match self.filament.step(direction, seen) {
             FeedResult::Extruded => {
                 self.nozzle.feed();
                 self.plastic.lay(self.now);

@@ -11,6 +11,7 @@ use std::rc::Rc;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::hal;
+use growbot_firmware::stepping::Direction;
 
 use super::{Motor, TipModel};
 
@@ -137,12 +138,12 @@ impl ErrorType for DirectionPin {
 
 impl OutputPin for DirectionPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().set_direction(self.0, false);
+        self.1.borrow_mut().set_direction(self.0, Direction::Backward);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().set_direction(self.0, true);
+        self.1.borrow_mut().set_direction(self.0, Direction::Forward);
         Ok(())
     }
 }

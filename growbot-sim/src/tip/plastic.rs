@@ -12,8 +12,8 @@ use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
-
 use growbot_core::simulation::ErrorModel;
+use growbot_firmware::stepping::Direction;
 
 /// An amount of plastic (or of time) summed over one turn of the head, and its first Fourier coefficients (cosine,
 /// sine) over the head angle.
@@ -101,8 +101,8 @@ pub(super) struct Plastic {
     directions: Vec<(f64, f64)>,
     /// Position of the head in its turn, steps from the tip's x axis, below `directions.len()`.
     head: usize,
-    /// True if the head last stepped counter-clockwise.
-    positive: bool,
+    /// Direction of the head's latest step.
+    direction: Direction,
     /// Number of sweeps of the head so far.
     sweep: u64,
     /// Number of head steps in the current sweep.
@@ -151,7 +151,7 @@ impl Plastic {
             steps_per_turn: i64::from(steps),
             directions: directions.collect(),
             head: head.rem_euclid(i64::from(steps)) as usize,
-            positive: true,
+            direction: Direction::Forward,
             sweep: 0,
             // The first visit of the axis begins a layer.
             swept: i64::from(steps),
@@ -172,25 +172,25 @@ impl Plastic {
     }
 
     /// Makes a step of the head at this tick.
-    pub fn turn(&mut self, positive: bool, tick: u64) {
+    pub fn turn(&mut self, direction: Direction, tick: u64) {
         self.stand(tick);
-        if self.sweep_is_whole() && (self.is_on_axis() || positive != self.positive) {
+        if self.sweep_is_whole() && (self.is_on_axis() || direction != self.direction) {
             let is_layer = |ring: &&Ring| ring.sweep == self.sweep && !ring.moments.is_edge();
             self.swept_layers += self.laid.iter().rev().take(2).find(is_layer).map_or(0, |_| 1);
             self.sweep += 1;
             self.swept = 0;
         }
-        self.positive = positive;
+        self.direction = direction;
         let steps = self.directions.len();
-        self.head = match (positive, self.head) {
-            (true, head) => {
+        self.head = match (direction, self.head) {
+            (Direction::Forward, head) => {
                 if head + 1 == steps {
                     0
                 } else {
                     head + 1
                 }
             }
-            (false, head) => head.checked_sub(1).unwrap_or(steps - 1),
+            (Direction::Backward, head) => head.checked_sub(1).unwrap_or(steps - 1),
         };
         self.swept += 1;
         self.since_fed = self.since_fed.map(|steps| steps + 1);

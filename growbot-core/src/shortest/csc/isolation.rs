@@ -49,7 +49,7 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
 /// A root of the polynomial, or a point at which rounding leaves open whether there are two roots, one or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Root {
-    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] was created with `inverse`.
+    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] was inverted.
     pub x: f64,
     /// True if the polynomial certainly changes its sign at this root. False if rounding leaves that open.
     pub certain: bool,
@@ -121,20 +121,22 @@ enum Found {
 }
 
 impl Part {
-    /// Creates the polynomial in `x = |tau|`, or in `x = 1 / |tau|` if `inverse`. It covers positive `tau` if
-    /// `positive`, and negative `tau` otherwise.
-    pub fn of(form: &CscPolynomial, positive: bool, inverse: bool) -> Self {
-        let CscPolynomial { mut coefficients, mut magnitudes } = *form;
-        if !positive {
-            for coefficient in coefficients.iter_mut().skip(1).step_by(2) {
-                *coefficient = -*coefficient;
-            }
+    /// Creates the polynomial in `x = tau`, for `tau` from 0 to 1.
+    pub fn of(form: &CscPolynomial) -> Self {
+        Self { coefficients: form.coefficients, magnitudes: form.magnitudes }
+    }
+
+    /// Replaces `tau` by `-tau`, so that the polynomial covers the `tau` of the other sign.
+    pub fn mirror(&mut self) {
+        for coefficient in self.coefficients.iter_mut().skip(1).step_by(2) {
+            *coefficient = -*coefficient;
         }
-        if inverse {
-            coefficients.reverse();
-            magnitudes.reverse();
-        }
-        Self { coefficients, magnitudes }
+    }
+
+    /// Replaces `tau` by `1 / tau`, so that the polynomial covers the `tau` beyond 1 or -1.
+    pub fn invert(&mut self) {
+        self.coefficients.reverse();
+        self.magnitudes.reverse();
     }
 
     /// Calls `found` with each root in `[0, 1]`, in ascending order.

@@ -112,7 +112,13 @@ impl CscSearch<'_> {
         let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
         for (positive, inverse) in [(true, false), (true, true), (false, true), (false, false)] {
             keep_alive();
-            let part = Part::of(&form, positive, inverse);
+            let mut part = Part::of(&form);
+            if !positive {
+                part.mirror();
+            }
+            if inverse {
+                part.invert();
+            }
             part.roots(&mut |root| {
                 let size = if inverse { 1.0 / root.x.max(1e-12) } else { root.x };
                 self.tangents(signed(positive, size), root);

@@ -202,7 +202,6 @@ impl<T: Nodes> ClosedFormCurve<T> {
         let ratio = phase / self.kappa;
         let v = (ratio + (ratio * ratio + one).root()).logarithm();
         let mut sums = [[zero; LANES]; 4];
-        let quarter_kappa = T::literal(0.25) * self.kappa;
         let mut panels = one;
         while v > panels * T::PANEL {
             panels += one;
@@ -211,7 +210,7 @@ impl<T: Nodes> ClosedFormCurve<T> {
         let mut from = zero;
         while from < v - half * width {
             for (places, weights) in T::NODES {
-                self.add_nodes(&mut sums, quarter_kappa, from, width, places, weights);
+                self.add_nodes(&mut sums, from, width, places, weights);
             }
             from += width;
         }
@@ -222,16 +221,9 @@ impl<T: Nodes> ClosedFormCurve<T> {
 
     /// Adds the values of the integrands at [`LANES`] nodes of a panel to the sums. Each lane has its own sums, for
     /// processors that compute several lanes at once.
-    fn add_nodes(
-        &self,
-        sums: &mut [[T; LANES]; 4],
-        quarter_kappa: T,
-        from: T,
-        width: T,
-        places: &[T; LANES],
-        weights: &[T; LANES],
-    ) {
+    fn add_nodes(&self, sums: &mut [[T; LANES]; 4], from: T, width: T, places: &[T; LANES], weights: &[T; LANES]) {
         let one = T::literal(1.0);
+        let quarter_kappa = T::literal(0.25) * self.kappa;
         let (mut share, mut halves) = (*weights, *places);
         for (share, half) in share.iter_mut().zip(&mut halves) {
             let exponential = (from + width * *half).exponential();

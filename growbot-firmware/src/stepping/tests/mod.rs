@@ -350,7 +350,10 @@ fn layers(robot: &Robot, count: usize, thinnest: f64) -> Vec<LayerBytes> {
 fn turns(robot: &Robot, layers: &[LayerBytes]) -> Vec<Turn> {
     let alternate = robot.description().motion.turning == HeadRotation::Alternate;
     let mut material = TurnPlanner::default();
-    let lay = |(i, bytes): (usize, &LayerBytes)| material.next_turn(bytes, robot, alternate && i % 2 == 1).unwrap();
+    let lay = |(i, bytes): (usize, &LayerBytes)| {
+        let direction = if alternate && i % 2 == 1 { Direction::Backward } else { Direction::Forward };
+        material.next_turn(bytes, robot, direction).unwrap()
+    };
     layers.iter().enumerate().map(lay).collect()
 }
 

@@ -307,7 +307,10 @@ impl ConsoleSession {
             growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
         }
         print(&growth_table::table(&plan, &self.robot, &grown, &result))?;
-        growth_monitor::outcome_result(grown.outcome, grown.outcome == Outcome::Stopped && emergency, kind)
+        if emergency && grown.outcome == Outcome::Stopped {
+            return Err(growth_monitor::emergency_stop_failure(kind));
+        }
+        growth_monitor::outcome_result(grown.outcome, kind)
     }
 
     fn wait(&mut self, seconds: f64) -> Result<(), Failure> {
