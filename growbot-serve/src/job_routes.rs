@@ -54,13 +54,13 @@ const LOG_PART: u64 = 64 << 10;
 
 pub async fn new_job(
     State(service): ServiceState,
-    Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,
     Extension(limits): Extension<Arc<RoleLimits>>,
     Path(name): Path<String>,
     headers: HeaderMap,
     JsonBody(wanted): JsonBody<GrowRequest>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
+    let access = limits.access();
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     let order = Order { permit: permits.recent(&name)?.clone(), claim: Claim::default() };

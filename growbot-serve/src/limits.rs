@@ -63,6 +63,11 @@ impl RoleLimits {
         })
     }
 
+    /// Returns the rights of the role.
+    pub fn access(&self) -> Access {
+        self.access
+    }
+
     /// Returns a permit for a long response. It is held until the response has been sent.
     pub fn permit_download(&self) -> Result<OwnedSemaphorePermit, Problem> {
         let permit = Arc::clone(&self.downloads).try_acquire_owned();

@@ -463,7 +463,6 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
         let _begins = worker.lock_job_start();
         let mut order = Box::pin(new_job(
             State(Arc::clone(&service)),
-            Extension(Access::Control(CommandSource::Socket)),
             Extension(service.permits()),
             Extension(RoleLimits::new(Access::Control(CommandSource::Socket))),
             Path("lab".to_owned()),
