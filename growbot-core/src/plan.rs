@@ -145,7 +145,7 @@ pub fn plan_with_keep_alive(
 ) -> Result<PlannedPath, PlanError> {
     check_radius(robot, radius)?;
     // The first candidate is accepted, so there is always a result.
-    search(start, goal, radius, planner, |_| true, keep_alive)?.ok_or(PlanError::NoPath)
+    search(start, goal, radius, planner, |_| true, keep_alive).and_then(|chosen| chosen.ok_or(PlanError::NoPath))
 }
 
 /// Returns the shortest of the planner's candidates that `accept` accepts. `None` if it accepts none. `accept` receives

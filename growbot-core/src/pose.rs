@@ -83,6 +83,15 @@ impl Pose {
     /// of this angle.
     pub const VERTICAL_TOLERANCE_RAD: f64 = 1e-5;
 
+    /// The pose at the origin that points straight up.
+    ///
+    /// ```
+    /// use growbot_core::pose::Pose;
+    /// assert_eq!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]), Ok(Pose::UPRIGHT));
+    /// ```
+    pub const UPRIGHT: Self =
+        Self { position: Vector3::new(0.0, 0.0, 0.0), heading: 0.0, pitch: core::f64::consts::FRAC_PI_2 };
+
     /// Creates a pose from a position in mm, and a heading and a pitch in radians. The heading is wrapped to `(-pi,
     /// pi]`.
     ///

@@ -49,7 +49,7 @@ const INVERSE_BINOMIALS: Coefficients<f64> = [
 /// A root of the polynomial, or a point at which rounding leaves open whether there are two roots, one or none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Root {
-    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` if the [`Part`] was inverted.
+    /// Position of the root, 0 to 1: `|tau|`, or `1 / |tau|` for `tau` beyond 1 or -1.
     pub x: f64,
     /// True if the polynomial certainly changes its sign at this root. False if rounding leaves that open.
     pub certain: bool,
@@ -120,23 +120,47 @@ enum Found {
     Open,
 }
 
+/// Range of `tau` that a [`Part`] covers.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum TauRange {
+    ZeroToOne,
+    AboveOne,
+    BelowMinusOne,
+    MinusOneToZero,
+}
+
+impl TauRange {
+    pub const ALL: [Self; 4] = [Self::ZeroToOne, Self::AboveOne, Self::BelowMinusOne, Self::MinusOneToZero];
+
+    fn is_positive(self) -> bool {
+        matches!(self, Self::ZeroToOne | Self::AboveOne)
+    }
+
+    fn is_inverse(self) -> bool {
+        matches!(self, Self::AboveOne | Self::BelowMinusOne)
+    }
+
+    /// Returns the `tau` of a root of the part, from its position.
+    pub fn tau(self, x: f64) -> f64 {
+        let size = if self.is_inverse() { 1.0 / x.max(1e-12) } else { x };
+        if self.is_positive() { size } else { -size }
+    }
+}
+
 impl Part {
-    /// Creates the polynomial in `x = tau`, for `tau` from 0 to 1.
-    pub fn of(form: &CscPolynomial) -> Self {
-        Self { coefficients: form.coefficients, magnitudes: form.magnitudes }
-    }
-
-    /// Replaces `tau` by `-tau`, so that the polynomial covers the `tau` of the other sign.
-    pub fn mirror(&mut self) {
-        for coefficient in self.coefficients.iter_mut().skip(1).step_by(2) {
-            *coefficient = -*coefficient;
+    /// Creates the polynomial in `x = |tau|`, or in `x = 1 / |tau|` for `tau` beyond 1 or -1.
+    pub fn of(form: &CscPolynomial, range: TauRange) -> Self {
+        let CscPolynomial { mut coefficients, mut magnitudes } = *form;
+        if !range.is_positive() {
+            for coefficient in coefficients.iter_mut().skip(1).step_by(2) {
+                *coefficient = -*coefficient;
+            }
         }
-    }
-
-    /// Replaces `tau` by `1 / tau`, so that the polynomial covers the `tau` beyond 1 or -1.
-    pub fn invert(&mut self) {
-        self.coefficients.reverse();
-        self.magnitudes.reverse();
+        if range.is_inverse() {
+            coefficients.reverse();
+            magnitudes.reverse();
+        }
+        Self { coefficients, magnitudes }
     }
 
     /// Calls `found` with each root in `[0, 1]`, in ascending order.

@@ -5,7 +5,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::Vector3;
 
-use super::isolation::{Part, Root};
+use super::isolation::{Part, Root, TauRange};
 use super::polynomial::CscPolynomial;
 use super::{CscLine, CscSearch, MAX_NEWTON_START_ERROR, MAX_OVERLAP, NEAR, cosine};
 
@@ -110,19 +110,10 @@ impl CscSearch<'_> {
     #[inline(never)]
     pub(super) fn roots(&mut self, keep_alive: &mut dyn FnMut()) {
         let form = CscPolynomial::of(&self.problem.goal, &self.problem.direction);
-        for (positive, inverse) in [(true, false), (true, true), (false, true), (false, false)] {
+        for range in TauRange::ALL {
             keep_alive();
-            let mut part = Part::of(&form);
-            if !positive {
-                part.mirror();
-            }
-            if inverse {
-                part.invert();
-            }
-            part.roots(&mut |root| {
-                let size = if inverse { 1.0 / root.x.max(1e-12) } else { root.x };
-                self.tangents(signed(positive, size), root);
-            });
+            let part = Part::of(&form, range);
+            part.roots(&mut |root| self.tangents(range.tau(root.x), root));
         }
     }
 
