@@ -23,19 +23,18 @@ use crate::cli::maintenance_task::maintain;
 use crate::cli::port_arg::SelectedPort;
 use crate::cli::remedies;
 
-/// Sends a request to the board of `robot` and returns the response as text. The robot's bodies begin at `start`.
+/// Sends a request to the board of `robot` and returns the response as text. Bodies begin at [`Pose::UPRIGHT`].
 pub fn send(
     client: &mut Client,
     robot: &Robot,
     port: &SelectedPort,
     presets: &MaterialPresets,
-    start: &Pose,
     what: &BoardRequest,
     permit: &Permit,
 ) -> Result<String, Failure> {
     match what {
         BoardRequest::Status => Ok(BoardReport::of(client, port)?.text()),
-        BoardRequest::Plan(goal) => plan(client, robot, start, goal),
+        BoardRequest::Plan(goal) => plan(client, robot, goal),
         BoardRequest::Start => start_stored(client, permit),
         BoardRequest::Pause => {
             client.request("the request to pause", &PassiveRequest::Pause(Empty {}))?;
@@ -58,9 +57,9 @@ pub fn send(
     }
 }
 
-fn plan(client: &mut Client, robot: &Robot, start: &Pose, goal: &Pose) -> Result<String, Failure> {
+fn plan(client: &mut Client, robot: &Robot, goal: &Pose) -> Result<String, Failure> {
     let request = PlanRequest {
-        start: start.into(),
+        start: (&Pose::UPRIGHT).into(),
         goal: goal.into(),
         radius: robot.description().planning_radius_mm,
         planner: Planner::Shortest,

@@ -9,7 +9,6 @@ mod session;
 mod tui;
 
 use clap::Args;
-use growbot_core::pose::Pose;
 use growbot_plan::input::note_standard_input;
 use growbot_sim::port::TipSettings;
 
@@ -50,10 +49,9 @@ pub fn run(args: &ConsoleArgs) -> Result<(), Failure> {
     let presets = args.robot.presets()?;
     let _lent = robot_at(&port, &args.robot)?.lease("growbot console")?;
     let Connection { mut client, simulation } = port.connect(&robot, &TipSettings::default())?;
-    let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).map_err(Failure::bad_input)?;
     if args.tui {
-        return tui::run(client, robot, presets, start, &port);
+        return tui::run(client, robot, presets, &port);
     }
     client.open_session()?;
-    session::ConsoleSession::new(client, simulation, robot, presets, start, port).run()
+    session::ConsoleSession::new(client, simulation, robot, presets, port).run()
 }

@@ -48,7 +48,6 @@ pub struct ConsoleSession {
     robot: Robot,
     presets: MaterialPresets,
     port: SelectedPort,
-    start: Pose,
     /// Stop requests of the user (Ctrl-C).
     orders: Arc<CommandQueue>,
 }
@@ -75,11 +74,10 @@ impl ConsoleSession {
         simulation: Option<Box<dyn SimulatedTip>>,
         robot: Robot,
         presets: MaterialPresets,
-        start: Pose,
         port: SelectedPort,
     ) -> Self {
         let orders = stop_on_interrupt(&mut client, &port);
-        Self { client, simulation, robot, presets, port, start, orders }
+        Self { client, simulation, robot, presets, port, orders }
     }
 
     /// Reads and runs commands until the input ends or the user quits. In a pipe, the first failure also ends the
@@ -257,7 +255,7 @@ impl ConsoleSession {
 
     fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
         let permit = self.orders.permit_now();
-        send(&mut self.client, &self.robot, &self.port, &self.presets, &self.start, what, &permit)
+        send(&mut self.client, &self.robot, &self.port, &self.presets, what, &permit)
     }
 
     fn command(&mut self, line: &str) -> Result<LineOutcome, Failure> {
@@ -275,7 +273,7 @@ impl ConsoleSession {
     fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
         let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
-        let plan = Plan::through_waypoints(&self.robot, &self.start, &[], goal, &search)?;
+        let plan = Plan::through_waypoints(&self.robot, &Pose::UPRIGHT, &[], goal, &search)?;
         let kind = self.port.kind();
         let request = GrowthRequest { kind, ..GrowthRequest::new(&self.robot, &plan) };
         for warning in &plan.warnings {
@@ -403,14 +401,12 @@ mod tests {
         let mut client = Client::new(Box::new(Rc::clone(&sim)), "sim");
         client.open_session_for(&robot).unwrap();
         let port = LinkArgs::default().at("sim".to_owned()).ok().unwrap();
-        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let mut session = ConsoleSession {
             client,
             simulation: None,
             robot,
             presets: MaterialPresets::default(),
             port,
-            start,
             orders: Arc::default(),
         };
         assert!(session.stop_if_it_works().is_ok());

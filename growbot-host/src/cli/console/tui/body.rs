@@ -26,9 +26,9 @@ pub struct TrackedBody {
 }
 
 impl TrackedBody {
-    /// Creates a body without layers. `planned` is empty if the console does not know the plan.
-    pub fn new(plan_id: u64, start: &Pose, planned: Vec<Layer>) -> Self {
-        let tip = start.frame();
+    /// Creates a body without layers, which begins at [`Pose::UPRIGHT`]. `planned` is empty if the console does not know the plan.
+    pub fn new(plan_id: u64, planned: Vec<Layer>) -> Self {
+        let tip = Pose::UPRIGHT.frame();
         let planned_points = centreline(&tip, planned.iter().copied()).into_iter().map(Into::into).collect();
         Self {
             plan_id,
@@ -43,8 +43,8 @@ impl TrackedBody {
     }
 
     /// Starts the same job again from its beginning.
-    pub fn begin_again(&mut self, start: &Pose) {
-        *self = Self::new(self.plan_id, start, std::mem::take(&mut self.planned));
+    pub fn begin_again(&mut self) {
+        *self = Self::new(self.plan_id, std::mem::take(&mut self.planned));
     }
 
     /// Adds a reported layer. Earlier layers whose reports were lost are assumed to be as planned, or, without a
@@ -129,13 +129,9 @@ mod tests {
         Layer { height, ..Layer::default() }
     }
 
-    fn upright() -> Pose {
-        Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap()
-    }
-
     #[test]
     fn layers_are_added_once_despite_repeated_reports() {
-        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        let mut body = TrackedBody::new(1, Vec::new());
         body.add_layer(0, even(0.7), 0.774);
         body.add_layer(1, even(0.8), 0.774);
         body.add_layer(1, even(0.8), 0.774);
@@ -145,7 +141,7 @@ mod tests {
 
     #[test]
     fn impossible_layer_indices_are_ignored() {
-        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        let mut body = TrackedBody::new(1, Vec::new());
         body.add_layer(u32::MAX, even(0.7), 0.774);
         assert_eq!((body.built().len(), body.next()), (0, 0));
         body.add_layer(0, even(0.7), 0.774);
@@ -153,7 +149,7 @@ mod tests {
             body.add_layer(far, even(0.7), 0.774);
         }
         assert_eq!((body.built().len(), body.unreported()), (1, 0));
-        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        let mut body = TrackedBody::new(1, Vec::new());
         for index in [u32::MAX - 2, u32::MAX - 1, u32::MAX] {
             body.add_layer(index, even(0.7), 0.774);
         }
@@ -162,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_lost_report_counts_as_the_planned_or_a_full_layer() {
-        let mut body = TrackedBody::new(1, &upright(), vec![even(0.5); 3]);
+        let mut body = TrackedBody::new(1, vec![even(0.5); 3]);
         body.add_layer(0, even(0.7), 0.774);
         body.add_layer(2, even(0.7), 0.774);
         body.add_layer(4, even(0.7), 0.774);
@@ -173,7 +169,7 @@ mod tests {
 
     #[test]
     fn tracking_may_start_at_a_later_layer() {
-        let mut body = TrackedBody::new(1, &upright(), Vec::new());
+        let mut body = TrackedBody::new(1, Vec::new());
         body.add_layer(100, even(0.7), 0.774);
         assert_eq!((body.first(), body.next(), body.built().len()), (100, 101, 1));
     }

@@ -72,18 +72,12 @@ pub fn check_terminal() -> Result<(), Failure> {
 }
 
 /// Shows the robot until the user leaves.
-pub fn run(
-    client: Client,
-    robot: Robot,
-    presets: MaterialPresets,
-    start: Pose,
-    port: &SelectedPort,
-) -> Result<(), Failure> {
+pub fn run(client: Client, robot: Robot, presets: MaterialPresets, port: &SelectedPort) -> Result<(), Failure> {
     let mut watch = BoardPoller::new(client, port);
     // A board that does not respond is reported before the screen is taken.
     let hello = watch.client().open_session()?;
     let place = format!("{}{}", port.text(), port.kind().suffix());
-    let mut model = ConsoleModel::new(robot, &place, start, watch.speed());
+    let mut model = ConsoleModel::new(robot, &place, watch.speed());
     if hello.robot_hash != model.robot.hash() {
         model.log_error(&format!(
             "the board's robot is {}, but the limits shown are for {}: choose the board's robot with --robot",
@@ -93,7 +87,7 @@ pub fn run(
     }
     model.apply_status(hello.status);
     let leave = install_exit_handler()?;
-    let mut console = TuiApp { watch, model, port: port.clone(), presets, start, history: Vec::new(), quit: false };
+    let mut console = TuiApp { watch, model, port: port.clone(), presets, history: Vec::new(), quit: false };
     let mut screen = Screen::open()?;
     let done = console.run(&mut screen, &leave);
     drop(screen);
@@ -152,7 +146,6 @@ struct TuiApp {
     model: ConsoleModel,
     port: SelectedPort,
     presets: MaterialPresets,
-    start: Pose,
     /// Lines that were typed, the latest last.
     history: Vec<String>,
     quit: bool,
@@ -248,7 +241,7 @@ impl TuiApp {
 
     fn send(&mut self, what: &BoardRequest) -> Result<String, Failure> {
         let (client, permit) = (self.watch.client(), Permit::standalone());
-        send(client, &self.model.robot, &self.port, &self.presets, &self.start, what, &permit)
+        send(client, &self.model.robot, &self.port, &self.presets, what, &permit)
     }
 
     fn send_and_show(&mut self, what: &BoardRequest) {
@@ -265,11 +258,11 @@ impl TuiApp {
             planner: Planner::Shortest,
             avoid_self_collision: false,
         };
-        let planned = Plan::through_waypoints(robot, &self.start, &[], goal, &search);
+        let planned = Plan::through_waypoints(robot, &Pose::UPRIGHT, &[], goal, &search);
         // The board plans only to poses, so the direction is chosen here.
         let planned = planned.and_then(|plan| match goal {
             Goal::Pose(_) => Ok(plan),
-            Goal::Position(_) => Plan::through_waypoints(robot, &self.start, &[], &plan.goal, &search),
+            Goal::Position(_) => Plan::through_waypoints(robot, &Pose::UPRIGHT, &[], &plan.goal, &search),
         });
         let plan = match planned {
             Ok(plan) => plan,
@@ -279,8 +272,7 @@ impl TuiApp {
             }
         };
         let layers = job_layers(&plan.path, robot);
-        let body =
-            TrackedBody::new(layers.summary().plan_id, &self.start, layers.map(|layer| decode(&layer)).collect());
+        let body = TrackedBody::new(layers.summary().plan_id, layers.map(|layer| decode(&layer)).collect());
         let request = GrowthRequest { kind: self.port.kind(), ..GrowthRequest::new(robot, &plan) };
         let refused = request.check().err().map(|refusal| refusal_text(&refusal));
         for warning in &plan.warnings {
@@ -322,12 +314,11 @@ mod tests {
     /// Returns a console on a simulated robot, without a terminal.
     fn console() -> TuiApp {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
-        let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let port = LinkArgs::default().at("sim".to_owned()).ok().unwrap();
         let mut watch = BoardPoller::new(Client::new(Box::new(Sim::new(robot.clone())), "sim"), &port);
         watch.client().open_session().unwrap();
-        let model = ConsoleModel::new(robot, "sim", start, watch.speed());
-        TuiApp { watch, model, port, presets: MaterialPresets::default(), start, history: Vec::new(), quit: false }
+        let model = ConsoleModel::new(robot, "sim", watch.speed());
+        TuiApp { watch, model, port, presets: MaterialPresets::default(), history: Vec::new(), quit: false }
     }
 
     impl TuiApp {

@@ -4,7 +4,6 @@ use std::collections::VecDeque;
 
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Fault, LayerLaid, Message, SensorReadings, State, Status};
-use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 
 use super::body::TrackedBody;
@@ -40,7 +39,6 @@ pub struct ConsoleModel {
     pub popup: Option<String>,
     /// The command being typed. `None` if no command is being typed.
     pub prompt: Option<Prompt>,
-    start: Pose,
     clock_s: f64,
 }
 
@@ -56,8 +54,8 @@ pub struct LogEntry {
 }
 
 impl ConsoleModel {
-    /// Creates the model of a robot whose state is not known yet. Its bodies begin at `start`.
-    pub fn new(robot: Robot, port: &str, start: Pose, speed: Option<f64>) -> Self {
+    /// Creates the model of a robot whose state is not known yet.
+    pub fn new(robot: Robot, port: &str, speed: Option<f64>) -> Self {
         Self {
             robot,
             port: port.to_owned(),
@@ -66,11 +64,10 @@ impl ConsoleModel {
             sensors: None,
             link_error: None,
             readings: TemperatureHistory::default(),
-            body: TrackedBody::new(0, &start, Vec::new()),
+            body: TrackedBody::new(0, Vec::new()),
             log: VecDeque::new(),
             popup: None,
             prompt: None,
-            start,
             clock_s: 0.0,
         }
     }
@@ -83,10 +80,10 @@ impl ConsoleModel {
         self.clock_s = status.uptime_ms as f64 / 1000.0;
         self.readings.add(self.clock_s, status.temperature_centi_c, status.target_centi_c);
         if status.plan_id != self.body.plan_id() {
-            self.body = TrackedBody::new(status.plan_id, &self.start, Vec::new());
+            self.body = TrackedBody::new(status.plan_id, Vec::new());
         } else if status.layers_laid < self.body.next() {
             // The same job starts again from the beginning.
-            self.body.begin_again(&self.start);
+            self.body.begin_again();
         }
         let (state, fault) = (status.state, status.fault);
         let before = self.status.replace(status).map(|before| (before.state, before.fault));
@@ -109,7 +106,7 @@ impl ConsoleModel {
             }
             Message::LayerLaid(LayerLaid { plan_id, index, as_built, .. }) => {
                 if *plan_id != self.body.plan_id() {
-                    self.body = TrackedBody::new(*plan_id, &self.start, Vec::new());
+                    self.body = TrackedBody::new(*plan_id, Vec::new());
                 }
                 let Some(as_built) = as_built else { return };
                 self.body.add_layer(*index, decode(as_built), self.robot.description().layer.height_mm);

@@ -3,7 +3,6 @@
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::link::message::{LayerLaid, Message, PauseCause, State, Status};
-use growbot_core::pose::Pose;
 use growbot_plan::robot_file;
 
 use super::model::ConsoleModel;
@@ -11,7 +10,7 @@ use super::model::ConsoleModel;
 /// Returns the model of a simulated robot A whose state is not known yet.
 pub fn model() -> ConsoleModel {
     let robot = robot_file::load("growbot-a".as_ref()).unwrap();
-    ConsoleModel::new(robot, "sim", Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap(), Some(60.0))
+    ConsoleModel::new(robot, "sim", Some(60.0))
 }
 
 /// Returns the status of a board with a job of 100 layers, none of them laid, at 200 C with a target of 210 C.
