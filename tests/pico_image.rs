@@ -35,7 +35,7 @@ const FUNCTIONS_IN_RAM: [&str; 19] = [
     "pico::pins::make_safe",
     "pico::reset::reset_on_clock_failure",
     "pico::reset::restart",
-    "pico::uart::handle_emergency_stop",
+    "pico::uart::check_for_emergency_stop",
     "pico::usb::Device::configure",
     "pico::usb::Device::send_reply",
     "pico::usb::drop_queued",
