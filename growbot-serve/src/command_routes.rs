@@ -16,7 +16,7 @@ use super::access::{Access, require_control};
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::problem::Problem;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 use super::service::{ArrivalPermits, Service};
@@ -105,7 +105,7 @@ pub async fn maintain(
                 )));
             }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => Err(RobotError::MaintenanceDuringJob { robot: name.clone() }),
+            (Some(Ok(_)), Some(_)) => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, &outcome);

@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 
@@ -61,7 +61,7 @@ pub struct CommandRequest {
 
 /// Sends a command to a robot, with the permit that was issued when the command arrived. Waits until the board has
 /// carried the command out. Pause and continue are only queued for the active growth.
-pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), RobotError> {
+pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), RobotRequestError> {
     let robot = || keeper.name.clone();
     match order {
         RobotCommand::EmergencyStop => emergency_stop(keeper),
@@ -70,7 +70,9 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         // A growth ends at a fault, so its robot has none. The thread that follows it takes no requests.
         RobotCommand::ClearFault if keeper.ensure_idle().is_err() => keeper.ensure_idle(),
         RobotCommand::ClearFault => keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT),
-        RobotCommand::Cancel if keeper.status().job.is_some() => Err(RobotError::CancelDuringJob { robot: robot() }),
+        RobotCommand::Cancel if keeper.status().job.is_some() => {
+            Err(RobotRequestError::CancelDuringJob { robot: robot() })
+        }
         RobotCommand::Cancel => {
             // The body of an order that has not begun is discarded, too.
             keeper.signal().void();
@@ -79,13 +81,13 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
         RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
         RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
         RobotCommand::Pause | RobotCommand::Continue => {
-            Err(RobotError::NoGrowth { command: order.name(), robot: robot() })
+            Err(RobotRequestError::NoGrowth { command: order.name(), robot: robot() })
         }
     }
 }
 
 /// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.
-fn emergency_stop(keeper: &RobotWorker) -> Result<(), RobotError> {
+fn emergency_stop(keeper: &RobotWorker) -> Result<(), RobotRequestError> {
     let stop = keeper.raise_stop(StopLevel::EmergencyStop);
     let ticket = keeper.stopper.send();
     keeper.sync_stop_file();
@@ -96,7 +98,7 @@ fn emergency_stop(keeper: &RobotWorker) -> Result<(), RobotError> {
 }
 
 /// Stops the robot, and waits until the board has confirmed the stop.
-fn stop(keeper: &RobotWorker) -> Result<(), RobotError> {
+fn stop(keeper: &RobotWorker) -> Result<(), RobotRequestError> {
     let reconnects_within = RECONNECTIONS * keeper.connector.reconnect_interval();
     let began = Instant::now();
     let _stop = keeper.raise_stop(StopLevel::Stop);
@@ -105,10 +107,10 @@ fn stop(keeper: &RobotWorker) -> Result<(), RobotError> {
         let robot = || keeper.name.clone();
         let lost = keeper.lock_state().connection_error.clone().filter(|_| began.elapsed() > reconnects_within);
         if let Some(reason) = lost {
-            return Err(RobotError::StopNotSent { robot: robot(), reason });
+            return Err(RobotRequestError::StopNotSent { robot: robot(), reason });
         }
         if began.elapsed() > COMMAND_TIMEOUT {
-            return Err(RobotError::StopUnconfirmed { robot: robot(), limit: COMMAND_TIMEOUT });
+            return Err(RobotRequestError::StopUnconfirmed { robot: robot(), limit: COMMAND_TIMEOUT });
         }
         std::thread::sleep(CONFIRM_POLL_INTERVAL);
     }

@@ -10,7 +10,7 @@ use super::fake_board::LineState;
 use super::job::{Job, JobState};
 use super::job_store::JobStore;
 use super::notification::NotificationChannel;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
 use super::service::Service;
 use super::stop_model::{Case, Step, service, service_with, wait_until};
@@ -283,7 +283,7 @@ fn a_fault_is_not_cleared_during_a_growth_and_the_answer_is_immediate() {
     order(&mut case, Step::Grow);
     let permit = case.worker.signal().permit();
     let why = run_command(&case.worker, RobotCommand::ClearFault, &permit).unwrap_err();
-    assert!(matches!(why, RobotError::Busy { .. }), "{why}");
+    assert!(matches!(why, RobotRequestError::Busy { .. }), "{why}");
     order(&mut case, Step::BoardFails);
     wait_for_end(&case);
     case.worker.request(RobotRequest::ClearFault(case.worker.signal().permit()), COMMAND_TIMEOUT).unwrap();

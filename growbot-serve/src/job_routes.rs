@@ -36,7 +36,7 @@ use super::job::{Job, JobState};
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, StreamPermit, holding};
 use super::problem::Problem;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::{Claim, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::{ArrivalPermits, Service};
@@ -212,12 +212,12 @@ pub async fn resume(
 }
 
 /// Returns an error if the job cannot be resumed.
-fn ensure_resumable(job: &Job) -> Result<(), RobotError> {
+fn ensure_resumable(job: &Job) -> Result<(), RobotRequestError> {
     let id = || job.id.clone();
     match job.state {
         JobState::Active | JobState::Interrupted => Ok(()),
-        JobState::Done => Err(RobotError::JobDone { job: id() }),
-        JobState::Failed => Err(RobotError::JobFailed { job: id(), reason: job.reason.clone() }),
+        JobState::Done => Err(RobotRequestError::JobDone { job: id() }),
+        JobState::Failed => Err(RobotRequestError::JobFailed { job: id(), reason: job.reason.clone() }),
     }
 }
 

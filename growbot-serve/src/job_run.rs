@@ -23,7 +23,7 @@ use time::OffsetDateTime;
 use super::connector::BoardConnection;
 use super::job::{Job, JobState, end_reason};
 use super::notification::NotificationEvent;
-use super::robot_error::{ConnectionError, RobotError};
+use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{NewJob, Reply};
 use super::robot_worker::{LinkState, RobotWorker, is_loss};
 use crate::watch::LiveGrowth;
@@ -33,7 +33,7 @@ impl RobotWorker {
     pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
         let NewJob { job, plan, robot, scene, feedback, permit } = new;
         if !permit.is_valid() {
-            return refuse(&reply, RobotError::Voided);
+            return refuse(&reply, RobotRequestError::Voided);
         }
         let commands = self.announce_growth(&job, permit);
         let request = GrowthRequest {
@@ -51,7 +51,7 @@ impl RobotWorker {
         };
         if commands.stop_requested() {
             log.discard();
-            return self.refuse_growth(&reply, RobotError::Voided);
+            return self.refuse_growth(&reply, RobotRequestError::Voided);
         }
         self.set_job_state(&job, JobState::Active, None);
         let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands);
@@ -68,7 +68,7 @@ impl RobotWorker {
         reply: Reply,
     ) -> LinkState {
         if !permit.is_valid() {
-            return refuse(&reply, RobotError::Voided);
+            return refuse(&reply, RobotRequestError::Voided);
         }
         self.continue_job(connection, job, permit, Some(reply), |_| Ok(()))
     }
@@ -81,7 +81,7 @@ impl RobotWorker {
         let permit = self.signal().continuation();
         self.continue_job(connection, job, permit, None, |state| match state {
             State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done => Ok(()),
-            state => Err(RobotError::BoardState(state)),
+            state => Err(RobotRequestError::BoardState(state)),
         })
     }
 
@@ -91,7 +91,7 @@ impl RobotWorker {
         job: &Job,
         permit: Permit,
         reply: Option<Reply>,
-        may: impl FnOnce(State) -> Result<(), RobotError>,
+        may: impl FnOnce(State) -> Result<(), RobotRequestError>,
     ) -> LinkState {
         let commands = self.announce_growth(job, permit);
         let hello = match connection.client.identify() {
@@ -102,7 +102,7 @@ impl RobotWorker {
         // The board reports again the layers that are missing in the log of the job.
         self.write_kept();
         self.drop_kept_log(&job.id);
-        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), RobotError> {
+        let opened = || -> Result<(RecordedRun, Robot, Plan, Option<LoadedScene>), RobotRequestError> {
             let mut record = RecordedRun::open(&path)?;
             let robot = record.own_robot()?;
             let plan = record.plan(&robot)?;
@@ -139,9 +139,9 @@ impl RobotWorker {
         growing.run(&request, &board_job, connection)
     }
 
-    /// Refuses to grow the rest of a job. A job that a client wants to resume keeps its state, otherwise the job becomes
+    /// Refuses to grow the rest of a job. A job that a client wants to resume keeps its state. Another job becomes
     /// interrupted.
-    fn refuse_rest(&self, job: &Job, status: &Status, reply: Option<Reply>, error: RobotError) -> LinkState {
+    fn refuse_rest(&self, job: &Job, status: &Status, reply: Option<Reply>, error: RobotRequestError) -> LinkState {
         match reply {
             Some(reply) => self.refuse_growth(&reply, error),
             None => self.leave_job(job, status, &error.to_string()),
@@ -188,7 +188,7 @@ impl RobotWorker {
         self.update_state(|known| (known.commands, known.job) = (None, None));
     }
 
-    fn refuse_growth(&self, reply: &Reply, error: impl Into<RobotError>) -> LinkState {
+    fn refuse_growth(&self, reply: &Reply, error: impl Into<RobotRequestError>) -> LinkState {
         self.forget_growth();
         refuse(reply, error.into())
     }
@@ -206,7 +206,7 @@ impl RobotWorker {
     }
 }
 
-fn refuse(reply: &Reply, error: RobotError) -> LinkState {
+fn refuse(reply: &Reply, error: RobotRequestError) -> LinkState {
     // The client may no longer wait for the response.
     let _ = reply.send(Err(error));
     LinkState::Ready

@@ -3,10 +3,11 @@
 //!
 //! - [`Service`] holds the robots. `service_context` is the state that their threads share: the jobs, the notices and a
 //!   counter of changes.
-//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board, and
-//!   `robot_request` are the requests to that thread, and `robot_error` their errors. `connector` opens ports, `robot_stops` raises and delivers the
-//!   stops of a robot, and `robot_alerts` sends the notices about it. `stopper` sends emergency stops, and `stop_file`
-//!   stores an unconfirmed stop on disk. `job_run` carries out a job on the board.
+//! - [`config`] describes the configured robots. `robot_worker` is one robot, with the thread that owns its board.
+//!   `robot_request` are the requests to that thread, and `robot_error` has their errors. `connector` opens ports,
+//!   `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends the notices about it. `stopper`
+//!   sends emergency stops, and `stop_file` stores an unconfirmed stop on disk. `job_run` carries out a job on the
+//!   board.
 //! - `job_store` is a database of all [`job`]s that can be rebuilt from their run logs. `job_updates` are the changes of
 //!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
 //!   commands.

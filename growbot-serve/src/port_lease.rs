@@ -19,7 +19,7 @@ use super::access::Access;
 use super::audit::CommandSource;
 use super::handler::ServiceState;
 use super::problem::Problem;
-use super::robot_error::{ConnectionError, RobotError};
+use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{PendingRequest, PortLease, RobotRequest};
 use super::robot_worker::RobotWorker;
 
@@ -82,7 +82,7 @@ impl RobotWorker {
         while !loan.is_over.load(Ordering::Acquire) {
             let Ok(pending) = requests.recv_timeout(LEASE_POLL_INTERVAL) else { continue };
             let (robot, reason) = (self.name.clone(), Arc::clone(&reason));
-            self.respond_without_board(pending, RobotError::Leased { robot, reason });
+            self.respond_without_board(pending, RobotRequestError::Leased { robot, reason });
         }
     }
 }

@@ -14,7 +14,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::PREFIX;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 
 /// Remedy for a request that the service does not know. A page that was open during an update sends such requests.
 const RELOAD: &str = "reload the page, or update the program that sent the request";
@@ -115,8 +115,8 @@ impl From<PlanError> for Problem {
     }
 }
 
-impl From<RobotError> for Problem {
-    fn from(error: RobotError) -> Self {
+impl From<RobotRequestError> for Problem {
+    fn from(error: RobotRequestError) -> Self {
         Self::conflict(error)
     }
 }

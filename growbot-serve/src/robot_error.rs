@@ -53,7 +53,7 @@ pub enum ConnectionError {
 
 /// Reason why a robot has not carried out a request.
 #[derive(Debug, thiserror::Error)]
-pub enum RobotError {
+pub enum RobotRequestError {
     #[error("robot {robot} is not connected: {reason}")]
     NotConnected { robot: String, reason: Arc<ConnectionError> },
     /// Another program has the robot's port.

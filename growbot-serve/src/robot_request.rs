@@ -11,10 +11,10 @@ use growbot_plan::plan::Plan;
 use growbot_scene::scene_file::LoadedScene;
 
 use super::job::Job;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 
 /// Channel on which the response to a request is sent.
-pub(super) type Reply = Sender<Result<(), RobotError>>;
+pub(super) type Reply = Sender<Result<(), RobotRequestError>>;
 
 /// A job to start.
 pub struct NewJob {
@@ -64,13 +64,13 @@ impl Claim {
 
     /// Returns an error if the flag is set. Before the request is sent to the thread, this means that the caller has
     /// given it up.
-    pub fn check(&self) -> Result<(), RobotError> {
-        if self.0.load(Ordering::Acquire) { Err(RobotError::GivenUp) } else { Ok(()) }
+    pub fn check(&self) -> Result<(), RobotRequestError> {
+        if self.0.load(Ordering::Acquire) { Err(RobotRequestError::GivenUp) } else { Ok(()) }
     }
 }
 
 impl PendingRequest {
-    pub(super) fn respond(self, response: Result<(), RobotError>) {
+    pub(super) fn respond(self, response: Result<(), RobotRequestError>) {
         // The caller may no longer wait for the response.
         let _ = self.reply.send(response);
     }

@@ -8,7 +8,7 @@ use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
 use growbot_plan::job::Command;
 
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
 use super::robot_worker::RobotWorker;
 
@@ -45,13 +45,13 @@ impl RobotWorker {
 
     /// Drops a stop that the board has not confirmed, at a person's request. A growth that the stop has not reached is
     /// paused once the robot is connected again, so that only an order of a person continues it.
-    pub(super) fn withdraw_stop(&self) -> Result<(), RobotError> {
+    pub(super) fn withdraw_stop(&self) -> Result<(), RobotRequestError> {
         let robot = || self.name.clone();
         let Some((_, generation)) = self.signal.pending() else {
-            return Err(RobotError::NoStop { robot: robot() });
+            return Err(RobotRequestError::NoStop { robot: robot() });
         };
         if self.stops_in_progress.load(Ordering::SeqCst) > 0 || !self.signal.confirm(generation) {
-            return Err(RobotError::StopInProgress { robot: robot() });
+            return Err(RobotRequestError::StopInProgress { robot: robot() });
         }
         self.update_state(|known| match &known.commands {
             Some(commands) => commands.push(Command::Pause),

@@ -28,7 +28,7 @@ use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::job::JobState;
 use super::paths::ServicePaths;
-use super::robot_error::{ConnectionError, RobotError};
+use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{Claim, PendingRequest, PortLease, Reply, RobotRequest};
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
@@ -107,7 +107,7 @@ impl LinkState {
     }
 
     /// Returns the state after a request has failed, and the error for its client.
-    pub fn after(error: ClientError) -> (Self, RobotError) {
+    pub fn after(error: ClientError) -> (Self, RobotRequestError) {
         if !is_loss(&error) {
             return (Self::Ready, error.into());
         }
@@ -301,20 +301,20 @@ impl RobotWorker {
 
     /// Returns an error if the robot has an active job. The latest known state may still contain a job that has just
     /// ended, so the job's state is read from the list of jobs.
-    pub(super) fn ensure_idle(&self) -> Result<(), RobotError> {
+    pub(super) fn ensure_idle(&self) -> Result<(), RobotRequestError> {
         let job = self.lock_state().job.clone();
         let is_active = |id: &String| {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
         };
-        job.filter(is_active).map_or(Ok(()), |job| Err(RobotError::Busy { robot: self.name.clone(), job }))
+        job.filter(is_active).map_or(Ok(()), |job| Err(RobotRequestError::Busy { robot: self.name.clone(), job }))
     }
 
     /// Sends a request to the robot's thread and waits for the response.
     ///
     /// # Errors
-    /// [`RobotError`] if the request was rejected or timed out.
-    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), RobotError> {
+    /// [`RobotRequestError`] if the request was rejected or timed out.
+    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), RobotRequestError> {
         self.request_claimed(request, &Claim::default(), limit)
     }
 
@@ -327,18 +327,18 @@ impl RobotWorker {
         request: RobotRequest,
         claim: &Claim,
         limit: Duration,
-    ) -> Result<(), RobotError> {
+    ) -> Result<(), RobotRequestError> {
         let (reply, response) = mpsc::channel();
         claim.check()?;
         let pending = PendingRequest { request, reply, claim: claim.clone() };
-        self.requests.send(pending).map_err(|_| RobotError::ThreadEnded)?;
+        self.requests.send(pending).map_err(|_| RobotRequestError::ThreadEnded)?;
         response.recv_timeout(limit).unwrap_or_else(|_| {
             let robot = self.name.clone();
             // A request that times out is given up, because it would otherwise run later, when the user no longer
             // expects it.
             Err(match claim.take() {
-                true => RobotError::NotAccepted { robot, limit },
-                false => RobotError::NotFinished { robot, limit },
+                true => RobotRequestError::NotAccepted { robot, limit },
+                false => RobotRequestError::NotFinished { robot, limit },
             })
         })
     }
@@ -414,14 +414,14 @@ impl RobotWorker {
             let until = Instant::now() + self.connector.reconnect_interval();
             while let Ok(pending) = requests.recv_timeout(until.saturating_duration_since(Instant::now())) {
                 let (robot, reason) = (self.name.clone(), Arc::clone(&reason));
-                self.respond_without_board(pending, RobotError::NotConnected { robot, reason });
+                self.respond_without_board(pending, RobotRequestError::NotConnected { robot, reason });
             }
         }
     }
 
     /// Handles a request while the port is closed. Records a stop that the board has confirmed, and rejects any other
     /// request with this error.
-    pub(super) fn respond_without_board(&self, pending: PendingRequest, error: RobotError) {
+    pub(super) fn respond_without_board(&self, pending: PendingRequest, error: RobotRequestError) {
         match pending.request {
             RobotRequest::StopConfirmed(generation) => self.confirm_stop(generation),
             _ => pending.respond(Err(error)),

@@ -32,7 +32,7 @@ use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
 use super::paths::ServicePaths;
 use super::problem::Problem;
-use super::robot_error::RobotError;
+use super::robot_error::RobotRequestError;
 use super::robot_request::{Claim, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::Service;
@@ -404,7 +404,7 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
         let stop = scope.spawn(|| run_command(worker, RobotCommand::Stop, &permit));
         wait_until(|| worker.status().pending_stop.is_some());
         drop(jobs);
-        assert!(matches!(grow.join().unwrap(), Err(RobotError::Voided)));
+        assert!(matches!(grow.join().unwrap(), Err(RobotRequestError::Voided)));
         stop.join().unwrap().unwrap();
     });
     let board = case.line.board();

@@ -41,7 +41,7 @@ use growbot_core::layer_bytes::LayerEncoder;
 use growbot_core::robot::{FeedStrategy, HeadRotation, Robot, RobotDescription};
 use growbot_firmware::board_robot;
 use growbot_firmware::stepping::{
-    AxisMove, Direction, EngineConfig, HomingMove, Mailbox, Move, Report, Turn, TurnPlanner,
+    AxisMove, EngineConfig, HomingMove, Mailbox, MotorDirection, Move, Report, Turn, TurnPlanner,
 };
 
 use crate::pins::{BenchmarkEngine, World};
@@ -175,7 +175,7 @@ impl Bench {
         self.idle(100);
         self.until_report(Move::Home(homing), Kind::Homing)?;
         self.idle(100);
-        for direction in [Direction::Backward, Direction::Forward] {
+        for direction in [MotorDirection::Backward, MotorDirection::Forward] {
             self.until_report(
                 Move::Feed(AxisMove { steps: 50, direction, ticks_per_step: 8, changes_filament: false }),
                 Kind::Feeding,
@@ -225,7 +225,8 @@ impl Bench {
         let mut turn_of = |index: u32| {
             let lean = f64::from(index % 3) * 0.0025;
             let layer = Layer { alpha: 0.9 * f64::from(index), height: 0.77 - 0.1 * f64::from(index % 2), tilt: lean };
-            let direction = if alternate && index % 2 == 1 { Direction::Backward } else { Direction::Forward };
+            let direction =
+                if alternate && index % 2 == 1 { MotorDirection::Backward } else { MotorDirection::Forward };
             material.next_turn(&encoder.encode(&layer), robot, direction).ok()
         };
         let mut laid = 0;

@@ -10,7 +10,7 @@ use super::move_tracker::MaintenanceMove;
 use crate::hal::{Board, StepperDrivers};
 use crate::journal;
 use crate::safety::transitions::Event;
-use crate::stepping::{AxisMove, Direction, HomingMove, Mailbox, Move, Report, TurnReport, as_built};
+use crate::stepping::{AxisMove, HomingMove, Mailbox, MotorDirection, Move, Report, TurnReport, as_built};
 
 /// Time for which the heater already gets the power for the first layer after homing or a pause before the plastic of
 /// that layer flows, s. Power takes seconds from the heater to the nozzle (docs/decisions/0022-heater-regulation.md;
@@ -48,7 +48,7 @@ impl<B: Board> Controller<B> {
             Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
             Report::Homed if self.state == State::Homing => {
                 self.motion.on_reported(self.now_us);
-                self.motion.next_turn = Direction::Forward;
+                self.motion.next_turn = MotorDirection::Forward;
                 self.apply_event(Event::Homed);
             }
             Report::Laid(turn) if growing => {
@@ -57,7 +57,7 @@ impl<B: Board> Controller<B> {
             }
             Report::Fed if growing => {
                 self.motion.on_reported(self.now_us);
-                let back = self.motion.feeding.take() == Some(Direction::Backward);
+                let back = self.motion.feeding.take() == Some(MotorDirection::Backward);
                 self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
             }
             // All other reports are late: they belong to moves from before everything was switched off.
@@ -136,19 +136,19 @@ impl<B: Board> Controller<B> {
             // The current layer is finished first.
             if self.job.layers_laid == self.job.layers_begun {
                 self.apply_event(Event::LayersExhausted);
-                self.feed(Direction::Backward, handover);
+                self.feed(MotorDirection::Backward, handover);
             }
             return;
         };
         if self.motion.retracted_steps > 0 {
-            self.feed(Direction::Forward, handover);
+            self.feed(MotorDirection::Forward, handover);
             return;
         }
         if self.is_in_power_lead() {
             return;
         }
         let alternates = self.robot.description().motion.turning == HeadRotation::Alternate;
-        let direction = if alternates { self.motion.next_turn } else { Direction::Forward };
+        let direction = if alternates { self.motion.next_turn } else { MotorDirection::Forward };
         match self.job.material.next_turn(&bytes, &self.robot, direction) {
             Ok(turn) => {
                 let period_s = self.robot.description().layer.period_s;
@@ -176,13 +176,13 @@ impl<B: Board> Controller<B> {
     }
 
     /// Starts the filament move that pulls filament back for a pause, or pushes it forward to the nozzle after a pause.
-    fn feed(&mut self, direction: Direction, handover: &Mailbox) {
+    fn feed(&mut self, direction: MotorDirection, handover: &Mailbox) {
         let description = self.robot.description();
         let feed = &description.feed;
         // Filament that maintenance has pulled back already counts.
         let steps = match direction {
-            Direction::Forward => self.motion.retracted_steps,
-            Direction::Backward => self.retract_steps().saturating_sub(self.motion.retracted_steps),
+            MotorDirection::Forward => self.motion.retracted_steps,
+            MotorDirection::Backward => self.retract_steps().saturating_sub(self.motion.retracted_steps),
         };
         if steps == 0 {
             return;

@@ -9,7 +9,7 @@ use super::requests::MIN_TUNING_C;
 use super::{Controller, centi};
 use crate::hal::{Board, StepperDrivers};
 use crate::safety::transitions::Event;
-use crate::stepping::{AxisMove, Direction, Mailbox, Move};
+use crate::stepping::{AxisMove, Mailbox, MotorDirection, Move};
 
 /// Time without a maintenance request after which heater and motors are switched off, us: ten minutes.
 pub const UNATTENDED_US: u64 = 600_000_000;
@@ -105,7 +105,7 @@ impl<B: Board> Controller<B> {
         let turns = f64::from(centi_deg.unsigned_abs()) / f64::from(TURN_CENTI_DEG);
         let per_s = f64::from(head.steps_per_turn) * head.homing_turns_per_s;
         let steps = turns * f64::from(head.steps_per_turn);
-        let (order, seconds) = self.axis_move(steps, per_s, Direction::of(centi_deg), false);
+        let (order, seconds) = self.axis_move(steps, per_s, MotorDirection::of(centi_deg), false);
         handover.submit(Move::Rotate(order));
         self.motion.start_maintenance(MaintenanceMove::Head, seconds, self.now_us);
         Ok(())
@@ -116,8 +116,8 @@ impl<B: Board> Controller<B> {
     /// retracted before a pause.
     fn feed_by(&mut self, um: i32, handover: &Mailbox) -> Result<(), Refusal> {
         self.check_maintenance_move(Event::MoveFilament, handover)?;
-        let direction = Direction::of(um);
-        if direction == Direction::Forward && !self.has_filament() {
+        let direction = MotorDirection::of(um);
+        if direction == MotorDirection::Forward && !self.has_filament() {
             return Err(Refusal::NoFilament);
         }
         let (mm, mm_per_s) = (f64::from(um.unsigned_abs()) / 1000.0, self.feed_mm_per_s(direction));
@@ -128,8 +128,8 @@ impl<B: Board> Controller<B> {
         let (order, seconds) = self.axis_move(mm * steps_per_mm, mm_per_s * steps_per_mm, direction, true);
         handover.submit(Move::Feed(order));
         let (flow, forward, back) = match direction {
-            Direction::Forward => (mm_per_s * self.robot.filament_area(), order.steps, 0),
-            Direction::Backward => (0.0, 0, order.steps),
+            MotorDirection::Forward => (mm_per_s * self.robot.filament_area(), order.steps, 0),
+            MotorDirection::Backward => (0.0, 0, order.steps),
         };
         self.motion.start_maintenance(MaintenanceMove::Filament { flow, forward, back }, seconds, self.now_us);
         if self.state == State::Paused {
@@ -139,7 +139,7 @@ impl<B: Board> Controller<B> {
         Ok(())
     }
 
-    fn feed_mm_per_s(&self, direction: Direction) -> f64 {
+    fn feed_mm_per_s(&self, direction: MotorDirection) -> f64 {
         let description = self.robot.description();
         let grows = description.layer.height_mm * self.robot.wall_area() / self.robot.filament_area();
         let grows = grows / description.layer.period_s;
@@ -148,11 +148,17 @@ impl<B: Board> Controller<B> {
         // most one step every two ticks.
         let fastest = f64::from(description.motion.tick_hz) / (2.0 * feed.steps_per_mm);
         let back = feed.retract_mm_per_s.min(feed.speed_jump_mm_per_s).min(fastest);
-        if direction == Direction::Forward { grows.min(back) } else { back }
+        if direction == MotorDirection::Forward { grows.min(back) } else { back }
     }
 
     /// Returns a move of one axis, and the duration of the move, s.
-    fn axis_move(&self, steps: f64, steps_per_s: f64, direction: Direction, changes_filament: bool) -> (AxisMove, f64) {
+    fn axis_move(
+        &self,
+        steps: f64,
+        steps_per_s: f64,
+        direction: MotorDirection,
+        changes_filament: bool,
+    ) -> (AxisMove, f64) {
         let tick_hz = f64::from(self.robot.description().motion.tick_hz);
         let steps = libm::rint(steps) as u32;
         let ticks_per_step = (tick_hz / steps_per_s).max(2.0) as u32;

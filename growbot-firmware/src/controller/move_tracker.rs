@@ -2,7 +2,7 @@
 
 use growbot_core::link::message::PauseCause;
 
-use crate::stepping::Direction;
+use crate::stepping::MotorDirection;
 
 /// Time by which a move may exceed its expected duration before it is overdue, as a share of that duration.
 const ALLOWANCE: f64 = 0.2;
@@ -20,14 +20,14 @@ pub(super) struct MoveTracker {
     /// Max duration of the most recently submitted move, us.
     latest_us: u64,
     /// Direction of the filament move at the beginning or end of a pause. `None` if no such move is in progress.
-    pub feeding: Option<Direction>,
+    pub feeding: Option<MotorDirection>,
     /// Maintenance move that is in progress. `None` if no maintenance move is in progress.
     pub maintained: Option<MaintenanceMove>,
     /// Number of feed steps by which the end of the filament is behind the nozzle. A pause or maintenance has retracted
     /// the filament, and it is pushed forward again before the next layer.
     pub retracted_steps: u32,
     /// Direction of the head's next turn. Used for heads that turn to and fro.
-    pub next_turn: Direction,
+    pub next_turn: MotorDirection,
     /// Reason for a pause after the current layer. `None` if no pause was requested.
     pub pause: Option<PauseCause>,
 }

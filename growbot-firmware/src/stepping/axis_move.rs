@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::OutputPin;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::moves::{AxisMove, EngineFault};
 use super::stepper::Stepper;
 
@@ -24,7 +24,7 @@ impl AxisMoveRun {
             ticks_to_step: ticks_per_step,
             steps_left: order.steps,
             changes_filament: order.changes_filament,
-            watched: order.changes_filament && order.direction == Direction::Forward,
+            watched: order.changes_filament && order.direction == MotorDirection::Forward,
         }
     }
 

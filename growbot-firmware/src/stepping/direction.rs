@@ -2,7 +2,7 @@
 
 /// Direction of a motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Direction {
+pub enum MotorDirection {
     /// The feed pushes filament out, and the head turns counter-clockwise.
     #[default]
     Forward,
@@ -10,7 +10,7 @@ pub enum Direction {
     Backward,
 }
 
-impl Direction {
+impl MotorDirection {
     /// Returns the direction of a distance or an angle with this sign. 0 is forward.
     pub fn of(distance: i32) -> Self {
         if distance < 0 { Self::Backward } else { Self::Forward }

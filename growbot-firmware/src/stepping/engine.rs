@@ -15,7 +15,7 @@ use growbot_core::robot::Robot;
 
 use super::axis_move::AxisMoveRun;
 use super::bresenham::Bresenham;
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::homing::HomingRun;
 use super::index_monitor::{IndexMonitor, IndexWindow, read_index_sensor};
 use super::mailbox::{Mailbox, PendingMove, PendingReport, Slot, TurnHeader};
@@ -254,7 +254,7 @@ where
             return Ok(());
         }
         // The encoder's level rises in forward motion at the position at which it falls in reverse motion.
-        self.filament_pulses = match (before, high, self.feed.direction == Some(Direction::Backward)) {
+        self.filament_pulses = match (before, high, self.feed.direction == Some(MotorDirection::Backward)) {
             (false, true, false) => self.filament_pulses.wrapping_add(1),
             (true, false, true) => self.filament_pulses.wrapping_sub(1),
             _ => return Ok(()),
@@ -336,7 +336,7 @@ where
     fn begin(&mut self, task: PendingMove, handover: &Mailbox) -> Result<bool, EngineFault> {
         match task {
             PendingMove::Home(homing) => {
-                self.head.enable(Direction::Forward)?;
+                self.head.enable(MotorDirection::Forward)?;
                 self.watch = IndexMonitor::LOST;
                 self.mode = Mode::Homing(HomingRun::new(homing));
                 Ok(false)
@@ -356,7 +356,7 @@ where
                 Ok(false)
             }
             PendingMove::Lay(turn) => {
-                let (head, feed) = (self.head.enable(turn.direction)?, self.feed.enable(Direction::Forward)?);
+                let (head, feed) = (self.head.enable(turn.direction)?, self.feed.enable(MotorDirection::Forward)?);
                 let follows = !(self.clock.is_at_rest() || head || feed);
                 self.turn = turn;
                 self.clock.enter(&self.turn.pace);
@@ -366,7 +366,7 @@ where
                 self.progress.sectors_left = SECTORS;
                 handover.set_progress(0);
                 self.mode = Mode::Laying;
-                self.start_sector(if turn.direction == Direction::Forward { 0 } else { SECTORS - 1 }, handover);
+                self.start_sector(if turn.direction == MotorDirection::Forward { 0 } else { SECTORS - 1 }, handover);
                 Ok(follows)
             }
         }
@@ -416,7 +416,7 @@ where
             progress.sectors_left -= 1;
             handover.set_progress(SECTORS - progress.sectors_left);
             if progress.sectors_left > 0 {
-                let is_forward = self.turn.direction == Direction::Forward;
+                let is_forward = self.turn.direction == MotorDirection::Forward;
                 let sector = progress.sector;
                 self.start_sector(if is_forward { sector + 1 } else { sector.wrapping_sub(1) }, handover);
             } else {

@@ -25,7 +25,7 @@ use embedded_hal::digital::InputPin;
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::robot::Robot;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::mailbox::Mailbox;
 use super::moves::EngineFault;
 
@@ -83,7 +83,7 @@ pub(super) struct IndexMonitor {
     /// Position of the head, in head steps from the beginning of the tolerance before the index mark. `None` unless the
     /// head has homed since its motor was last energised.
     place: Option<u32>,
-    direction: Direction,
+    direction: MotorDirection,
     /// Number of consecutive samples in which the index mark was detected.
     seen_for: u32,
     /// Number of consecutive samples in which the index mark was detected outside its position. `absent_for` is the
@@ -101,7 +101,7 @@ pub(super) struct IndexMonitor {
 impl IndexMonitor {
     pub const LOST: Self = Self {
         place: None,
-        direction: Direction::Forward,
+        direction: MotorDirection::Forward,
         seen_for: 0,
         stray_for: 0,
         absent_for: 0,
@@ -115,7 +115,7 @@ impl IndexMonitor {
         *self = Self { place: Some(mark.zero), ..Self::LOST };
     }
 
-    pub fn begin_turn(&mut self, direction: Direction) {
+    pub fn begin_turn(&mut self, direction: MotorDirection) {
         let turned = self.direction != direction;
         let seen_for = if turned { 0 } else { self.seen_for };
         *self = Self { place: self.place, direction, seen_for, stray: self.stray, ..Self::LOST };
@@ -126,10 +126,10 @@ impl IndexMonitor {
     pub fn step(&mut self, on: bool, mark: &IndexWindow) -> Result<(), EngineFault> {
         let Some(place) = self.place else { return Ok(()) };
         self.place = Some(match (self.direction, place) {
-            (Direction::Forward, place) if place + 1 == mark.steps_per_turn => 0,
-            (Direction::Forward, place) => place + 1,
-            (Direction::Backward, 0) => mark.steps_per_turn - 1,
-            (Direction::Backward, place) => place - 1,
+            (MotorDirection::Forward, place) if place + 1 == mark.steps_per_turn => 0,
+            (MotorDirection::Forward, place) => place + 1,
+            (MotorDirection::Backward, 0) => mark.steps_per_turn - 1,
+            (MotorDirection::Backward, place) => place - 1,
         });
         if on { self.on_mark_seen(place, mark) } else { self.on_mark_absent(place, mark) }
     }

@@ -30,7 +30,7 @@ use portable_atomic::AtomicBool;
 #[cfg(test)]
 use crate::testing::preemption::{self as exclusive, AtomicBool, AtomicU32};
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::moves::{AxisMove, EngineFault, HomingMove, Move, Report, TurnReport};
 use super::ramp::RampLimits;
 use super::turn::{Sector, Turn};
@@ -54,13 +54,13 @@ pub(super) enum PendingMove {
 pub(super) struct TurnHeader {
     /// Slot of the mailbox that contains the sectors of this turn.
     slot: Slot,
-    pub direction: Direction,
+    pub direction: MotorDirection,
     pub ticks: u32,
     pub pace: RampLimits,
 }
 
 impl TurnHeader {
-    pub const NONE: Self = Self { slot: Slot::A, direction: Direction::Forward, ticks: 0, pace: RampLimits::FULL };
+    pub const NONE: Self = Self { slot: Slot::A, direction: MotorDirection::Forward, ticks: 0, pace: RampLimits::FULL };
 }
 
 /// The report of an ended move as the engine writes it. It does not contain the feed steps of each sector, which the

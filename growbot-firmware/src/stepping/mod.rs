@@ -27,7 +27,7 @@ mod tests;
 mod turn;
 mod turn_planner;
 
-pub use direction::Direction;
+pub use direction::MotorDirection;
 pub use engine::{Engine, EngineConfig, EngineInputs};
 pub use mailbox::Mailbox;
 pub use moves::{AxisMove, HomingMove, Move, Report, TurnReport};

@@ -2,7 +2,7 @@
 
 use growbot_core::layer::SECTORS;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::turn::Turn;
 
 /// A move that the controller submits to the step engine.
@@ -37,7 +37,7 @@ pub struct AxisMove {
     /// Number of steps of the move.
     pub steps: u32,
     /// Direction of the motor.
-    pub direction: Direction,
+    pub direction: MotorDirection,
     /// Number of ticks between two steps, at least 2.
     pub ticks_per_step: u32,
     /// True if filament is loaded, purged or unloaded. Its encoder pulses do not count as growth, and a forward move is

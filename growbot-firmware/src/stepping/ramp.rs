@@ -14,7 +14,7 @@
 
 use growbot_core::robot::{AxisMotion, LayerMotion};
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 
 /// Rate at full speed: one virtual tick in each tick.
 pub const FULL_RATE: u32 = 1 << FRACTION;
@@ -43,9 +43,9 @@ pub(super) struct EndSpeeds {
 }
 
 impl EndSpeeds {
-    pub fn of(motion: &LayerMotion, direction: Direction) -> Self {
+    pub fn of(motion: &LayerMotion, direction: MotorDirection) -> Self {
         let head = motion.head.speed_at_ends;
-        Self { head: if direction == Direction::Forward { head } else { -head }, feed: motion.feed.speed_at_ends }
+        Self { head: if direction == MotorDirection::Forward { head } else { -head }, feed: motion.feed.speed_at_ends }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use embedded_hal::digital::OutputPin;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::moves::EngineFault;
 
 /// Step, direction and enable pins of a stepper driver. Levels are logical. A board with inverted wiring wraps its pins
@@ -21,7 +21,7 @@ pub(super) struct Stepper<S, D, E> {
     pins: StepperPins<S, D, E>,
     pub raised: bool,
     /// Direction to which the direction pin is set. `None` before the pin is first set.
-    pub direction: Option<Direction>,
+    pub direction: Option<MotorDirection>,
 }
 
 impl<S: OutputPin, D: OutputPin, E: OutputPin> Stepper<S, D, E> {
@@ -31,11 +31,11 @@ impl<S: OutputPin, D: OutputPin, E: OutputPin> Stepper<S, D, E> {
 
     /// Energises the motor and sets its direction. Returns whether the direction has changed, so that a tick must pass
     /// before the next step.
-    pub fn enable(&mut self, direction: Direction) -> Result<bool, EngineFault> {
+    pub fn enable(&mut self, direction: MotorDirection) -> Result<bool, EngineFault> {
         let other = self.direction != Some(direction);
         if other {
             let pin = &mut self.pins.direction;
-            let set = if direction == Direction::Forward { pin.set_high() } else { pin.set_low() };
+            let set = if direction == MotorDirection::Forward { pin.set_high() } else { pin.set_low() };
             set.map_err(|_| EngineFault::Hardware)?;
             self.direction = Some(direction);
         }

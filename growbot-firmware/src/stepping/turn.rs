@@ -20,7 +20,7 @@ use growbot_core::layer::{Layer, SECTORS};
 use growbot_core::robot::{FeedStrategy, LayerMotion, Robot};
 use growbot_core::trigonometry;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::ramp::{EndSpeeds, FULL_RATE, RampLimits};
 
 /// Steps and ticks of one sector of a turn. Neither head nor feed makes more than one step in two ticks.
@@ -40,7 +40,7 @@ pub struct Turn {
     /// The sectors in the order of increasing angles, starting at the tip's x axis.
     pub sectors: [Sector; SECTORS],
     /// Direction of the head. Backward is from the last sector to the first.
-    pub direction: Direction,
+    pub direction: MotorDirection,
     /// Total number of ticks of all sectors.
     pub ticks: u32,
     /// Limits of the speed at the beginning and the end of the turn, and of its change.
@@ -71,7 +71,7 @@ impl Turn {
         profile: &Layer,
         feed_steps: impl Fn(f64) -> f64,
         robot: &Robot,
-        direction: Direction,
+        direction: MotorDirection,
         before: Option<&EndSpeeds>,
     ) -> Result<(Self, EndSpeeds), StepRateError> {
         let steeper = Layer { tilt: profile.tilt / flattening(), ..*profile };
@@ -177,7 +177,7 @@ mod tests {
 
     fn lay(layer: &Layer, robot: &Robot) -> Result<Turn, StepRateError> {
         let feed_steps = |share| share * layer.height * robot.feed_steps_per_length();
-        Turn::new(layer, feed_steps, robot, Direction::Forward, None).map(|(turn, _)| turn)
+        Turn::new(layer, feed_steps, robot, MotorDirection::Forward, None).map(|(turn, _)| turn)
     }
 
     proptest! {

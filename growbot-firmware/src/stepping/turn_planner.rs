@@ -16,7 +16,7 @@ use nalgebra::Vector2;
 
 use crate::journal::RoundingCarry;
 
-use super::direction::Direction;
+use super::direction::MotorDirection;
 use super::ramp::EndSpeeds;
 use super::turn::{StepRateError, Turn};
 
@@ -64,7 +64,12 @@ impl TurnPlanner {
     /// feed in reverse, or its profile needs more acceleration than the motors have. A layer that
     /// [`growbot_core::layer_bytes::decode_checked`] has accepted never fails. After an error the layer does not count
     /// as laid.
-    pub fn next_turn(&mut self, bytes: &LayerBytes, robot: &Robot, head: Direction) -> Result<Turn, StepRateError> {
+    pub fn next_turn(
+        &mut self,
+        bytes: &LayerBytes,
+        robot: &Robot,
+        head: MotorDirection,
+    ) -> Result<Turn, StepRateError> {
         let fields = RawLayer::from_bytes(bytes);
         if fields.height == 0 {
             return Err(StepRateError);
@@ -123,7 +128,7 @@ mod tests {
                 let (mut material, mut owed) = (TurnPlanner::default(), Vector2::zeros());
                 for _ in 0..2000 {
                     let bytes = bytes(&layer);
-                    let turn = material.next_turn(&bytes, &robot, Direction::Forward).unwrap();
+                    let turn = material.next_turn(&bytes, &robot, MotorDirection::Forward).unwrap();
                     owed += lean(&decode(&bytes), &robot) - lean(&turn.layer(&robot), &robot);
                     assert!(
                         owed.norm() <= MAX_RESIDUAL_LEAN_STEPS * step,
@@ -150,7 +155,7 @@ mod tests {
                 let alpha = wrap_positive(f64::from(i) * 0.37);
                 let bytes = bytes(&Layer { alpha, height, tilt: lean * height / robot.tip_radius() });
                 if decode_checked(&bytes, &robot).is_ok() {
-                    let turn = material.next_turn(&bytes, &robot, Direction::Forward).unwrap();
+                    let turn = material.next_turn(&bytes, &robot, MotorDirection::Forward).unwrap();
                     assert!(
                         turn.sectors.iter().all(|sector| 2 * sector.head_steps.max(sector.feed_steps) <= sector.ticks)
                     );
@@ -169,7 +174,7 @@ mod tests {
             (LayerEncoder::default(), TurnPlanner::default(), 0_u64, 0.0);
         for _ in 0..5000 {
             let bytes = encoder.encode(&layer);
-            let turn = material.next_turn(&bytes, &robot, Direction::Forward).unwrap();
+            let turn = material.next_turn(&bytes, &robot, MotorDirection::Forward).unwrap();
             steps += turn.sectors.iter().map(|sector| u64::from(sector.feed_steps)).sum::<u64>();
             height += decode(&bytes).height;
             assert!((steps as f64 - height * robot.feed_steps_per_length()).abs() < 0.51);
@@ -179,12 +184,15 @@ mod tests {
     #[test]
     fn layers_beyond_the_step_interrupt_capacity_are_refused() {
         let robot = robot_a();
-        assert_eq!(TurnPlanner::default().next_turn(&[0; 12], &robot, Direction::Forward), Err(StepRateError));
+        assert_eq!(TurnPlanner::default().next_turn(&[0; 12], &robot, MotorDirection::Forward), Err(StepRateError));
         let absurd = Layer { alpha: 0.0, height: 200.0, tilt: 0.1 };
-        assert_eq!(TurnPlanner::default().next_turn(&bytes(&absurd), &robot, Direction::Forward), Err(StepRateError));
+        assert_eq!(
+            TurnPlanner::default().next_turn(&bytes(&absurd), &robot, MotorDirection::Forward),
+            Err(StepRateError)
+        );
         let more_lean_than_height = Layer { alpha: 0.0, height: 0.1, tilt: 0.1 };
         assert_eq!(
-            TurnPlanner::default().next_turn(&bytes(&more_lean_than_height), &robot, Direction::Forward),
+            TurnPlanner::default().next_turn(&bytes(&more_lean_than_height), &robot, MotorDirection::Forward),
             Err(StepRateError)
         );
     }

@@ -13,7 +13,7 @@ use growbot_client::port::PortError;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 
 use super::qemu::QemuError;
 use crate::simulated_tip::SimulatedTip;
@@ -225,7 +225,7 @@ impl TipFollower {
                     table::RecordedMotor::Feed => Motor::Feed,
                 };
                 self.tip.set_enabled(motor, record.enabled);
-                let direction = if record.forward { Direction::Forward } else { Direction::Backward };
+                let direction = if record.forward { MotorDirection::Forward } else { MotorDirection::Backward };
                 self.tip.set_direction(motor, direction);
                 self.step_tick = record.tick_after(self.step_tick);
                 self.tip.advance(self.boot_tick + self.step_tick);

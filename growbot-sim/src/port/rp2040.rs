@@ -19,7 +19,7 @@ use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
 use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
 
 use super::open_error::OpenError;
@@ -334,7 +334,10 @@ impl Rp2040Emulator {
                         Motor::Head => self.levels.head_high_is_positive,
                         Motor::Feed => self.levels.feed_high_is_forward,
                     });
-                    tip.set_direction(*motor, if is_forward { Direction::Forward } else { Direction::Backward });
+                    tip.set_direction(
+                        *motor,
+                        if is_forward { MotorDirection::Forward } else { MotorDirection::Backward },
+                    );
                 }
                 ProcessOutput::Enable(motor) => tip.set_enabled(*motor, on_when(!self.levels.enable_low)),
                 ProcessOutput::HeaterEnable => {

@@ -1,7 +1,7 @@
 //! The filament between spool and nozzle: its position, its end, and the encoder that it turns.
 
 use growbot_core::robot::Robot;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 
 /// Effect of a feed step on the filament.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,8 +88,8 @@ impl SimulatedFilament {
 
     /// Moves the filament by a step of the feed. `seen` is the distance, in feed steps, by which the encoder turns if
     /// the step pushes filament out of the nozzle.
-    pub fn step(&mut self, direction: Direction, seen: f64) -> FeedResult {
-        if direction == Direction::Backward {
+    pub fn step(&mut self, direction: MotorDirection, seen: f64) -> FeedResult {
+        if direction == MotorDirection::Backward {
             self.position -= 1;
             self.turn(-1.0);
             return FeedResult::Retracted;
@@ -153,7 +153,7 @@ mod tests {
         let (mut rises, mut before) = (0, filament.encoder());
         // 90 steps a mm, 1.25 mm a pulse: 112.5 steps.
         for _ in 0..1125 {
-            assert_eq!(filament.step(Direction::Forward, 1.0), FeedResult::Extruded);
+            assert_eq!(filament.step(MotorDirection::Forward, 1.0), FeedResult::Extruded);
             rises += u32::from(filament.encoder() && !before);
             before = filament.encoder();
         }
@@ -163,13 +163,13 @@ mod tests {
     #[test]
     fn retracted_filament_is_refilled_first() {
         let mut filament = filament();
-        filament.step(Direction::Forward, 1.25);
+        filament.step(MotorDirection::Forward, 1.25);
         assert_eq!(
-            [filament.step(Direction::Backward, 1.25), filament.step(Direction::Backward, 1.25)],
+            [filament.step(MotorDirection::Backward, 1.25), filament.step(MotorDirection::Backward, 1.25)],
             [FeedResult::Retracted, FeedResult::Retracted]
         );
         assert_eq!(
-            [(); 3].map(|()| filament.step(Direction::Forward, 1.25)),
+            [(); 3].map(|()| filament.step(MotorDirection::Forward, 1.25)),
             [FeedResult::Refilled, FeedResult::Refilled, FeedResult::Extruded]
         );
         assert_eq!(filament.turned(), 2.5, "only what goes out slips");
@@ -180,9 +180,9 @@ mod tests {
         let mut filament = filament();
         assert!((filament.left() - 330_000.0).abs() < 1e-6);
         filament.set_left(0.1);
-        assert_eq!((0..20).filter(|_| filament.step(Direction::Forward, 1.0) == FeedResult::Extruded).count(), 9);
+        assert_eq!((0..20).filter(|_| filament.step(MotorDirection::Forward, 1.0) == FeedResult::Extruded).count(), 9);
         assert!(!filament.is_there());
-        filament.step(Direction::Backward, 1.0);
+        filament.step(MotorDirection::Backward, 1.0);
         assert!(filament.is_there());
     }
 }

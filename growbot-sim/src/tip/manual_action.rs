@@ -1,7 +1,7 @@
 //! Manual actions on a tip, which commissioning requests from a person beside the robot.
 
 use growbot_core::pose::Pose;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 use serde::{Deserialize, Serialize};
 
 use super::{TipFault, TipModel};
@@ -32,7 +32,7 @@ impl TipModel {
                 let steps = i64::from(sixty_fourths) * i64::from(self.mark.steps_per_turn) / 64;
                 self.sync();
                 for _ in 0..steps.unsigned_abs() {
-                    self.plastic.turn(Direction::of(sixty_fourths), self.now);
+                    self.plastic.turn(MotorDirection::of(sixty_fourths), self.now);
                 }
                 self.position += steps;
                 self.slipped += steps;
@@ -88,7 +88,7 @@ mod tests {
     fn released_filament_passes_a_cold_nozzle() {
         let mut tip = tip();
         tip.set_enabled(Motor::Feed, true);
-        tip.set_direction(Motor::Feed, Direction::Forward);
+        tip.set_direction(Motor::Feed, MotorDirection::Forward);
         let feed = |tip: &mut TipModel| (0..100).for_each(|_| tip.step(Motor::Feed));
         feed(&mut tip);
         assert_eq!(tip.cold_feed_steps(), 100);

@@ -54,7 +54,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 
 use fault::StuckReading;
 use filament::{FeedResult, SimulatedFilament};
@@ -115,7 +115,7 @@ pub enum Motor {
 #[derive(Debug, Clone, Copy)]
 struct Axis {
     enabled: bool,
-    direction: Direction,
+    direction: MotorDirection,
 }
 
 /// Signals of the heater's two switches.
@@ -135,8 +135,8 @@ impl TipModel {
             faults: Faults::default(),
             mark: IndexMark::of(&robot),
             now: 0,
-            head: Axis { enabled: false, direction: Direction::Backward },
-            feed: Axis { enabled: false, direction: Direction::Backward },
+            head: Axis { enabled: false, direction: MotorDirection::Backward },
+            feed: Axis { enabled: false, direction: MotorDirection::Backward },
             position: head_steps,
             slipped: 0,
             to_slip: 0,
@@ -190,7 +190,7 @@ impl TipModel {
     }
 
     /// Sets the direction signal of a motor's driver.
-    pub fn set_direction(&mut self, motor: Motor, direction: Direction) {
+    pub fn set_direction(&mut self, motor: Motor, direction: MotorDirection) {
         self.axis(motor).direction = direction;
     }
 
@@ -213,8 +213,8 @@ impl TipModel {
         }
     }
 
-    fn step_head(&mut self, direction: Direction) {
-        let sign = if direction == Direction::Forward { 1 } else { -1 };
+    fn step_head(&mut self, direction: MotorDirection) {
+        let sign = if direction == MotorDirection::Forward { 1 } else { -1 };
         self.slipped -= sign;
         if self.head_is_held() {
             return;
@@ -230,17 +230,17 @@ impl TipModel {
         }
     }
 
-    fn step_feed(&mut self, direction: Direction) {
+    fn step_feed(&mut self, direction: MotorDirection) {
         if self.faults.has(TipFault::DriverFault) {
             return;
         }
-        self.feed_steps += if direction == Direction::Forward { 1 } else { -1 };
+        self.feed_steps += if direction == MotorDirection::Forward { 1 } else { -1 };
         if self.filament_is_held() {
             self.plastic.pass(self.now);
             return;
         }
         // Cold plastic in the nozzle stops the filament at its foremost position.
-        if direction == Direction::Forward && self.filament.is_at_front() {
+        if direction == MotorDirection::Forward && self.filament.is_at_front() {
             self.sync_slot();
             if self.nozzle.at_slot() < self.robot.description().heater.extrusion_min_c {
                 self.cold_feed_steps += 1;

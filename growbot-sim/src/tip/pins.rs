@@ -11,7 +11,7 @@ use std::rc::Rc;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::pwm::{self, SetDutyCycle};
 use growbot_firmware::hal;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 
 use super::{Motor, TipModel};
 
@@ -138,12 +138,12 @@ impl ErrorType for DirectionPin {
 
 impl OutputPin for DirectionPin {
     fn set_low(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().set_direction(self.0, Direction::Backward);
+        self.1.borrow_mut().set_direction(self.0, MotorDirection::Backward);
         Ok(())
     }
 
     fn set_high(&mut self) -> Result<(), Infallible> {
-        self.1.borrow_mut().set_direction(self.0, Direction::Forward);
+        self.1.borrow_mut().set_direction(self.0, MotorDirection::Forward);
         Ok(())
     }
 }

@@ -13,7 +13,7 @@ use growbot_core::layer::Layer;
 use growbot_core::pose::Frame;
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
-use growbot_firmware::stepping::Direction;
+use growbot_firmware::stepping::MotorDirection;
 
 /// An amount of plastic (or of time) summed over one turn of the head, and its first Fourier coefficients (cosine,
 /// sine) over the head angle.
@@ -102,7 +102,7 @@ pub(super) struct Plastic {
     /// Position of the head in its turn, steps from the tip's x axis, below `directions.len()`.
     head: usize,
     /// Direction of the head's latest step.
-    direction: Direction,
+    direction: MotorDirection,
     /// Number of sweeps of the head so far.
     sweep: u64,
     /// Number of head steps in the current sweep.
@@ -151,7 +151,7 @@ impl Plastic {
             steps_per_turn: i64::from(steps),
             directions: directions.collect(),
             head: head.rem_euclid(i64::from(steps)) as usize,
-            direction: Direction::Forward,
+            direction: MotorDirection::Forward,
             sweep: 0,
             // The first visit of the axis begins a layer.
             swept: i64::from(steps),
@@ -172,7 +172,7 @@ impl Plastic {
     }
 
     /// Makes a step of the head at this tick.
-    pub fn turn(&mut self, direction: Direction, tick: u64) {
+    pub fn turn(&mut self, direction: MotorDirection, tick: u64) {
         self.stand(tick);
         if self.sweep_is_whole() && (self.is_on_axis() || direction != self.direction) {
             let is_layer = |ring: &&Ring| ring.sweep == self.sweep && !ring.moments.is_edge();
@@ -183,14 +183,14 @@ impl Plastic {
         self.direction = direction;
         let steps = self.directions.len();
         self.head = match (direction, self.head) {
-            (Direction::Forward, head) => {
+            (MotorDirection::Forward, head) => {
                 if head + 1 == steps {
                     0
                 } else {
                     head + 1
                 }
             }
-            (Direction::Backward, head) => head.checked_sub(1).unwrap_or(steps - 1),
+            (MotorDirection::Backward, head) => head.checked_sub(1).unwrap_or(steps - 1),
         };
         self.swept += 1;
         self.since_fed = self.since_fed.map(|steps| steps + 1);

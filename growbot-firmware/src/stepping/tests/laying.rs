@@ -55,14 +55,14 @@ fn skipping_idle_ticks_changes_nothing() {
             let mut reports = std::vec![rig.order(Move::Home(rig.homing()))];
             reports.push(rig.order(Move::Feed(AxisMove {
                 steps: 40,
-                direction: Direction::Backward,
+                direction: MotorDirection::Backward,
                 ticks_per_step: 7,
                 changes_filament: false,
             })));
             rig.run(1000);
             reports.push(rig.order(Move::Feed(AxisMove {
                 steps: 40,
-                direction: Direction::Forward,
+                direction: MotorDirection::Forward,
                 ticks_per_step: 9,
                 changes_filament: false,
             })));
@@ -118,12 +118,12 @@ fn alternating_turns_do_not_wind_up_the_wires() {
     let backwards = |motor: usize| rises.iter().filter(|rise| rise.motor == motor && rise.backwards).count();
     assert_eq!((backwards(HEAD), backwards(FEED)), (2 * 3200, 0));
     // In reverse the last sector comes first.
-    assert_eq!([1, 2].map(|turn| turns[turn].direction), [Direction::Backward, Direction::Forward]);
+    assert_eq!([1, 2].map(|turn| turns[turn].direction), [MotorDirection::Backward, MotorDirection::Forward]);
 }
 
 #[test]
 fn feed_moves_are_exact_in_both_directions() {
-    use Direction::{Backward, Forward};
+    use MotorDirection::{Backward, Forward};
     let mut rig = Rig::new(robot_a());
     for (steps, direction) in [(180, Backward), (180, Forward), (1, Backward), (0, Backward), (7, Forward)] {
         let before = rig.moved(FEED);
@@ -148,11 +148,11 @@ fn the_engine_counts_filament_pulses_and_detects_the_index() {
     assert_eq!(i64::from(rig.handover.filament_pulses()), (feed_steps(&layers, &robot) + 50) / 100);
     let before = rig.handover.filament_pulses();
     for steps in [180, 333, 7] {
-        for direction in [Direction::Backward, Direction::Forward] {
+        for direction in [MotorDirection::Backward, MotorDirection::Forward] {
             rig.order(Move::Feed(AxisMove { steps, direction, ticks_per_step: 8, changes_filament: false }));
             let pulled = before.wrapping_sub(rig.handover.filament_pulses());
             let is_right =
-                if direction == Direction::Backward { pulled.abs_diff(steps / 100) <= 1 } else { pulled == 0 };
+                if direction == MotorDirection::Backward { pulled.abs_diff(steps / 100) <= 1 } else { pulled == 0 };
             assert!(is_right, "{steps}: {pulled}");
         }
     }

@@ -351,7 +351,7 @@ fn turns(robot: &Robot, layers: &[LayerBytes]) -> Vec<Turn> {
     let alternate = robot.description().motion.turning == HeadRotation::Alternate;
     let mut material = TurnPlanner::default();
     let lay = |(i, bytes): (usize, &LayerBytes)| {
-        let direction = if alternate && i % 2 == 1 { Direction::Backward } else { Direction::Forward };
+        let direction = if alternate && i % 2 == 1 { MotorDirection::Backward } else { MotorDirection::Forward };
         material.next_turn(bytes, robot, direction).unwrap()
     };
     layers.iter().enumerate().map(lay).collect()

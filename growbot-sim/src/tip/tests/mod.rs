@@ -22,7 +22,7 @@ fn hot_tip() -> TipModel {
     tip.set_nozzle_c(200.0);
     for motor in [Motor::Head, Motor::Feed] {
         tip.set_enabled(motor, true);
-        tip.set_direction(motor, Direction::Forward);
+        tip.set_direction(motor, MotorDirection::Forward);
     }
     tip
 }
@@ -52,7 +52,7 @@ fn feed(tip: &mut TipModel, steps: u32) {
 /// around 90 degrees. The plastic of each head step is laid half before and half after the step, so both directions lay
 /// the same layer.
 fn lay_turn(tip: &mut TipModel, positive: bool) {
-    tip.set_direction(Motor::Head, if positive { Direction::Forward } else { Direction::Backward });
+    tip.set_direction(Motor::Head, if positive { MotorDirection::Forward } else { MotorDirection::Backward });
     for step in 0..3200 {
         let at = if positive { step } else { 3199 - step };
         for _ in 0..if (400..1200).contains(&at) { 4 } else { 2 } {
@@ -112,7 +112,7 @@ fn disabled_motors_do_not_move() {
 fn a_cold_nozzle_lays_nothing_and_holds_the_filament() {
     let mut tip = TipModel::new(robot(), 0, Variation::default());
     tip.set_enabled(Motor::Feed, true);
-    tip.set_direction(Motor::Feed, Direction::Forward);
+    tip.set_direction(Motor::Feed, MotorDirection::Forward);
     tip.step(Motor::Feed);
     assert_eq!((tip.feed_steps(), tip.cold_feed_steps()), (1, 1));
     assert!(tip.body().is_empty() && !tip.filament_moves_with_feed());
@@ -174,10 +174,10 @@ fn retracting_and_refilling_filament_lays_nothing() {
             tip.set_nozzle_c(200.0);
             lay_turn(&mut tip, true);
             if retracts {
-                tip.set_direction(Motor::Feed, Direction::Backward);
+                tip.set_direction(Motor::Feed, MotorDirection::Backward);
                 feed(&mut tip, 180);
                 wait(&mut tip, 1.0);
-                tip.set_direction(Motor::Feed, Direction::Forward);
+                tip.set_direction(Motor::Feed, MotorDirection::Forward);
                 feed(&mut tip, 180);
             }
         }
@@ -237,7 +237,7 @@ fn the_tip_does_not_depend_on_the_sampling() {
     let run = |every: u64| {
         let mut tip = TipModel::new(robot(), 0, Variation::default());
         tip.set_enabled(Motor::Feed, true);
-        tip.set_direction(Motor::Feed, Direction::Forward);
+        tip.set_direction(Motor::Feed, MotorDirection::Forward);
         tip.set_heater(1.0, true);
         for tick in 0..90 * 4000 {
             tip.advance(tick);

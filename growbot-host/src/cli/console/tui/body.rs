@@ -26,7 +26,8 @@ pub struct TrackedBody {
 }
 
 impl TrackedBody {
-    /// Creates a body without layers, which begins at [`Pose::UPRIGHT`]. `planned` is empty if the console does not know the plan.
+    /// Creates a body without layers, which begins at [`Pose::UPRIGHT`]. `planned` is empty if the console does not know
+    /// the plan.
     pub fn new(plan_id: u64, planned: Vec<Layer>) -> Self {
         let tip = Pose::UPRIGHT.frame();
         let planned_points = centreline(&tip, planned.iter().copied()).into_iter().map(Into::into).collect();
