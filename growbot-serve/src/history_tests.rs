@@ -1,6 +1,7 @@
 //! Tests of the list of jobs and of the notices, with a board that is stopped, restarted, parked or disconnected.
 
 use std::fs;
+use std::sync::Arc;
 
 use growbot_core::link::message::State as BoardState;
 
@@ -272,6 +273,20 @@ fn each_lost_line_has_exactly_one_notice() {
     }
     let next = service.shared.jobs().next_notification(NotificationChannel::Command).unwrap().unwrap();
     assert!(next.notice.contains("robot lab has lost its connection") && next.notice.contains("cut"), "{next:?}");
+}
+
+#[test]
+fn refused_commands_have_a_typed_reason() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    let worker = Arc::clone(&case.worker);
+    let refused = |command| run_command(&worker, command, &worker.signal().permit()).unwrap_err();
+    assert!(matches!(refused(RobotCommand::Pause), RobotRequestError::NoGrowth { command: "pause", .. }));
+    assert!(matches!(refused(RobotCommand::WithdrawStop), RobotRequestError::NoStop { .. }));
+    order(&mut case, Step::Grow);
+    assert!(matches!(refused(RobotCommand::Cancel), RobotRequestError::CancelDuringJob { .. }));
 }
 
 #[test]

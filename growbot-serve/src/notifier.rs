@@ -377,8 +377,18 @@ mod tests {
         let secret = secret_of(&path).unwrap();
         assert_eq!((secret.len(), secret_of(&path).unwrap() == secret), (32, true));
         assert_eq!(fs::metadata(&path).unwrap().permissions().mode() & 0o777, 0o600);
-        for wrong in ["", "whsec_", "whsec_????", "c2VjcmV0", "whsec_c2hvcnQ="] {
+        type IsExpected = fn(&SecretError) -> bool;
+        let cases: [(&str, IsExpected); 5] = [
+            ("", |error| matches!(error, SecretError::Prefix)),
+            ("whsec_", |error| matches!(error, SecretError::Length(0))),
+            ("whsec_????", |error| matches!(error, SecretError::Base64)),
+            ("c2VjcmV0", |error| matches!(error, SecretError::Prefix)),
+            ("whsec_c2hvcnQ=", |error| matches!(error, SecretError::Length(5))),
+        ];
+        for (wrong, is_expected) in cases {
             fs::write(&path, wrong).unwrap();
+            let reason = secret_of(&path).unwrap_err();
+            assert!(is_expected(&reason), "{wrong}: {reason}");
             let message = Webhook::new("https://hooks.example", &path).err().unwrap().to_string();
             assert!(
                 message.contains("the secret that the service then generates")
