@@ -1,6 +1,7 @@
 //! Commands during a growth on the simulated robot: it pauses, continues and stops, and lays each layer once.
 
 use std::cell::{Cell, RefCell};
+use std::collections::VecDeque;
 use std::io;
 use std::rc::Rc;
 use std::time::Duration;
@@ -132,6 +133,86 @@ fn a_growth_stops_on_stop_and_emergency_stop() {
         assert!((5..=6).contains(&grown.as_built.len()), "{order:?}: {}", grown.as_built.len());
         assert_eq!(count_events(&events, &JobEvent::Command(order)), 1);
     }
+}
+
+/// A connection that delivers the reports of the first four laid layers to the host, and no further ones.
+struct Unreporting {
+    sim: Sim,
+    sent: FrameDecoder,
+    /// Received bytes of a frame that is not complete yet.
+    partial: Vec<u8>,
+    to_host: VecDeque<u8>,
+    stopped_at: Rc<Cell<Option<Duration>>>,
+    /// Time of the latest reception.
+    received_at: Rc<Cell<Duration>>,
+}
+
+impl Port for Unreporting {
+    fn send(&mut self, bytes: &[u8]) -> Result<(), PortError> {
+        for frame in bytes.iter().filter_map(|byte| self.sent.push(*byte)).flatten() {
+            if let Ok(Message::Stop(_)) = Message::decode(frame.header.kind, &frame.body) {
+                self.stopped_at.set(self.stopped_at.get().or(Some(self.sim.now())));
+            }
+        }
+        self.sim.send(bytes)
+    }
+
+    fn receive(&mut self, buffer: &mut [u8], timeout: Duration) -> Result<usize, PortError> {
+        if self.to_host.is_empty() {
+            let mut bytes = [0; 256];
+            let count = self.sim.receive(&mut bytes, timeout)?;
+            for byte in &bytes[..count] {
+                self.partial.push(*byte);
+                if *byte == 0 {
+                    let bytes = std::mem::take(&mut self.partial);
+                    let mut decoder = FrameDecoder::default();
+                    let frame = bytes.iter().find_map(|byte| decoder.push(*byte)).and_then(Result::ok);
+                    let message = frame.and_then(|frame| Message::decode(frame.header.kind, &frame.body).ok());
+                    if !matches!(message, Some(Message::LayerLaid(laid)) if laid.index >= 4) {
+                        self.to_host.extend(bytes);
+                    }
+                }
+            }
+        }
+        self.received_at.set(self.sim.now());
+        let count = buffer.len().min(self.to_host.len());
+        for (slot, byte) in buffer.iter_mut().zip(self.to_host.drain(..count)) {
+            *slot = byte;
+        }
+        Ok(count)
+    }
+
+    fn now(&self) -> Duration {
+        self.sim.now()
+    }
+}
+
+#[test]
+fn a_stop_is_confirmed_in_time_although_the_last_reports_are_lost() {
+    let (stopped_at, received_at) = (Rc::new(Cell::new(None)), Rc::new(Cell::new(Duration::ZERO)));
+    let (grown, _) = grow_over(
+        |event, orders| match event {
+            JobEvent::Status(status) if status.layers_laid > 4 && stopped_at.get().is_none() => {
+                orders.push(Command::Stop);
+            }
+            _ => {}
+        },
+        |sim| {
+            Box::new(Unreporting {
+                sim,
+                sent: FrameDecoder::default(),
+                partial: Vec::new(),
+                to_host: VecDeque::new(),
+                stopped_at: Rc::clone(&stopped_at),
+                received_at: Rc::clone(&received_at),
+            })
+        },
+    );
+    assert_eq!(grown.outcome, Outcome::Stopped);
+    assert!(grown.laid > 4 && grown.as_built.len() == 4, "{} laid, {} reported", grown.laid, grown.as_built.len());
+    // The service answers that a stop is not confirmed after 10 s.
+    let took = received_at.get() - stopped_at.get().unwrap();
+    assert!(took < Duration::from_secs(9), "{took:?} on the robot's clock");
 }
 
 /// A connection on which all sends but the emergency stop fail while `is_stalled` is true.
