@@ -47,8 +47,7 @@ impl Growbot {
     /// Returns the text of the reference: for each command, a heading and the output of `--help`.
     fn commands(&self) -> Result<String> {
         let help = self.help(&["--help"])?;
-        let (_, rest) = help.split_once("\nCommands:\n").context("growbot --help lists no commands")?;
-        let (list, _) = rest.split_once("\n\n").unwrap_or((rest, ""));
+        let (list, _) = help.split_once("\nOptions:\n").context("growbot --help lists no options")?;
         // The line of a command begins with two spaces. Its continuation lines begin with more.
         let names = list.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
         let names: Vec<_> = names.filter_map(|line| line.split(' ').next()).filter(|name| *name != "help").collect();

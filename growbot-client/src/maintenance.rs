@@ -5,7 +5,7 @@ use std::path::Path;
 
 use growbot_core::link::message::{MaintenanceTask, celsius};
 use growbot_core::robot::Robot;
-use growbot_plan::pose_text::parse_number;
+use growbot_plan::pose_text::{parse_angle, parse_length, parse_number};
 pub use growbot_plan::robot_file::MaterialPreset;
 use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::suggest::did_you_mean;
@@ -97,13 +97,11 @@ impl MaterialPresets {
             "" => Ok(task),
             _ => Err(MaintenanceError::NoArguments { command: command(), arguments: rest.to_owned() }),
         };
-        let parse_number = |text: &str| parse_number(text).filter(|number| number.is_finite());
-        let number = || {
-            let wrong = || MaintenanceError::NotANumber { command: command(), text: rest.to_owned() };
-            parse_number(rest).ok_or_else(wrong)
-        };
+        let length = |text: &str| parse_length(text).ok().map(|length| length.value).filter(|mm| mm.is_finite());
+        let angle = |text: &str| parse_angle(text).ok().map(|angle| angle.value).filter(|angle| angle.is_finite());
+        let wrong = || MaintenanceError::NotANumber { command: command(), text: rest.to_owned() };
         let feed = |mm: f64| MaintenanceTask::Feed { um: (mm * 1000.0).round() as i32 };
-        let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, parse_number(rest)) {
+        let of_preset = |of: fn(&MaterialPreset) -> f64| match (rest, length(rest)) {
             ("", _) => Ok(of(&MaterialPreset::default())),
             (_, Some(number)) if number >= 0.0 => Ok(number),
             (_, Some(mm)) => Err(MaintenanceError::Backwards { command: command(), mm }),
@@ -116,15 +114,18 @@ impl MaterialPresets {
             "load" => of_preset(|preset| preset.load_mm).map(feed),
             "unload" => of_preset(|preset| preset.unload_mm).map(|mm| feed(-mm)),
             "purge" => of_preset(|preset| preset.purge_mm).map(feed),
-            "rotate" => number().map(|degrees| MaintenanceTask::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
-            "jog" => number().map(feed),
+            "rotate" => angle(rest)
+                .ok_or_else(wrong)
+                .map(|degrees| MaintenanceTask::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
+            "jog" => length(rest).ok_or_else(wrong).map(feed),
             _ => return None,
         })
     }
 
     fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, MaintenanceError> {
         let growth = robot.description().heater.target_c;
-        let celsius = match (text, parse_number(text).filter(|celsius| celsius.is_finite())) {
+        let number = text.strip_suffix(['C', 'c']).map_or(text, |number| number.trim_end().trim_end_matches('°'));
+        let celsius = match (text, parse_number(number).filter(|celsius| celsius.is_finite())) {
             ("", _) => growth,
             (_, Some(celsius)) => celsius,
             (name, None) => self.find(name)?.nozzle_c.unwrap_or(growth),

@@ -16,7 +16,7 @@ fn json(text: &str) -> Value {
 /// Returns the names of the commands that `growbot --help` lists.
 fn commands() -> Vec<String> {
     let help = growbot(&["--help"]).out;
-    let listed = help.split("Commands:").nth(1).unwrap().split("Options:").next().unwrap();
+    let listed = help.split("Usage:").nth(1).unwrap().split("\nOptions:").next().unwrap();
     let names = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
     names.map(|line| line.split(' ').next().unwrap().to_owned()).filter(|name| name != "help").collect()
 }

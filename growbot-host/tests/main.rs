@@ -21,6 +21,7 @@ mod messages;
 mod planning_commands;
 mod planning_inputs;
 mod plans_reach_their_goals;
+mod ports_command;
 mod refusals;
 mod reproduce_command;
 mod run_logs;

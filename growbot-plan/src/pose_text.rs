@@ -1,5 +1,6 @@
-//! Text form of poses, positions, lengths and angles: `X,Y,Z,HEADING,PITCH` or `X,Y,Z`, with or without spaces after
-//! the commas. Lengths are in mm or have the unit `mm` or `m`. Angles are in degrees or have the unit `deg` or `rad`.
+//! Text form of poses, positions, lengths and angles: `X,Y,Z,HEADING,PITCH` or `X,Y,Z`, separated by commas or spaces,
+//! with or without brackets. Lengths are in mm or have the unit `mm`, `cm`, `m`, `in` or `ft`. Angles are in degrees or
+//! have the unit `deg`, `°` or `rad`.
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::{Pose, PoseError, Position};
@@ -12,21 +13,26 @@ use crate::plan::Goal;
 pub enum PoseTextError {
     /// The number of values is not five.
     #[error(
-        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, but this is {found}: give five, and put a pose \
-         with spaces in quotes"
+        "a pose is five numbers, X,Y,Z,HEADING,PITCH in mm and degrees, but this is {found}: give five{}",
+        quoting(*.has_spaces)
     )]
     Count {
         /// Number of values that the text contains.
         found: usize,
+        /// True if there are spaces between the values, so that the text is already in quotes.
+        has_spaces: bool,
     },
     /// The number of values is neither three nor five.
     #[error(
         "a goal is X,Y,Z,HEADING,PITCH in mm and degrees, or X,Y,Z for any direction, but this is {found}: give \
-         five or three, and put a goal with spaces in quotes"
+         five or three{}",
+        quoting(*.has_spaces)
     )]
     GoalCount {
         /// Number of values that the text contains, such as "2 numbers".
         found: String,
+        /// True if there are spaces between the values, so that the text is already in quotes.
+        has_spaces: bool,
     },
     /// A value is not a valid length or angle.
     #[error("{field} is {text:?}, {error}")]
@@ -44,14 +50,19 @@ pub enum PoseTextError {
     Pose(#[from] PoseError),
 }
 
+/// Returns the end of the remedy for a text with too few values: a shell may have split it at its spaces.
+fn quoting(has_spaces: bool) -> &'static str {
+    if has_spaces { "" } else { ", in quotes if there are spaces" }
+}
+
 /// Error of parsing a length or an angle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum QuantityError {
     /// The text is not a length.
-    #[error("which is not a length: write a length like -120, 600mm or 0.6m")]
+    #[error("which is not a length: write a length like -120, 60cm, 0.6m, 24in or 2ft")]
     Length,
     /// The text is not an angle.
-    #[error("which is not an angle: write an angle like -45, 90deg or 1.57rad")]
+    #[error("which is not an angle: write an angle like -45, 90deg, 90° or 1.57rad")]
     Angle,
 }
 
@@ -66,7 +77,7 @@ pub struct Quantity {
     pub has_unit: bool,
 }
 
-/// Parses a length in mm, or with its unit, `mm` or `m`.
+/// Parses a length in mm, or with its unit: `mm`, `cm`, `m`, `in` (25.4 mm) or `ft` (304.8 mm).
 ///
 /// ```
 /// use growbot_plan::pose_text::parse_length;
@@ -79,15 +90,24 @@ pub struct Quantity {
 /// If the text is not a number, or has another unit.
 pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
     let text = text.trim();
-    let quantity = match (text.strip_suffix("mm"), text.strip_suffix('m')) {
-        (Some(number), _) => parse_number(number).map(with_unit),
-        (None, Some(number)) => parse_metres(number.trim()).map(with_unit),
-        (None, None) => parse_number(text).map(without_unit),
+    let with = |unit: &str| text.strip_suffix(unit).map(str::trim);
+    let quantity = if let Some(number) = with("mm") {
+        parse_number(number).map(with_unit)
+    } else if let Some(number) = with("cm") {
+        parse_decimal(number, 1).map(with_unit)
+    } else if let Some(number) = with("m") {
+        parse_decimal(number, 3).map(with_unit)
+    } else if let Some(number) = with("in") {
+        parse_number(number).map(|inches| with_unit(inches * 25.4))
+    } else if let Some(number) = with("ft") {
+        parse_number(number).map(|feet| with_unit(feet * 304.8))
+    } else {
+        parse_number(text).map(without_unit)
     };
     quantity.ok_or(QuantityError::Length)
 }
 
-/// Parses an angle in degrees, or with its unit, `deg` or `rad`.
+/// Parses an angle in degrees, or with its unit: `deg`, `°` or `rad`.
 ///
 /// ```
 /// use growbot_plan::pose_text::parse_angle;
@@ -99,7 +119,7 @@ pub fn parse_length(text: &str) -> Result<Quantity, QuantityError> {
 /// If the text is not a number, or has another unit.
 pub fn parse_angle(text: &str) -> Result<Quantity, QuantityError> {
     let text = text.trim();
-    let quantity = match (text.strip_suffix("deg"), text.strip_suffix("rad")) {
+    let quantity = match (text.strip_suffix("deg").or(text.strip_suffix('°')), text.strip_suffix("rad")) {
         (Some(number), _) => parse_number(number).map(with_unit),
         (None, Some(number)) => parse_number(number).map(degrees).map(with_unit),
         (None, None) => parse_number(text).map(without_unit),
@@ -115,12 +135,32 @@ fn without_unit(value: f64) -> Quantity {
     Quantity { value, has_unit: false }
 }
 
-/// Parses a number of metres and returns mm. The decimal point is shifted in the text, so that 0.55 m gives exactly 550
-/// mm.
-fn parse_metres(number: &str) -> Option<f64> {
-    let metres = parse_number(number)?;
-    let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e3")) };
-    by_decimals.or(Some(metres * 1000.0))
+/// Parses a number and multiplies it by this power of ten. The decimal point is shifted in the text, so that 0.55 m gives
+/// exactly 550 mm.
+fn parse_decimal(number: &str, power: i32) -> Option<f64> {
+    let parsed = parse_number(number)?;
+    let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e{power}")) };
+    by_decimals.or(Some(parsed * 10_f64.powi(power)))
+}
+
+/// Splits a text into its values: at commas, or else at spaces, before which a unit may stand apart from its number.
+/// Brackets and quotes around the whole text do not count.
+fn split_values(text: &str) -> Vec<String> {
+    let text = text.trim();
+    let brackets = [('(', ')'), ('[', ']'), ('"', '"'), ('\'', '\'')];
+    let inner = brackets.iter().find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
+    let text = inner.unwrap_or(text);
+    if text.contains(',') {
+        return text.split(',').map(|part| part.trim().to_owned()).collect();
+    }
+    let mut values: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match values.last_mut() {
+            Some(number) if ["mm", "cm", "m", "in", "ft", "deg", "°", "rad"].contains(&word) => number.push_str(word),
+            _ => values.push(word.to_owned()),
+        }
+    }
+    if values.is_empty() { vec![String::new()] } else { values }
 }
 
 /// A parsed goal, and the values that were given without a unit.
@@ -146,13 +186,13 @@ pub struct TypedGoal {
 /// If the text does not have three or five values, a value has a wrong unit or is not finite, or the pitch is beyond
 /// +-90 degrees.
 pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
-    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let parts = split_values(text);
     let count = |found: usize| match found {
         1 => "1 number".to_owned(),
         found => format!("{found} numbers"),
     };
     if ![3, 5].contains(&parts.len()) {
-        return Err(PoseTextError::GoalCount { found: count(parts.len()) });
+        return Err(PoseTextError::GoalCount { found: count(parts.len()), has_spaces: has_spaces(text) });
     }
     let mut numbers = [without_unit(0.0); 5];
     for ((number, part), field) in numbers.iter_mut().zip(&parts).zip(FIELDS) {
@@ -171,6 +211,10 @@ pub fn parse_goal(text: &str) -> Result<TypedGoal, PoseTextError> {
         bare_lengths: lengths.iter().all(|length| !length.has_unit),
         bare_angles: angles.iter().filter(|angle| !angle.has_unit).map(|angle| angle.value).collect(),
     })
+}
+
+fn has_spaces(text: &str) -> bool {
+    text.trim().contains(char::is_whitespace)
 }
 
 /// Parses the value of a field of a pose: a length for x, y and z, an angle for heading and pitch.
@@ -201,14 +245,15 @@ pub fn parse_pose(text: &str) -> Result<Pose, PoseTextError> {
 /// # Errors
 /// Like [`parse_pose`].
 pub fn parse_typed_pose(text: &str) -> Result<(Pose, TypedGoal), PoseTextError> {
-    let found = text.split(',').count();
+    let found = split_values(text).len();
+    let wrong = || PoseTextError::Count { found, has_spaces: has_spaces(text) };
     if found != FIELDS.len() {
-        return Err(PoseTextError::Count { found });
+        return Err(wrong());
     }
     let typed = parse_goal(text)?;
     match typed.goal {
         Goal::Pose(pose) => Ok((pose, typed)),
-        Goal::Position(_) => Err(PoseTextError::Count { found }),
+        Goal::Position(_) => Err(wrong()),
     }
 }
 
@@ -261,6 +306,11 @@ mod tests {
         for (typed, plain) in [
             ("600mm, 0.55m, -1.1 m, 90deg, 0rad", "600,550,-1100,90,0"),
             ("1e-3m,2 mm,.3m,-3.141592653589793rad,45 deg", "1,2,300,180,45"),
+            ("10cm, 4in, 1ft, 90°, -0.5 deg", "100,101.6,304.8,90,-0.5"),
+            ("100 0 300 0 45", "100,0,300,0,45"),
+            ("100 mm 0 30 cm 90 deg 45", "100,0,300,90,45"),
+            ("(100, 0, 300, 0, 45)", "100,0,300,0,45"),
+            ("\"100 0 300 0 45\"", "100,0,300,0,45"),
         ] {
             assert_eq!(parse_pose(typed), parse_pose(plain), "{typed}");
         }
@@ -272,7 +322,12 @@ mod tests {
             let message = parse_goal(text).unwrap_err().to_string();
             assert!(message.contains(part), "{message}");
         }
-        assert!(parse_length("1M").is_err() && parse_length("m").is_err() && parse_angle("1°").is_err());
+        assert!(parse_length("1M").is_err() && parse_length("m").is_err() && parse_length("in").is_err());
+        assert!(parse_angle("°").is_err() && parse_angle("1in").is_err());
+        for (text, is_told) in [("1 2", false), ("1,2", true), ("1,", true)] {
+            let message = parse_goal(text).unwrap_err().to_string();
+            assert_eq!(message.contains("in quotes"), is_told, "{message}");
+        }
     }
 
     #[test]
@@ -291,7 +346,7 @@ mod tests {
             ("1,2,3,4,-1e300", "pitch is -1e300 deg"),
             ("1,2,3,4,90.01", "pitch is 90.01 deg"),
             ("1;2;3;4;5", "this is 1"),
-            ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write a length like -120, 600mm or 0.6m"),
+            ("1,2mm,3deg,4,5", "z is \"3deg\", which is not a length: write a length like -120, 60cm, 0.6m"),
             ("1,2,3,4m,5", "heading is \"4m\", which is not an angle"),
             ("1,2,3,4,2rad", "pitch is 114.59"),
         ] {

@@ -157,10 +157,30 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
 /// # Errors
 /// [`RobotFileError::Toml`] with line and column, or [`RobotFileError::Robot`].
 pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
-    materials(text, file)?;
-    let text = only(text, |header| !is_of_materials(header));
-    let description: RobotDescription = from_toml(&text, file)?;
-    Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+    let materials = materials(text, file)?;
+    let robot_text = only(text, |header| !is_of_materials(header));
+    let description: RobotDescription = from_toml(&robot_text, file)?;
+    let robot = Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })?;
+    let allowed = robot.description().heater.preheat_range_c();
+    for (name, preset) in materials {
+        if let Some(celsius) = preset.nozzle_c.filter(|celsius| !allowed.contains(celsius)) {
+            let is_header = |line: &str| is_of_materials(line) && line.contains(&name);
+            let lines = text.lines().enumerate().skip_while(|(_, line)| !is_header(line.trim_start()));
+            let line = lines.map(|(index, line)| (index + 1, line)).find(|(_, line)| line.contains("nozzle_c"));
+            return Err(RobotFileError::Toml {
+                file: file.to_owned(),
+                line: line.map_or(1, |(number, _)| number),
+                column: line.and_then(|(_, text)| text.find("nozzle_c")).map_or(1, |at| at + 1),
+                reason: format!(
+                    "materials.{name}.nozzle_c is {celsius} C: give {} to {} C, which the board accepts with this \
+                     heater.max_c",
+                    allowed.start(),
+                    allowed.end()
+                ),
+            });
+        }
+    }
+    Ok(robot)
 }
 
 /// Parses a TOML text. `file` is the name of the text in error messages.
@@ -192,7 +212,8 @@ pub fn materials(text: &str, file: &str) -> Result<BTreeMap<String, MaterialPres
 
 /// Reports whether this is the header of a TOML table with a material preset.
 fn is_of_materials(header: &str) -> bool {
-    header.starts_with("[materials.")
+    let name = header.trim_start_matches('[').trim_start().strip_prefix("materials");
+    header.starts_with('[') && name.is_some_and(|rest| rest.trim_start().starts_with(['.', ']']))
 }
 
 /// Returns the TOML text with only the tables for whose header `is_so` returns true. Other lines become empty, so that
@@ -256,6 +277,22 @@ mod tests {
         ("growbot-b", 680.0, 522.0),
         ("growbot-c", 38.0, 0.002),
     ];
+
+    #[test]
+    fn materials_that_the_board_would_refuse_are_refused_where_they_stand() {
+        let text = include_str!("../../robots/growbot-a.toml");
+        let with = |tables: &str| parse(&format!("{text}\n{tables}"), "mine.toml");
+        for table in ["[materials.pla]\nnozzle_c = 210", "[ materials.pla ]\nnozzle_c = 210", "[materials]\npla = {}"] {
+            with(table).unwrap();
+        }
+        for celsius in ["540", "-20", "20", "nan", "inf"] {
+            let table = format!("[materials.abs]\nload_mm = 10\n[materials.pla]\nload_mm = 10\nnozzle_c = {celsius}");
+            let refused = with(&table).unwrap_err();
+            let line = text.lines().count() + 6;
+            assert!(matches!(refused, RobotFileError::Toml { line: at, .. } if at == line), "{refused:?}");
+            assert!(refused.to_string().contains("materials.pla.nozzle_c is "), "{refused}");
+        }
+    }
 
     #[test]
     fn every_file_in_robots_is_built_in_by_name() {

@@ -245,10 +245,14 @@ fn found_holder(device: &str) -> Option<String> {
     })
 }
 
+/// Returns the names of the available serial devices. None of them is opened.
+pub fn serial_devices() -> Vec<String> {
+    serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect()
+}
+
 /// Returns the end of an error message, which lists the available serial devices.
 fn available_ports_hint() -> String {
-    let names: Vec<String> =
-        serialport::available_ports().unwrap_or_default().into_iter().map(|port| port.port_name).collect();
+    let names = serial_devices();
     if names.is_empty() {
         "; no serial devices found".to_string()
     } else {

@@ -1,5 +1,7 @@
 //! The fields of a robot file, and the version of their encoding. Names contain the units.
 
+use core::ops::RangeInclusive;
+
 use heapless::String;
 use serde::{Deserialize, Serialize};
 
@@ -319,6 +321,18 @@ pub struct Heater {
     pub heat_capacity_j_per_k: f64,
     /// Heat loss of the nozzle to the surroundings, W/K.
     pub loss_w_per_k: f64,
+}
+
+impl Heater {
+    /// Min temperature to which the nozzle is heated for maintenance, degrees Celsius.
+    const MIN_PREHEAT_C: f64 = 50.0;
+    /// Min distance of a target temperature below `max_c`, degrees.
+    pub(super) const TARGET_MARGIN_C: f64 = 5.0;
+
+    /// Returns the temperatures to which the nozzle may be heated for maintenance, degrees Celsius.
+    pub fn preheat_range_c(&self) -> RangeInclusive<f64> {
+        Self::MIN_PREHEAT_C..=self.max_c - Self::TARGET_MARGIN_C
+    }
 }
 
 /// The nozzle's temperature sensor: a thermistor (NTC) to ground below a pull-up resistor, read by a 12-bit ADC.

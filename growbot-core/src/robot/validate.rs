@@ -3,7 +3,7 @@
 use super::checked_field::{CheckedField, MAX_SIZE, MIN_SIZE, advice};
 use super::driver_settings;
 use super::step_rate::{AxisMotion, BusiestSector, LayerMotion, MAX_RAMP_S};
-use super::{Feed, Head, Material, Motion, RobotDescription, RobotError};
+use super::{Feed, Head, Heater, Material, Motion, RobotDescription, RobotError};
 use crate::angle::radians;
 use crate::curvature::{min_radius_by_layers, min_radius_by_packaging};
 use crate::layer::{Layer, SECTORS};
@@ -274,7 +274,7 @@ fn check_heater(robot: &RobotDescription) -> Result<(), RobotError> {
     )?;
     CheckedField("heater.target_c", heater.target_c).between(
         30.0,
-        heater.max_c - 5.0,
+        heater.max_c - Heater::TARGET_MARGIN_C,
         advice("give a temperature above 30 C and at least 5 C below heater.max_c"),
     )?;
     CheckedField("heater.extrusion_min_c", heater.extrusion_min_c).between(

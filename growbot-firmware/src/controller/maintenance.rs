@@ -5,7 +5,6 @@
 use growbot_core::link::message::{Fault, MaintenanceTask, Message, Refusal, State};
 
 use super::move_tracker::MaintenanceMove;
-use super::requests::MIN_TUNING_C;
 use super::{Controller, centi};
 use crate::hal::{Board, StepperDrivers};
 use crate::safety::transitions::Event;
@@ -15,9 +14,6 @@ use crate::stepping::{AxisMove, Mailbox, MotorDirection, Move};
 pub const UNATTENDED_US: u64 = 600_000_000;
 /// Max duration of one maintenance move, s. The duration is well below [`UNATTENDED_US`].
 const MAX_MOVE_S: f64 = 300.0;
-/// Min distance of a preheat target below the robot's max temperature, degrees. The limit for `heater.target_c` is the
-/// same.
-const MARGIN_C: f64 = 5.0;
 /// Angle of a whole turn of the head, hundredths of a degree. One request may turn the head by at most this angle.
 const TURN_CENTI_DEG: u32 = 36_000;
 
@@ -53,9 +49,9 @@ impl<B: Board> Controller<B> {
 
     fn preheat(&mut self, target_c: f64) -> Result<(), Refusal> {
         self.check_event(Event::Preheat)?;
-        let max = self.robot.description().heater.max_c - MARGIN_C;
-        if !(MIN_TUNING_C..=max).contains(&target_c) {
-            return Err(Refusal::TemperatureOutOfRange { min: centi(MIN_TUNING_C), max: centi(max) });
+        let allowed = self.robot.description().heater.preheat_range_c();
+        if !allowed.contains(&target_c) {
+            return Err(Refusal::TemperatureOutOfRange { min: centi(*allowed.start()), max: centi(*allowed.end()) });
         }
         if self.may_be_halted() {
             return Err(Refusal::DebugProbe);

@@ -24,7 +24,7 @@ use crate::stepping::Mailbox;
 const STOP: u8 = 0x06;
 /// Min target temperature of tuning and of preheating, degrees Celsius. A nozzle that is colder than this needs no
 /// tuning.
-pub(super) const MIN_TUNING_C: f64 = 50.0;
+const MIN_TUNING_C: f64 = 50.0;
 /// Min distance of the target below the robot's max temperature while tuning, degrees, because the nozzle's temperature
 /// swings. In `heater::tests::regulating` the nozzle temperature swings by 15 C at most.
 const TUNING_MARGIN_C: f64 = 20.0;

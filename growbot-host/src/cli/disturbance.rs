@@ -95,7 +95,8 @@ fn signed_deg(text: &str) -> Result<f64, String> {
 }
 
 fn percentage(text: &str) -> Result<f64, String> {
-    parse_number(text).ok_or_else(|| "the value is not a number: give a percentage, such as 0.5".to_owned())
+    let number = parse_number(text.trim().trim_end_matches('%'));
+    number.ok_or_else(|| "the value is not a number: give a percentage, such as 0.5 or 0.5%".to_owned())
 }
 
 fn angle(text: &str) -> Result<f64, String> {

@@ -11,6 +11,7 @@ use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_host::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
+use growbot_sim::sim_daemon::StateDir;
 
 use super::failure::Failure;
 use super::port_arg::{RequiredPortArg, SelectedPort};
@@ -23,9 +24,10 @@ use super::{remedies, usage};
 ///
 /// The command sends eight bytes that the board recognises as they arrive. It repeats them for three seconds, until the
 /// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
-/// queued bytes. The board stays off until the stop is cleared (`clear` in `growbot console`).
+/// queued bytes. The board stays off until the stop is cleared (`growbot clear`).
 ///
-/// Without --port, the command stops every robot of the service and of growbot.toml.
+/// Without --port, the command stops every robot of the service and of growbot.toml, and every simulated robot that is
+/// on.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot estop\n  growbot estop --port lab-1\n  growbot estop --port /dev/ttyACM0\n\nExit \
@@ -103,7 +105,8 @@ fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Resul
     let configured = settings.robots.into_values().filter_map(|entry| given.at(entry.port).ok());
     // A simulated robot without a service ends with the program that runs it.
     let configured = configured.chain(default.as_ref().ok().cloned()).filter(|port| !port.is_in_process());
-    for port in owned.into_iter().chain(configured) {
+    let running = StateDir::names_of_running().into_iter().filter_map(|name| given.at(format!("sim:{name}")).ok());
+    for port in owned.into_iter().chain(configured).chain(running) {
         if ports.iter().all(|other| other.text() != port.text()) {
             ports.push(port);
         }

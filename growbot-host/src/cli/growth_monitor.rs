@@ -189,9 +189,7 @@ pub fn growth_failure(error: GrowthError, robot: RobotKind) -> Failure {
 /// Returns the failure for a growth that an emergency stop has ended.
 pub fn emergency_stop_failure(robot: RobotKind) -> Failure {
     let off = off_text(robot);
-    Failure::request_failed(format!(
-        "emergency stop: {off} until the emergency stop is cleared (`clear` in `growbot console`)"
-    ))
+    Failure::request_failed(format!("emergency stop: {off} until the emergency stop is cleared (`growbot clear`)"))
 }
 
 /// Returns success or failure for an outcome.

@@ -43,8 +43,7 @@ fn stop_at_once(line: Option<Box<dyn Port + Send>>, name: &str) -> Option<Client
     let stopped = client.as_mut().is_some_and(|client| client.emergency_stop().is_ok());
     if stopped {
         growbot_host::warning!(
-            "emergency stop: heater and steppers are off until the emergency stop is cleared (`clear` in `growbot \
-             console`)"
+            "emergency stop: heater and steppers are off until the emergency stop is cleared (`growbot clear`)"
         );
     } else {
         let error = ClientError::StopNotAcknowledged { port: name.to_string() };

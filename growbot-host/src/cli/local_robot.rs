@@ -25,7 +25,7 @@ use super::port_arg::{Connection, SelectedPort};
 use super::port_lease::PortLeaseGuard;
 use super::remedies;
 use super::robot_arg::RobotArg;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, cleared};
 use super::terminal_commands::TerminalCommands;
 use super::typed_answer::read_answer;
 
@@ -87,6 +87,14 @@ impl RobotHandle for LocalRobot<'_> {
         Ok(format!("plan {plan_id:016x} discarded by the {kind}board after {} layers\n", status.layers_laid))
     }
 
+    fn clear(&self) -> Result<String, Failure> {
+        self.port.require_running_robot("the request to clear")?;
+        let mut client = self.port.client(&self.robot.load()?)?;
+        client.open_session()?;
+        client.clear_fault(&Permit::standalone())?;
+        Ok(cleared(self.kind()))
+    }
+
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
         let (robot, presets) = (self.robot.load()?, self.robot.presets()?);
         let mut client = self.port.client(&robot)?;
@@ -145,9 +153,15 @@ impl RobotHandle for LocalRobot<'_> {
     fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure> {
         let ResumedGrowth { opened, scene, interrupted, silence, is_confirmed, watching, print } = growth;
         let Some((file, mut opened)) = opened else {
-            return Err(Failure::bad_input(
-                "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its plan",
-            ));
+            let forgets = if self.port.is_in_process() {
+                "; a robot at `sim` ends with its command, so grow at a port sim:NAME if you want to resume"
+            } else {
+                ""
+            };
+            return Err(Failure::bad_input(format!(
+                "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its \
+                 plan{forgets}"
+            )));
         };
         let mut record = opened.run.take().map(|(record, _)| record);
         let with_feedback = record.as_ref().filter(|record| record.feedback.is_some());
@@ -236,7 +250,7 @@ fn show(board: &BoardInfo, plan_id: u64, port: &SelectedPort) -> Result<(), Fail
     }
     if let Some(fault) = status.fault {
         return Err(Failure::request_failed(format!(
-            "the board has the fault {}: {}; fix the cause and clear the fault first (`clear` in `growbot console`)",
+            "the board has the fault {}: {}; fix the cause and clear the fault first (`growbot clear`)",
             fault.code(),
             remedies::fault_explanation(fault)
         )));

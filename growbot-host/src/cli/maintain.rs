@@ -21,7 +21,7 @@ pub struct MaintainArgs {
     #[arg(value_parser = COMMANDS.map(|(name, ..)| name))]
     task: String,
     /// A temperature in C, a length in mm, an angle in degrees, or a material
-    #[arg(allow_negative_numbers = true, default_value = "")]
+    #[arg(allow_hyphen_values = true, default_value = "")]
     value: String,
     #[command(flatten)]
     port: RequiredPortArg,

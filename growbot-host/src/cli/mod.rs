@@ -5,6 +5,7 @@
 
 mod board_report;
 mod cancel;
+mod clear;
 mod completions;
 mod configure;
 mod console;
@@ -21,7 +22,9 @@ mod global;
 mod grow;
 mod growth_monitor;
 mod growth_table;
+mod help;
 mod interrupt;
+mod known_robots;
 mod layers;
 mod local_robot;
 mod maintain;
@@ -36,6 +39,7 @@ mod plan_source;
 mod plan_table;
 mod port_arg;
 mod port_lease;
+mod ports;
 mod power;
 mod remedies;
 mod replay;
@@ -72,6 +76,7 @@ mod workspace_in_scene;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use growbot_host::output::OutputError;
 
 use self::failure::Failure;
 
@@ -87,7 +92,7 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Lengths are in mm, angles in degrees. A number may have a unit: 0.6m, 1.57rad.
+Lengths are in mm, angles in degrees. A number may have a unit: 60cm, 2ft, 1.57rad.
 A pose is X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
 Results go to standard output, messages to standard error.
 
@@ -103,6 +108,7 @@ Exit codes: 0, success; 1, the request failed; 2, invalid arguments or input.";
 
 #[derive(Subcommand)]
 enum CliCommand {
+    Ports(ports::PortsArgs),
     Robots(robots::RobotsArgs),
     Schema(schema::SchemaArgs),
     NewRobot(new_robot::NewRobotArgs),
@@ -122,6 +128,7 @@ enum CliCommand {
     Stop(stop::StopArgs),
     Cancel(cancel::CancelArgs),
     Estop(estop::EstopArgs),
+    Clear(clear::ClearArgs),
     Doctor(doctor::DoctorArgs),
     Tune(tune::TuneArgs),
     Maintain(maintain::MaintainArgs),
@@ -143,8 +150,7 @@ pub fn run() -> ExitCode {
     let cli = match parse() {
         Ok(cli) => cli,
         Err(help) if !help.use_stderr() => {
-            show(&help);
-            return ExitCode::SUCCESS;
+            return show(&help);
         }
         Err(error) => return estop::usage_error(&error, &Cli::command()),
     };
@@ -156,6 +162,7 @@ pub fn run() -> ExitCode {
         growbot_host::warning!("{error}");
     }
     let done = match cli.command {
+        Some(CliCommand::Ports(args)) => ports::run(&args),
         Some(CliCommand::Robots(args)) => robots::run(&args),
         Some(CliCommand::Schema(args)) => schema::run(&args),
         Some(CliCommand::NewRobot(args)) => new_robot::run(&args),
@@ -175,6 +182,7 @@ pub fn run() -> ExitCode {
         Some(CliCommand::Stop(args)) => stop::run(&args),
         Some(CliCommand::Cancel(args)) => cancel::run(&args),
         Some(CliCommand::Estop(args)) => estop::run(&args),
+        Some(CliCommand::Clear(args)) => clear::run(&args),
         Some(CliCommand::Doctor(args)) => doctor::run(&args),
         Some(CliCommand::Tune(args)) => tune::run(&args),
         Some(CliCommand::Maintain(args)) => maintain::run(&args),
@@ -201,13 +209,15 @@ pub fn run() -> ExitCode {
 /// line cannot be parsed.
 fn parse() -> Result<Cli, clap::Error> {
     let color = global::color_before_parsing();
-    let cli = Cli::from_arg_matches(&Cli::command().color(color).try_get_matches()?)?;
+    let cli = Cli::from_arg_matches(&help::with_groups(Cli::command()).color(color).try_get_matches()?)?;
     cli.global.apply();
     Ok(cli)
 }
 
 /// Prints help or version.
-fn show(help: &clap::Error) {
-    // If the help cannot be printed, nothing can.
-    let _ = help.print();
+fn show(help: &clap::Error) -> ExitCode {
+    match help.print().map_err(OutputError::from) {
+        Ok(()) | Err(OutputError::Closed) => ExitCode::SUCCESS,
+        Err(error) => Failure::from(error).report(),
+    }
 }

@@ -7,12 +7,23 @@ use growbot_pictures::view::{NamedScene, Subject};
 use growbot_plan::input::{MAX_LOG_BYTES, display_name, read_bytes, text_of};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::{self, LoadedPlan, PlanFileError};
+use growbot_plan::pose_text::parse_goal;
 use growbot_plan::run_log::RecordedRun;
 use growbot_scene::scene_file::{LoadedScene, load};
 use serde_json::Value;
 
 use super::failure::Failure;
 use super::remedies;
+
+/// Returns an error if there is no such file and its name is a pose, which users type in place of a plan.
+pub fn refuse_pose(file: &Path) -> Result<(), Failure> {
+    match file.to_str() {
+        Some(pose) if !file.exists() && parse_goal(pose).is_ok() => Err(Failure::bad_input(format!(
+            "{pose} is a pose, and a file is expected: `growbot plan --to {pose} -o plan.json` makes a plan"
+        ))),
+        _ => Ok(()),
+    }
+}
 
 /// A robot and its plan, with the run log if the body was grown.
 pub struct Opened {
@@ -65,6 +76,7 @@ impl Opened {
     }
 
     fn read(file: &Path, robot: Option<&Path>, given: Option<&Path>) -> Result<Self, Failure> {
+        refuse_pose(file)?;
         let bytes = read_bytes(file, MAX_LOG_BYTES)?;
         if is_log(&bytes) {
             let record = RecordedRun::read(&bytes, &display_name(file))?;

@@ -11,7 +11,7 @@ use growbot_plan::scene_planning::{self, MAX_LENGTH_MM, SceneCheckError};
 
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::opened::Opened;
+use super::opened::{Opened, refuse_pose};
 use super::robot_arg::RobotArg;
 use super::scene_options::{SceneArgs, plan_failure};
 use super::search::PlanningOptions;
@@ -72,6 +72,7 @@ impl PlanSourceArgs {
     fn load(&self, format: ResultFormat) -> Result<(LoadedPlan, Option<SceneCheckError>), Failure> {
         let given = self.scene.scene.as_deref();
         if let Some(path) = &self.plan {
+            refuse_pose(path)?;
             let LoadedPlan { robot, mut plan, scene } = plan_file::open_in_scene(path, self.robot.as_deref(), given)?;
             if self.robot.is_none() {
                 growbot_host::detail!("robot {}, from: {}", robot.name(), display_name(path));

@@ -4,13 +4,14 @@ use clap::Args;
 use growbot_client::client::Client;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_core::robot::Robot;
-use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin};
+use growbot_host::settings::{InvalidFiles, Key, Setting, SettingOrigin};
 use growbot_plan::robot_kind::RobotKind;
 use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::simulated_tip::SimulatedTip;
 
 use super::failure::Failure;
+use super::known_robots::{no_port, only_robot, only_service_robot};
 use super::{service_lookup, settings};
 
 /// `--port` of commands that communicate with a robot. The default is the configured port, or else a simulated robot.
@@ -18,7 +19,7 @@ use super::{service_lookup, settings};
 pub struct PortArg {
     /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (a simulated robot that stays on, see growbot
     /// power), emulator, emulator:ELF, rp2040 or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default:
-    /// GROWBOT_PORT, then growbot.toml, then sim]
+    /// GROWBOT_PORT, then growbot.toml, then the only robot of the service, then sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -30,7 +31,7 @@ pub struct PortArg {
 #[derive(Args)]
 pub struct RequiredPortArg {
     /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME, or the name of a robot in growbot.toml or of the
-    /// service [default: GROWBOT_PORT, then growbot.toml, and one of them must be set]
+    /// service [default: GROWBOT_PORT, then growbot.toml, then the only robot that `growbot ports` lists]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -61,11 +62,15 @@ pub struct SelectedPort {
 }
 
 impl PortArg {
-    /// Returns the given port, or the configured one, or else `sim`.
+    /// Returns the given port, or the configured one, or that of the only robot of the user's service, or else `sim`.
     pub fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
-            None => settings::log_setting(Key::Port, Setting::load(Key::Port)?),
+            None => {
+                let setting = Setting::load(Key::Port)?;
+                let only = (setting.origin == SettingOrigin::BuiltIn).then(only_service_robot).flatten();
+                only.unwrap_or_else(|| settings::log_setting(Key::Port, setting))
+            }
         };
         self.link.at(text)
     }
@@ -83,32 +88,41 @@ impl RequiredPortArg {
         self.link.at(text)
     }
 
-    /// Returns the given port, or the configured one. Returns an error if neither is set.
+    /// Returns the given port, or the configured one, or else that of the only robot. Returns an error if there is none
+    /// of them.
     pub fn resolve(&self) -> Result<SelectedPort, Failure> {
-        self.resolve_from_files(InvalidFiles::Refuse)
+        self.resolve_or_only(InvalidFiles::Refuse)
     }
 
     /// Like [`RequiredPortArg::resolve`], but invalid settings files only cause warnings, because they must not prevent
     /// a stop.
     pub fn resolve_for_stop(&self) -> Result<SelectedPort, Failure> {
-        settings::skip_invalid(|invalid| self.resolve_from_files(invalid))
+        settings::skip_invalid(|invalid| self.resolve_or_only(invalid))
     }
 
-    /// Like [`RequiredPortArg::resolve`], but invalid settings files are treated as `invalid` requires.
-    pub fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
-        let text = match &self.port {
-            Some(text) => text.clone(),
-            None => match Setting::load_from_files(Key::Port, invalid.reborrow())? {
-                Setting { origin: SettingOrigin::BuiltIn, .. } => {
-                    return Err(Failure::bad_input(format!(
-                        "no port given: pass --port PORT, set {}, or set `port` in {FILE_NAME}",
-                        Key::Port.variable()
-                    )));
-                }
-                setting => settings::log_setting(Key::Port, setting),
-            },
+    fn resolve_or_only(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+        let text = match self.given_or_configured(invalid.reborrow())? {
+            Some(text) => text,
+            None => only_robot(invalid.reborrow())?,
         };
         self.link.at_from_files(text, invalid)
+    }
+
+    /// Returns the given port, or the configured one. Returns an error if neither is set. Invalid settings files are
+    /// treated as `invalid` requires.
+    pub fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+        let text = self.given_or_configured(invalid.reborrow())?.ok_or_else(no_port)?;
+        self.link.at_from_files(text, invalid)
+    }
+
+    fn given_or_configured(&self, invalid: InvalidFiles) -> Result<Option<String>, Failure> {
+        if self.port.is_some() {
+            return Ok(self.port.clone());
+        }
+        Ok(match Setting::load_from_files(Key::Port, invalid)? {
+            Setting { origin: SettingOrigin::BuiltIn, .. } => None,
+            setting => Some(settings::log_setting(Key::Port, setting)),
+        })
     }
 }
 

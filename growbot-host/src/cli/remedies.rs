@@ -50,7 +50,7 @@ pub fn warning_message(Warning { code, message, .. }: &Warning) -> String {
 pub fn stop_message(stopped: StopOutcome, robot: RobotKind) -> String {
     let remedy = match stopped {
         StopOutcome::ByRequest => "",
-        StopOutcome::ByEmergencyStop => " (`clear` in `growbot console`)",
+        StopOutcome::ByEmergencyStop => " (`growbot clear`)",
     };
     stopped.message(robot) + remedy
 }

@@ -29,6 +29,9 @@ pub trait RobotHandle {
     /// Discards the body that the board stores. Returns a message.
     fn cancel(&self) -> Result<String, Failure>;
 
+    /// Clears a fault or an emergency stop. Returns a message.
+    fn clear(&self) -> Result<String, Failure>;
+
     /// Runs a maintenance task. Returns a message.
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure>;
 
@@ -50,6 +53,11 @@ pub trait RobotHandle {
     /// Leases the port for a command that communicates with the board itself. The lease ends when the guard is dropped.
     /// `None` if no other program owns the port.
     fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure>;
+}
+
+/// Returns the message after a fault or an emergency stop was cleared.
+pub fn cleared(kind: RobotKind) -> String {
+    format!("cleared: the {}robot accepts jobs again\n", kind.prefix())
 }
 
 /// A growth that a command begins.

@@ -7,7 +7,7 @@ use clap::Args;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
 use growbot_host::annotated_robot::{AnnotatedField, AnnotatedRobot};
-use growbot_host::output::print;
+use growbot_host::output::{is_standard_output, print};
 use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_host::schema;
 use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
@@ -48,7 +48,7 @@ pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
         }
         (None, false) => table()?,
         (Some(robot), true) => json_line(&in_full(&AnnotatedRobot::load(robot)?)),
-        (Some(robot), false) => describe(&AnnotatedRobot::load(robot)?),
+        (Some(robot), false) => describe(&AnnotatedRobot::load(robot)?) + &materials(robot)?,
     };
     Ok(print(&text)?)
 }
@@ -181,6 +181,31 @@ fn wires(robot: &Robot) -> String {
         let _ = writeln!(text, "  {:<18}{place}", signal.name());
     }
     text
+}
+
+/// Returns a table of the materials of a robot file. Empty if there are none.
+fn materials(name_or_file: &Path) -> Result<String, Failure> {
+    // Standard input has been read already.
+    if is_standard_output(name_or_file) {
+        return Ok(String::new());
+    }
+    let (text, file) = robot_file::text_of(name_or_file)?;
+    let materials = robot_file::materials(&text, &file)?;
+    if materials.is_empty() {
+        return Ok(String::new());
+    }
+    let width = materials.keys().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
+    let mut text = format!("\n{:<width$}  nozzle, C  load, mm  unload, mm  purge, mm\n", "material");
+    for (name, preset) in materials {
+        let nozzle = preset.nozzle_c.map_or_else(|| "of growth".to_owned(), |celsius| celsius.to_string());
+        // Writing to a String cannot fail.
+        let _ = writeln!(
+            text,
+            "{name:<width$}  {nozzle:>9}  {:>8}  {:>10}  {:>9}",
+            preset.load_mm, preset.unload_mm, preset.purge_mm
+        );
+    }
+    Ok(text)
 }
 
 /// Wraps a text into lines of at most 80 columns, all with this indentation. Empty for an empty text.

@@ -36,7 +36,7 @@ use super::opened::Opened;
 use super::port_arg::SelectedPort;
 use super::port_lease::PortLeaseGuard;
 use super::replay;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, cleared};
 use super::service_lookup::{EMERGENCY, service_in_emergency};
 
 impl From<ServiceError> for Failure {
@@ -220,6 +220,11 @@ impl RobotHandle for ServiceRobot {
     fn cancel(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::Cancel)?;
         Ok(format!("the {}board stores no body any more\n", self.kind().prefix()))
+    }
+
+    fn clear(&self) -> Result<String, Failure> {
+        self.send_command(RobotCommand::ClearFault)?;
+        Ok(cleared(self.kind()))
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {

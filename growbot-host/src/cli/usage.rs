@@ -2,12 +2,48 @@
 
 use std::env;
 
-use clap::error::{ContextKind, ContextValue};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
 use clap::{Command, Error};
 use growbot_client::maintenance;
+use growbot_plan::pose_text::parse_goal;
 
 /// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
 const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
+
+/// Words that users type for a command that has another name, and what to type instead. Where a robot may move or heat
+/// after the command, its help is named.
+const OTHER_WORDS: [(&[&str], &str); 24] = [
+    (&["abort", "halt", "kill", "quit", "exit"], "`growbot stop` stops a robot"),
+    (&["emergency", "emergency-stop", "e-stop"], "`growbot estop` switches everything off"),
+    (&["reset", "unlock"], "`growbot clear` clears a fault or an emergency stop"),
+    (&["discard", "give-up", "delete"], "`growbot cancel` discards the body under way"),
+    (&["run", "start", "print", "build", "go", "demo"], "see `growbot grow --help` for growing a body"),
+    (
+        &[
+            "heat", "preheat", "cool", "cooldown", "home", "load", "unload", "purge", "jog", "rotate", "move",
+            "extrude", "retract", "feed",
+        ],
+        "see `growbot maintain --help` for heating, filament and homing",
+    ),
+    (&["slice"], "`growbot layers` prints the layers of a plan"),
+    (&["temp", "temperature", "info", "state", "ps", "jobs"], "`growbot status` shows a robot"),
+    (&["follow", "watch"], "`growbot attach` follows a growth of the service"),
+    (&["materials", "material"], "`growbot robots` lists robots, and explains one with its materials"),
+    (&["on", "off"], "`growbot power` switches a simulated robot on or off"),
+    (&["sim", "emulate", "try"], "`growbot simulate --help` shows how to simulate growths"),
+    (&["list", "ls", "devices", "scan", "detect"], "`growbot ports` lists robots and serial devices"),
+    (&["connect", "shell", "repl", "terminal", "monitor"], "`growbot console --help` shows how to type commands"),
+    (&["tui"], "`growbot console --tui` shows a robot on the whole terminal"),
+    (&["gui", "web", "ui", "server", "service", "dashboard", "page"], "see `growbot serve --help` for the web page"),
+    (&["show", "open", "plot", "draw", "render", "picture"], "`growbot view` shows a plan or a grown body"),
+    (&["config", "configuration", "setup", "env"], "`growbot settings` shows the default robot and port"),
+    (&["init", "new", "create", "add"], "`growbot new-robot` describes a robot of your own"),
+    (&["calibrate", "pid", "autotune"], "see `growbot tune --help` for the heater's gains"),
+    (&["test", "check", "commission", "diagnose"], "see `growbot doctor --help` for checking a robot"),
+    (&["update", "upgrade", "firmware", "upload", "install"], "see `growbot flash --help` for a board's firmware"),
+    (&["docs", "manual", "examples", "tutorial", "guide", "quickstart"], "`growbot man` prints the manual"),
+    (&["version"], "`growbot --version` prints the version"),
+];
 
 /// Returns true if a robot may move or heat after this command. No message suggests such a command, because users
 /// repeat a suggestion without reading it.
@@ -29,8 +65,41 @@ pub fn message(error: &Error, root: &Command) -> String {
     let what = what
         .replace("invalid digit found in string", "give a whole number")
         .replace("invalid float literal", "give a number");
+    if let Some(instead) = other_word(error) {
+        return format!("{what}: {instead}");
+    }
+    if let Some(instead) = other_argument(error, root) {
+        return format!("{what}: {instead}; see `{} --help`", command_named(root));
+    }
     let hint = suggestion(error).map(|meant| format!(" (did you mean {meant}?)")).unwrap_or_default();
     format!("{what}{hint}; see `{} --help`", command_named(root))
+}
+
+/// Returns what to type in place of an unknown command, if it is a known word for a command.
+fn other_word(error: &Error) -> Option<&'static str> {
+    let Some(ContextValue::String(typed)) = error.get(ContextKind::InvalidSubcommand) else { return None };
+    let typed = typed.to_lowercase();
+    OTHER_WORDS.iter().find(|(words, _)| words.contains(&&*typed)).map(|(_, instead)| *instead)
+}
+
+/// Returns how to give an argument that has been given in another form: a pose without its option, or a plan with one.
+fn other_argument(error: &Error, root: &Command) -> Option<String> {
+    let (ErrorKind::UnknownArgument, Some(ContextValue::String(given))) =
+        (error.kind(), error.get(ContextKind::InvalidArg))
+    else {
+        return None;
+    };
+    match given.as_str() {
+        "--plan" | "--file" | "--input" => Some("give the file without an option".to_owned()),
+        "--goal" | "--target" | "--pose" => Some("give the goal with --to".to_owned()),
+        "--dry-run" => Some("`growbot simulate` heats and moves nothing".to_owned()),
+        "--all" => Some("`growbot estop` stops all robots".to_owned()),
+        "--port" => Some("give --port after a command, as in `growbot status --port PORT`".to_owned()),
+        option if option.starts_with('-') => None,
+        pose if parse_goal(pose).is_ok() => Some(format!("give the goal with --to {pose}")),
+        port if has_option(root, "port") => Some(format!("give a port or a robot with --port {port}")),
+        _ => None,
+    }
 }
 
 /// Returns the word that clap suggests for a mistyped one. `None` without a suggestion, or if the robot may move or
@@ -42,6 +111,15 @@ fn suggestion(error: &Error) -> Option<String> {
         // The best one is the last.
         ContextValue::Strings(meant) => meant.iter().rfind(|meant| !may_move(meant)).cloned(),
         _ => None,
+    })
+}
+
+/// Returns true if the command that the command line names has this option.
+fn has_option(root: &Command, name: &str) -> bool {
+    let mut named = env::args().skip(1).filter_map(|word| root.find_subcommand(word).cloned());
+    named.next().is_some_and(|mut command| {
+        command.build();
+        command.get_arguments().any(|argument| argument.get_id() == name)
     })
 }
 
@@ -68,8 +146,8 @@ mod tests {
 
     #[test]
     fn no_mistyped_command_suggests_one_that_moves_or_heats() {
-        assert_eq!(suggested(&["tui"]), None);
-        assert_eq!(suggested(&["init"]), None);
+        assert_eq!(suggested(&["tuii"]), None);
+        assert_eq!(suggested(&["inti"]), None);
         assert_eq!(suggested(&["plam"]).as_deref(), Some("plan"));
         assert_eq!(suggested(&["sattus"]).as_deref(), Some("status"));
         let root = Cli::command();
@@ -88,6 +166,36 @@ mod tests {
         assert!(tried > 300, "{tried}");
         assert_eq!(suggested(&["maintain", "hom"]), None);
         assert_eq!(suggested(&["maintain", "coldown"]).as_deref(), Some("cooldown"));
+    }
+
+    #[test]
+    fn other_words_name_an_existing_command_and_its_help_if_it_moves_or_heats() {
+        let root = Cli::command();
+        for (words, instead) in OTHER_WORDS {
+            let call = instead.split('`').nth(1).unwrap();
+            let name = call.split(' ').nth(1).unwrap();
+            let command = name.trim_start_matches("--");
+            assert!(name == "--version" || root.find_subcommand(command).is_some(), "{instead}");
+            assert!(!may_move(command) || call.ends_with("--help"), "{instead}");
+            for word in words {
+                assert!(root.find_subcommand(word).is_none(), "{word} is a command");
+                let error = Cli::try_parse_from(["growbot", word]).err().unwrap();
+                let told = message(&error, &root);
+                assert!(told.ends_with(instead), "{told}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_goal_or_a_plan_in_another_form_is_told_the_right_one() {
+        let told = |args: &[&str]| {
+            let error = Cli::try_parse_from([&["growbot"], args].concat()).err().unwrap();
+            message(&error, &Cli::command())
+        };
+        assert!(told(&["plan", "0,0,60,0,90"]).contains("give the goal with --to 0,0,60,0,90"));
+        assert!(told(&["plan", "--goal", "0,0,60"]).contains("give the goal with --to"));
+        let plan = told(&["grow", "--plan", "p.json"]);
+        assert!(plan.contains("give the file without an option") && !plan.contains("--planner"), "{plan}");
     }
 
     #[test]

@@ -231,7 +231,7 @@ impl GrowthTracker {
             (None, "parked", _) => {
                 Some("the heater was switched off after a long pause: Continue heats and homes first")
             }
-            (None, "emergency-stop", _) => Some("the robot stays off until the emergency stop is cleared at a console"),
+            (None, "emergency-stop", _) => Some("the robot stays off until the emergency stop is cleared"),
             (None, ..) => None,
         }
     }

@@ -36,6 +36,16 @@ impl StateDir {
         Ok(Self { name: name.to_owned(), directory })
     }
 
+    /// Returns the names of the simulated robots that are on, in alphabetical order. Those whose name is a path are not
+    /// among them.
+    pub fn names_of_running() -> Vec<String> {
+        let robots = user_dirs::state_dir().and_then(|state| fs::read_dir(state.join("robots")).ok());
+        let names = robots.into_iter().flatten().flatten().filter_map(|entry| entry.file_name().into_string().ok());
+        let mut on: Vec<String> = names.filter(|name| Self::of(name).is_ok_and(|place| place.is_on())).collect();
+        on.sort();
+        on
+    }
+
     /// Returns the name of the robot.
     pub fn name(&self) -> &str {
         &self.name
