@@ -10,8 +10,6 @@ mod configure;
 mod console;
 mod disturbance;
 mod doctor;
-#[cfg(test)]
-mod documents;
 mod estop;
 mod export;
 mod failure;
@@ -59,6 +57,8 @@ mod status;
 mod status_text;
 mod stop;
 mod terminal_commands;
+#[cfg(test)]
+mod tests;
 mod tune;
 mod typed_answer;
 mod uf2_drive;
@@ -148,7 +148,7 @@ pub fn run() -> ExitCode {
         }
         Err(error) => return estop::usage_error(&error, &Cli::command()),
     };
-    if let Err(error) = growbot_host::settings::check_environment() {
+    if let Err(error) = growbot_serve::settings::check_environment() {
         // A variable that growbot does not read must not prevent a robot from stopping.
         if !matches!(cli.command, Some(CliCommand::Estop(_) | CliCommand::Stop(_))) {
             return Failure::from(error).report();

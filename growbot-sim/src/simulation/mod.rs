@@ -3,8 +3,11 @@
 //!
 //! The physics and the loop are in growbot-core ([`growbot_core::simulation`]). This module applies them to a plan
 //! ([`Simulation`]). [`campaign`] repeats them with many seeds, and [`statistics`] summarizes the results.
+//! [`json`] has both as JSON, with the errors of the simulation ([`disturbance_report`]).
 
 pub mod campaign;
+pub mod disturbance_report;
+pub mod json;
 pub mod obstacles;
 pub mod statistics;
 

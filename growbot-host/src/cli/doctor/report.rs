@@ -6,11 +6,11 @@ use std::io::{ErrorKind, Read};
 use std::path::Path;
 
 use growbot_core::robot::Robot;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::utc_text;
 use growbot_plan::sanitize::{json_line, one_line};
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use strum::IntoStaticStr;

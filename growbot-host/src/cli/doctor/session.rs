@@ -8,9 +8,9 @@ use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::one_line;
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 

@@ -6,9 +6,9 @@ use std::path::Path;
 use growbot_host::output::{OutputError, is_standard_output};
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
 use growbot_plan::table::{NumberFormat, Table, pose_columns};
+use growbot_sim::simulation::disturbance_report::DisturbanceReport;
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use super::disturbances::DisturbanceReport;
 use crate::cli::failure::Failure;
 use crate::cli::growth_monitor::ResultFormat;
 
