@@ -5,6 +5,7 @@ use std::fmt::Display;
 use std::process::ExitCode;
 
 use growbot_client::client::{ClientError, has_commanded_board};
+use growbot_client::commissioning_report::ReportError;
 use growbot_client::port::PortError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
@@ -131,6 +132,7 @@ bad_input!(
     PngError,
     PortError,
     ReadRunLogError,
+    ReportError,
     RunLogError,
     SceneCheckError,
     SceneError,
