@@ -9,8 +9,8 @@ use growbot_core::link::message::{
     Tune,
 };
 use growbot_firmware::emulated_tip as table;
-use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_plan::robot_file;
+use growbot_sim::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::{SealError, is_sealed, seal, seal_in_place};
 use growbot_sim::port::emulator::Emulator;
 use growbot_tests::firmware;

@@ -13,8 +13,8 @@ use growbot_core::link::message::{
     BeginJob, Effect, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause,
     Start, State, Tune,
 };
-use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_plan::robot_file;
+use growbot_sim::crash::{CrashReport, FirmwareImage};
 use growbot_sim::image_seal::seal;
 use growbot_sim::port::rp2040::{self, Rp2040Emulator};
 use growbot_sim::uf2;

@@ -7,7 +7,6 @@ use growbot_core::link::message::{DriverProblem, Fault, Motor, PauseCause, Reset
 use growbot_core::plan::Planner;
 use growbot_core::robot::{BoardKind, Signal};
 use growbot_firmware::safety::transitions::Event;
-use growbot_host::settings::Key;
 use growbot_paper::experiments::ErrorQuantity;
 use growbot_paper::slicing_rule::SlicingRule;
 use growbot_pictures::export::body::LayerSource;
@@ -18,6 +17,7 @@ use growbot_plan::run_log::{BodyKind, OutcomeKind};
 use growbot_serve::commands::RobotCommand;
 use growbot_serve::job::JobState;
 use growbot_serve::notification::NotificationEvent;
+use growbot_serve::settings::Key;
 use growbot_sim::tip::TipFault;
 use serde::{Deserialize, Serialize};
 

@@ -8,12 +8,13 @@
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
 //!   really laid;
 //! - [`status`]: the status of a robot, for every program; [`maintenance`]: presets of materials, and maintenance
-//!   commands.
+//!   commands; [`commissioning_report`]: the findings about a new robot.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
 
 pub mod client;
+pub mod commissioning_report;
 pub mod ground_truth;
 pub mod growth;
 pub mod maintenance;

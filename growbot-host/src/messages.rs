@@ -10,9 +10,8 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 
 use clap::ColorChoice;
 use growbot_plan::sanitize::one_line;
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use log::{LevelFilter, Log, Metadata, Record};
-
-use crate::text_wrap::{TERMINAL_WIDTH, wrap};
 
 /// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,5 +1,5 @@
 //! Checks README.md and the book: runs their commands and compares the output, reads their robot files, and follows
-//! their links and file names. (`src/cli/documents.rs` parses the commands that cannot be run here.)
+//! their links and file names. (`src/cli/tests.rs` parses the commands that cannot be run here.)
 
 mod blocks;
 mod transcript;
@@ -7,8 +7,8 @@ mod transcript;
 use std::path::{Component, Path};
 
 use blocks::{Document, beside, for_users, root};
-use growbot_host::settings;
 use growbot_plan::robot_file;
+use growbot_serve::settings;
 use pulldown_cmark::Event;
 use transcript::{agree, differences, differences_in, runs};
 

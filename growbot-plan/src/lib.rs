@@ -4,7 +4,8 @@
 //! The geometry is in growbot-core. The modules of this crate:
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files; [`robot_kind`]: real or
-//!   simulated;
+//!   simulated; [`robot_schema`]: the JSON Schema of robot files; [`annotated_robot`]: explanation of a robot;
+//!   [`robot_questions`]: creation of a robot file;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
 //! - [`plan`]: a path with its properties; [`waypoints`]: the planning of a path through several goals; [`warning`]:
 //!   reasons against growing a plan; [`self_collision`]: parts of a body that would collide with earlier parts;
@@ -16,18 +17,22 @@
 //! - [`growth_report`]: the result of a growth; [`arrival`]: the errors of the tip at the goal; [`plan_deviation`]: the
 //!   distance of the body from its plan; [`clock_drift`]: the error of a board's clock; [`crash`]: a crash of the
 //!   firmware as JSON;
-//! - [`run_log`]: the log of a growth, with its events and its result; [`run_clock`]: the time since a growth began;
-//!   [`forecast`]: the expected finish time of a growth;
-//! - [`table`]: tables as CSV, JSON, text and HTML; [`figures`]: numbers as text;
+//! - [`run_log`]: the log of a growth, with its events and its result; [`replayed_body`]: the body of a log;
+//!   [`tracked_body`]: the body that a board reports; [`run_clock`]: the time since a growth began; [`forecast`]: the
+//!   expected finish time of a growth;
+//! - [`table`]: tables as CSV, JSON, text and HTML; [`figures`]: numbers as text; [`text_wrap`]: line breaks in texts;
 //! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`], [`remedy`], [`parallel`]: bounded reading,
 //!   atomic writing, text without control characters, suggestions for mistyped names, the user's directories, texts of
 //!   errors with remedies, and work on all cores.
 //!
-//! The feature `schema` derives JSON Schemas of plans, run logs and results.
+//! The feature `schema` derives JSON Schemas of robot files, plans, run logs and results. The feature `robot-editing` has
+//! the modules that keep the comments of robot files, and the feature `text-wrap` has [`text_wrap`].
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
 
+#[cfg(feature = "robot-editing")]
+pub mod annotated_robot;
 pub mod arrival;
 pub mod atomic_file;
 pub mod batch;
@@ -48,8 +53,13 @@ pub mod plan_deviation;
 pub mod plan_file;
 pub mod pose_text;
 pub mod remedy;
+pub mod replayed_body;
 pub mod robot_file;
 pub mod robot_kind;
+#[cfg(feature = "robot-editing")]
+pub mod robot_questions;
+#[cfg(feature = "schema")]
+pub mod robot_schema;
 pub mod run_clock;
 pub mod run_log;
 pub mod sanitize;
@@ -57,6 +67,9 @@ pub mod scene_planning;
 pub mod self_collision;
 pub mod suggest;
 pub mod table;
+#[cfg(feature = "text-wrap")]
+pub mod text_wrap;
+pub mod tracked_body;
 pub mod user_dirs;
 pub mod via_csv;
 pub mod warning;

@@ -140,7 +140,7 @@ fn without_unit(value: f64) -> Quantity {
 fn parse_decimal(number: &str, power: i32) -> Option<f64> {
     let parsed = parse_number(number)?;
     let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e{power}")) };
-    by_decimals.or(Some(parsed * 10_f64.powi(power)))
+    by_decimals.or(Some(parsed * libm::pow(10.0, f64::from(power))))
 }
 
 /// Splits a text into its values: at commas, or else at spaces, before which a unit may stand apart from its number.

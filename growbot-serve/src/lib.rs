@@ -23,8 +23,9 @@
 //!   `notification_queue` stores them, and `notifier` sends them.
 //! - [`client`] is the client of the user's socket.
 //! - [`watch`] is the live page of one growth, which also a program without a service shows.
-//! - [`ownership`] finds files and folders that another user can change, and [`settings_paths`] resolves the paths of a
-//!   settings file.
+//! - [`settings`] reads the settings files, `growbot.toml`, of which one part is for all commands and the other for the
+//!   service. [`ownership`] finds files and folders that another user can change, and [`settings_paths`] resolves the
+//!   paths of a settings file. [`known_ports`] lists the ports at which robots are, or may be.
 //!
 //! Warnings of the service go to the `log` crate.
 #![forbid(unsafe_code)]
@@ -55,6 +56,7 @@ mod job_run;
 pub mod job_store;
 mod job_updates;
 mod json_body;
+pub mod known_ports;
 mod limits;
 pub mod notification;
 mod notification_queue;
@@ -81,6 +83,7 @@ pub mod server;
 mod server_error;
 mod service;
 mod service_context;
+pub mod settings;
 pub mod settings_paths;
 mod state_lock;
 mod stop_file;

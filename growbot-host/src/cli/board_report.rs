@@ -4,9 +4,9 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::status::{ConnectionState, FaultStatus, ImageStatus, RobotStatus, SensorStatus};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_core::link::message::{BoardInfo, Refusal};
-use growbot_host::crash::{CrashReport, FirmwareImage};
 use growbot_plan::forecast::Forecast;
 use growbot_plan::robot_file;
+use growbot_sim::crash::{CrashReport, FirmwareImage};
 use time::OffsetDateTime;
 
 use super::failure::Failure;

@@ -9,7 +9,7 @@ use clap::{Args, Command};
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
-use growbot_host::settings::{self, InvalidFiles, SettingOrigin};
+use growbot_serve::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 use growbot_sim::sim_daemon::StateDir;
 

@@ -5,11 +5,10 @@ use std::fmt::Display;
 use std::process::ExitCode;
 
 use growbot_client::client::{ClientError, has_commanded_board};
+use growbot_client::commissioning_report::ReportError;
 use growbot_client::port::PortError;
-use growbot_host::crash::ImageError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
-use growbot_host::settings::SettingsError;
 use growbot_pictures::drawing::png::PngError;
 use growbot_pictures::export::mesh::MeshError;
 use growbot_pictures::view::ViewError;
@@ -21,7 +20,9 @@ use growbot_plan::robot_file::RobotFileError;
 use growbot_plan::run_log::{ReadRunLogError, RunLogError};
 use growbot_plan::scene_planning::SceneCheckError;
 use growbot_scene::scene_file::SceneError;
+use growbot_serve::settings::SettingsError;
 use growbot_serve::watch::WatchError;
+use growbot_sim::crash::ImageError;
 use growbot_sim::port::OpenError;
 use growbot_sim::sim_daemon::SimDaemonError;
 use growbot_sim::sim_daemon::process::SimProcessError;
@@ -131,6 +132,7 @@ bad_input!(
     PngError,
     PortError,
     ReadRunLogError,
+    ReportError,
     RunLogError,
     SceneCheckError,
     SceneError,

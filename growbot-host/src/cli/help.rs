@@ -1,7 +1,7 @@
 //! The help of the command line: commands in groups, and examples before options.
 
 use clap::Command;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 
 /// Commands by what users want to do.
 const GROUPS: [(&str, &[&str]); 6] = [

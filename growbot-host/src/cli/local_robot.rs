@@ -7,10 +7,10 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget};
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
-use growbot_host::crash::FirmwareImage;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
+use growbot_sim::crash::FirmwareImage;
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 

@@ -11,8 +11,6 @@ mod configure;
 mod console;
 mod disturbance;
 mod doctor;
-#[cfg(test)]
-mod documents;
 mod estop;
 mod export;
 mod failure;
@@ -63,6 +61,8 @@ mod status;
 mod status_text;
 mod stop;
 mod terminal_commands;
+#[cfg(test)]
+mod tests;
 mod tune;
 mod typed_answer;
 mod uf2_drive;
@@ -154,7 +154,7 @@ pub fn run() -> ExitCode {
         }
         Err(error) => return estop::usage_error(&error, &Cli::command()),
     };
-    if let Err(error) = growbot_host::settings::check_environment() {
+    if let Err(error) = growbot_serve::settings::check_environment() {
         // A variable that growbot does not read must not prevent a robot from stopping.
         if !matches!(cli.command, Some(CliCommand::Estop(_) | CliCommand::Stop(_))) {
             return Failure::from(error).report();

@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use growbot_host::messages::print_prompt as ask_line;
 use growbot_host::output::{is_standard_output, print, write_to};
-use growbot_host::robot_questions::{ASKED_FIELDS, Draft, NAME, NO_LIMIT, UNLIMITED};
-use growbot_host::schema;
 use growbot_plan::atomic_file::format_from_extension;
 use growbot_plan::input::is_standard_input;
 use growbot_plan::robot_file;
+use growbot_plan::robot_questions::{ASKED_FIELDS, Draft, NAME, NO_LIMIT, UNLIMITED};
+use growbot_plan::robot_schema;
 use serde_json::Value;
 
 use super::failure::Failure;
@@ -126,7 +126,7 @@ struct Interview<'a> {
 
 /// Goes through all questions. Returns the fields for which the user typed more than Enter.
 fn ask(draft: &mut Draft) -> Result<Vec<&'static str>, Failure> {
-    let schema = schema::robot_file_schema_without_bounds();
+    let schema = robot_schema::robot_file_schema_without_bounds();
     let answers = AnswerReader { ended: false, is_interactive: io::stdin().is_terminal() };
     let mut asking = Interview { draft, given: Vec::new(), before: Vec::new(), answers };
     // Section whose remaining questions are skipped.
@@ -164,9 +164,9 @@ fn section(path: &'static str) -> &'static str {
 }
 
 fn ask_for(path: &str, proposed: Option<&str>, schema: &Value) {
-    let words: Vec<&str> = schema::choices(schema, path).iter().map(|(word, _)| *word).collect();
+    let words: Vec<&str> = robot_schema::choices(schema, path).iter().map(|(word, _)| *word).collect();
     let words = if words.is_empty() { String::new() } else { format!(" ({})", words.join(", ")) };
-    ask_line(format_args!("{}", schema::meaning(schema, path)));
+    ask_line(format_args!("{}", robot_schema::meaning(schema, path)));
     match proposed {
         Some(proposed) => ask_line(format_args!("  {path}{words} [{}]:", in_brackets(proposed))),
         None => ask_line(format_args!("  {path}{words} (no value fits the previous answers, type {BACK}):")),

@@ -15,7 +15,7 @@ use serde_json::Value;
 use super::failure::Failure;
 use super::remedies;
 
-/// Returns an error if there is no such file and its name is a pose, which users type in place of a plan.
+/// Returns an error if the file does not exist and its name is a pose, which users type in place of a plan.
 pub fn refuse_pose(file: &Path) -> Result<(), Failure> {
     match file.to_str() {
         Some(pose) if !file.exists() && parse_goal(pose).is_ok() => Err(Failure::bad_input(format!(

@@ -7,11 +7,11 @@ use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_host::clock_text::clock_text;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_pictures::duration::duration_text;
 use growbot_plan::degrees::{shortest_degrees, shortest_heading};
 use growbot_plan::figures::direction_text;
 use growbot_plan::plan::{Plan, SceneClearance, SearchSummary, path_type};
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use time::{Duration, OffsetDateTime};
 
 use super::remedies;

@@ -3,10 +3,11 @@
 use clap::Args;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
+use growbot_serve::known_ports::known_ports;
 use serde_json::json;
 
 use super::failure::Failure;
-use super::known_robots::known_ports;
+use super::known_robots::service_robots;
 
 /// List robots and serial devices: names for --port
 ///
@@ -22,7 +23,7 @@ pub struct PortsArgs {
 
 /// Runs the command.
 pub fn run(args: &PortsArgs) -> Result<(), Failure> {
-    let ports = known_ports()?;
+    let ports = known_ports(service_robots())?;
     if args.json {
         return Ok(print(&json_line(&json!({ "ports": ports })))?);
     }

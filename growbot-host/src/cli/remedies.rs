@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::error::Error;
 
 use growbot_client::client::{ClientError, SEND_DESCRIPTION, StopOutcome};
+use growbot_client::commissioning_report::ReportError;
 use growbot_client::growth::GrowthError;
 use growbot_client::maintenance::MaintenanceError;
 use growbot_client::port::PortError;
@@ -65,6 +66,7 @@ fn name_options(error: &(dyn Error + 'static), text: String) -> String {
         }
         _ if error.is::<LockError>() => ("a service", "`growbot serve`"),
         _ if error.is::<PathTooLong>() => ("the maximum length", "--max-length"),
+        _ if error.is::<ReportError>() => ("report of the commissioning", "report of growbot doctor"),
         _ if error.is::<SimDaemonError>() => ("the robot description", "--robot"),
         _ => return text,
     };
@@ -92,6 +94,7 @@ fn remedy(error: &(dyn Error + 'static)) -> Cow<'static, str> {
         of_plan_file,
         of_port,
         of_read_log,
+        of_report,
         of_scene_check,
         of_server,
         of_simulated_robot,
@@ -220,6 +223,10 @@ fn of_read_log(error: &ReadRunLogError) -> &'static str {
         ReadRunLogError::Header { .. } => ": give a file that `growbot grow --log` wrote",
         _ => "",
     }
+}
+
+fn of_report(_: &ReportError) -> &'static str {
+    " with -o"
 }
 
 fn of_scene_check(error: &SceneCheckError) -> &'static str {

@@ -3,22 +3,16 @@
 use std::path::{Path, PathBuf};
 
 use clap::Args;
-use growbot_core::angle::degrees;
-use growbot_core::layer::{Layer, grow};
-use growbot_core::layer_bytes::decode;
 use growbot_host::output::print;
 use growbot_plan::arrival::Arrival;
 use growbot_plan::clock_drift::ClockDrift;
-use growbot_plan::degrees::degrees_below_turn;
-use growbot_plan::feedback::FeedbackReport;
 use growbot_plan::figures::{direction_text, fixed};
-use growbot_plan::growth_report::{MeasuredBy, as_built_hash};
+use growbot_plan::growth_report::as_built_hash;
 use growbot_plan::job::Job;
-use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::format_hash;
-use growbot_plan::run_log::{ArrivalJson, FeedbackResult, GrowthResult, RecordedRun};
+use growbot_plan::replayed_body::{Arrivals, ReplayedBody, ReplayedFeedback};
+use growbot_plan::run_log::RecordedRun;
 use growbot_plan::sanitize::json_line;
-use growbot_plan::table::{NumberFormat, Table};
 
 use super::failure::Failure;
 use super::growth_table::deviates;
@@ -62,171 +56,73 @@ pub fn run(args: &ReplayArgs) -> Result<(), Failure> {
     Ok(print(&if args.json {
         json_line(&replayed.result(&arrivals, fed_back.as_ref()))
     } else {
-        replayed.text(&arrivals, fed_back.as_ref())
+        text(&replayed, &arrivals, fed_back.as_ref())
     })?)
 }
 
 /// Returns a text of a few lines about the body of a log.
 pub fn text_of(record: &RecordedRun) -> Result<String, Failure> {
     let replayed = ReplayedBody::of(record);
-    Ok(replayed.text(&replayed.arrivals()?, None))
+    Ok(text(&replayed, &replayed.arrivals()?, None))
 }
 
-/// The body that is rebuilt from a run log.
-struct ReplayedBody<'a> {
-    record: &'a RecordedRun,
-    /// Layers that follow from the steps of the board's motors.
-    commanded: Vec<Layer>,
-    /// Layers of the plastic of a simulated tip. `None` if the log does not contain them.
-    simulated: Option<Vec<Layer>>,
+/// Returns the result as a few lines of text.
+fn text(replayed: &ReplayedBody, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> String {
+    let record = replayed.record;
+    let remark = if record.is_simulated() { ", simulated" } else { "" };
+    let plan_id = format_hash(record.plan_id);
+    let mut text = format!("run       {}, plan {plan_id}, robot {}{remark}\n", record.outcome(), record.robot.name);
+    if let Some(drift) = record.clock_drift() {
+        text += &format!("clock     {drift}; {}\n", ClockDrift::REMEDY);
+    }
+    text += &format!(
+        "body      {} layers of {}, {:.1} mm, as built {}\n",
+        replayed.body().len(),
+        record.total,
+        replayed.length_mm(),
+        format_hash(as_built_hash(&record.as_built))
+    );
+    let by = match &arrivals.commanded {
+        Some(_) => ", laid (simulated)",
+        None if record.is_simulated() => ", commanded (simulated)",
+        None if feedback.is_some() => ", from the steps",
+        None => "",
+    };
+    text += &arrived("final", &arrivals.body, by);
+    if let Some(commanded) = &arrivals.commanded {
+        text += &arrived("commanded", commanded, ", from the steps");
+    }
+    if let Some(ReplayedFeedback { fed_back, plan }) = feedback {
+        text += &arrived("estimate", &fed_back.arrival(plan), ", from feedback");
+    }
+    text += &record.result.as_ref().and_then(|logged| logged.plan_deviation.as_ref()).map(deviates).unwrap_or_default();
+    text + &cautions(record)
 }
 
-/// Final poses of the body.
-struct Arrivals {
-    /// Final pose of the body: as laid on a simulated tip, or else as commanded.
-    body: Arrival,
-    /// Final pose of the commanded body. `None` if the log does not contain the layers as laid on a simulated tip.
-    commanded: Option<Arrival>,
-}
-
-/// Result of feedback, and the plan that it followed.
-struct ReplayedFeedback {
-    fed_back: FeedbackReport,
-    plan: Plan,
-}
-
-impl<'a> ReplayedBody<'a> {
-    fn of(record: &'a RecordedRun) -> Self {
-        let commanded = record.commanded().map(|layer| decode(&layer)).collect();
-        Self { record, commanded, simulated: record.simulated() }
-    }
-
-    fn body(&self) -> &[Layer] {
-        self.simulated.as_ref().unwrap_or(&self.commanded)
-    }
-
-    fn length_mm(&self) -> f64 {
-        self.body().iter().fold(0.0, |length, layer| length + layer.height)
-    }
-
-    fn arrivals(&self) -> Result<Arrivals, Failure> {
-        let (start, goal) = self.record.start_and_goal()?;
-        let path_length = self.record.plan.length_mm;
-        let end_of = |body: &[Layer]| Arrival::of(&grow(&start.frame(), body.iter().copied()), &goal, path_length);
-        let commanded = self.simulated.is_some().then(|| end_of(&self.commanded));
-        Ok(Arrivals { body: end_of(self.body()), commanded })
-    }
-
-    /// Returns the result of the growth. Pose, layers and length are those of the rebuilt body, and the rest is from
-    /// the result in the log.
-    fn result(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> GrowthResult {
-        let record = self.record;
-        let logged = record.result.as_ref();
-        GrowthResult {
-            outcome: record.outcome(),
-            simulated: record.is_simulated(),
-            error: logged.and_then(|logged| logged.error.clone()),
-            fault: logged.and_then(|logged| logged.fault.clone()),
-            clock_drift: record.clock_drift(),
-            arrival: Some((&arrivals.body).into()),
-            layers: self.body().len(),
-            length_mm: self.length_mm(),
-            seed: logged.and_then(|logged| logged.seed),
-            measured_by: Some(if self.simulated.is_some() { MeasuredBy::Tip } else { MeasuredBy::Steps }),
-            feedback: feedback.map(|feedback| FeedbackResult::new(&feedback.fed_back, &feedback.plan, None)),
-            plan_deviation: logged.and_then(|logged| logged.plan_deviation),
-            scene: logged.and_then(|logged| logged.scene.clone()),
-            warnings: logged.map_or_else(Vec::new, |logged| logged.warnings.clone()),
-            duration_s: logged.and_then(|logged| logged.duration_s),
-            filament_mm: logged.and_then(|logged| logged.filament_mm),
-            plan_id: Some(record.plan_id),
-            as_built_hash: Some(as_built_hash(&record.as_built)),
-            unknown_layers: record.unknown_layers(),
-            interrupted: logged.and_then(|logged| logged.interrupted),
-            commanded: arrivals.commanded.as_ref().map(ArrivalJson::from),
-            skipped_lines: Some(record.damage.lines),
-            log_lines_missing: logged.and_then(|logged| logged.log_lines_missing),
-        }
-    }
-
-    /// Returns the result as a few lines of text.
-    fn text(&self, arrivals: &Arrivals, feedback: Option<&ReplayedFeedback>) -> String {
-        let record = self.record;
-        let remark = if record.is_simulated() { ", simulated" } else { "" };
-        let plan_id = format_hash(record.plan_id);
-        let mut text = format!("run       {}, plan {plan_id}, robot {}{remark}\n", record.outcome(), record.robot.name);
-        if let Some(drift) = record.clock_drift() {
-            text += &format!("clock     {drift}; {}\n", ClockDrift::REMEDY);
-        }
+/// Returns warnings about the unknown parts of the body.
+fn cautions(record: &RecordedRun) -> String {
+    let mut text = String::new();
+    let (unknown, lost) = (record.unknown_layers(), record.lost.len());
+    if unknown > lost {
+        let kept = unknown - lost;
         text += &format!(
-            "body      {} layers of {}, {:.1} mm, as built {}\n",
-            self.body().len(),
-            record.total,
-            self.length_mm(),
-            format_hash(as_built_hash(&record.as_built))
+            "caution   {kept} layers were interrupted and kept as they are; this result counts them as planned\n"
         );
-        let by = match &arrivals.commanded {
-            Some(_) => ", laid (simulated)",
-            None if record.is_simulated() => ", commanded (simulated)",
-            None if feedback.is_some() => ", from the steps",
-            None => "",
-        };
-        text += &arrived("final", &arrivals.body, by);
-        if let Some(commanded) = &arrivals.commanded {
-            text += &arrived("commanded", commanded, ", from the steps");
-        }
-        if let Some(ReplayedFeedback { fed_back, plan }) = feedback {
-            text += &arrived("estimate", &fed_back.arrival(plan), ", from feedback");
-        }
+    }
+    if lost > 0 {
         text +=
-            &record.result.as_ref().and_then(|logged| logged.plan_deviation.as_ref()).map(deviates).unwrap_or_default();
-        text + &self.cautions()
+            &format!("caution   the run log lacks the lines of {lost} layers; this result counts them as planned\n");
     }
-
-    /// Returns warnings about the unknown parts of the body.
-    fn cautions(&self) -> String {
-        let record = self.record;
-        let mut text = String::new();
-        let (unknown, lost) = (record.unknown_layers(), record.lost.len());
-        if unknown > lost {
-            let kept = unknown - lost;
+    match record.missing_simulated_layers() {
+        0 => {}
+        layers => {
             text += &format!(
-                "caution   {kept} layers were interrupted and kept as they are; this result counts them as planned\n"
+                "caution   the run log lacks the positions of {layers} layers; this result counts them as \
+                 commanded\n"
             );
         }
-        if lost > 0 {
-            text += &format!(
-                "caution   the run log lacks the lines of {lost} layers; this result counts them as planned\n"
-            );
-        }
-        match record.missing_simulated_layers() {
-            0 => {}
-            layers => {
-                text += &format!(
-                    "caution   the run log lacks the positions of {layers} layers; this result counts them as \
-                     commanded\n"
-                );
-            }
-        }
-        text
     }
-
-    /// Returns the layers as CSV. On a simulated tip, the commanded layers are beside them.
-    fn layers_table(&self) -> String {
-        let values = |layer: &Layer| [degrees_below_turn(layer.alpha), layer.height, degrees(layer.tilt)];
-        let mut table = Table::new(NumberFormat::Plain)
-            .column("layer", |(index, _): &(usize, &Layer)| *index)
-            .columns(["alpha_deg", "height_mm", "tilt_deg"], move |(_, layer)| values(layer));
-        if self.simulated.is_some() {
-            let names = ["commanded_alpha_deg", "commanded_height_mm", "commanded_tilt_deg"];
-            // The layer under way was not finished, so it has no commanded values.
-            table = table.columns(names, move |(index, _)| {
-                let values = self.commanded.get(*index).map(values);
-                [0, 1, 2].map(|column| values.map(|values| values[column]))
-            });
-        }
-        table.csv(self.body().iter().enumerate())
-    }
+    text
 }
 
 /// Returns the result of feedback with its plan. `None` if the growth had no feedback. If no robot is given and the

@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use clap::Args;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_core::robot::Robot;
-use growbot_host::settings::{InvalidFiles, Key, Setting};
 use growbot_plan::robot_file;
+use growbot_serve::settings::{InvalidFiles, Key, Setting};
 
 use super::failure::Failure;
 use super::settings;

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
 use growbot_core::link::message::HostSilencePolicy;
-use growbot_host::crash::FirmwareImage;
 use growbot_plan::robot_kind::RobotKind;
+use growbot_sim::crash::FirmwareImage;
 
 use super::board_report::BoardReport;
 use super::failure::Failure;

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
-use growbot_host::annotated_robot::{AnnotatedField, AnnotatedRobot};
 use growbot_host::output::{is_standard_output, print};
-use growbot_host::robot_questions::{NO_LIMIT, UNLIMITED};
-use growbot_host::schema;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::annotated_robot::{AnnotatedField, AnnotatedRobot};
 use growbot_plan::robot_file;
+use growbot_plan::robot_questions::{NO_LIMIT, UNLIMITED};
+use growbot_plan::robot_schema;
 use growbot_plan::sanitize::json_line;
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use serde_json::{Value, json};
 
 use super::failure::Failure;
@@ -40,7 +40,7 @@ pub struct RobotsArgs {
 /// Runs the command.
 pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
     let text = match (&args.robot, args.json) {
-        _ if args.schema => format!("{:#}\n", schema::robot_file_schema()),
+        _ if args.schema => format!("{:#}\n", robot_schema::robot_file_schema()),
         (None, true) => {
             let robots: Result<Vec<Value>, Failure> =
                 robot_file::names().map(|name| Ok(overview(&AnnotatedRobot::load(Path::new(name))?))).collect();
@@ -183,7 +183,7 @@ fn wires(robot: &Robot) -> String {
     text
 }
 
-/// Returns a table of the materials of a robot file. Empty if there are none.
+/// Returns a table of the materials of a robot file. Empty for a file without materials.
 fn materials(name_or_file: &Path) -> Result<String, Failure> {
     // Standard input has been read already.
     if is_standard_output(name_or_file) {

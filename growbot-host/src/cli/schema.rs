@@ -2,7 +2,8 @@
 
 use clap::{Args, ValueEnum};
 use growbot_host::output::print;
-use growbot_host::schema::{formats, robot_file_schema};
+use growbot_host::schema;
+use growbot_plan::robot_schema::robot_file_schema;
 
 use super::failure::Failure;
 
@@ -42,13 +43,13 @@ enum SchemaKind {
 pub fn run(args: &SchemaArgs) -> Result<(), Failure> {
     let schema = match args.kind {
         SchemaKind::Robot => robot_file_schema(),
-        SchemaKind::Plan => formats::plan_schema(),
-        SchemaKind::Scene => formats::scene_schema(),
-        SchemaKind::Run => formats::run_event_schema(),
-        SchemaKind::Result => formats::result_schema(),
-        SchemaKind::Status => formats::status_schema(),
-        SchemaKind::Notification => formats::notice_schema(),
-        SchemaKind::Settings => formats::settings_schema(),
+        SchemaKind::Plan => schema::plan_schema(),
+        SchemaKind::Scene => schema::scene_schema(),
+        SchemaKind::Run => schema::run_event_schema(),
+        SchemaKind::Result => schema::result_schema(),
+        SchemaKind::Status => schema::status_schema(),
+        SchemaKind::Notification => schema::notice_schema(),
+        SchemaKind::Settings => schema::settings_schema(),
     };
     Ok(print(&format!("{schema:#}\n"))?)
 }

@@ -9,10 +9,10 @@ use std::sync::Arc;
 
 use clap::Args;
 use growbot_host::output::print;
-use growbot_host::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
 use growbot_serve::config::{PRACTICE, RobotEntry, practice};
 use growbot_serve::page_listener::take_handed_over;
 use growbot_serve::server::Server;
+use growbot_serve::settings::{InvalidFiles, Key, ServiceSettings, Setting, SettingOrigin, load_service};
 use growbot_serve::{Service, ServicePaths};
 use rustix::fs::Mode;
 use rustix::process::umask;

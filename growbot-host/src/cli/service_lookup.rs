@@ -4,8 +4,8 @@ use std::sync::Once;
 use std::time::Duration;
 
 use growbot_client::status::RobotStatus;
-use growbot_host::settings::{self, InvalidFiles, SettingsError};
 use growbot_serve::client::ServiceClient;
+use growbot_serve::settings::{self, InvalidFiles, SettingsError};
 
 use super::remedies;
 

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use clap::Args;
 use growbot_host::output::print;
-use growbot_host::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, load_service, nearest, user_file};
 use growbot_plan::sanitize::json_line;
+use growbot_serve::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, load_service, nearest, user_file};
 use serde_json::{Map, Value, json};
 
 use super::failure::Failure;

@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use clap::Args;
-use growbot_host::crash::FirmwareImage;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
+use growbot_sim::crash::FirmwareImage;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;

@@ -3,9 +3,14 @@
 //!
 //! The physics and the loop are in growbot-core ([`growbot_core::simulation`]). This module applies them to a plan
 //! ([`Simulation`]). [`campaign`] repeats them with many seeds, and [`statistics`] summarizes the results.
+//! [`json`] has both as JSON, with the errors of the simulation ([`disturbance_report`]), and
+//! [`samples_table`] has a row for each growth.
 
 pub mod campaign;
+pub mod disturbance_report;
+pub mod json;
 pub mod obstacles;
+pub mod samples_table;
 pub mod statistics;
 
 use growbot_core::angle::wrap_positive;

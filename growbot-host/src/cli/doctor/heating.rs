@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
+use growbot_client::commissioning_report::Finding;
 use growbot_core::link::message::{Fault, MaintenanceTask, State, Status, celsius};
 use growbot_host::note;
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, OperatorAnswer};
-use super::report::Finding;
 use super::session::{DoctorSession, describe};
 use crate::cli::failure::Failure;
 

@@ -1,9 +1,9 @@
 //! Checks of the board's measurements while nothing heats or moves.
 
+use growbot_client::commissioning_report::{Finding, StepOutcome};
 use growbot_core::link::message::{SensorReadings, State, celsius};
 use growbot_sim::tip::manual_action::ManualAction;
 
-use super::report::Finding;
 use super::session::{DoctorSession, WATCH};
 use crate::cli::failure::Failure;
 
@@ -152,7 +152,7 @@ pub fn emergency_stop(session: &mut DoctorSession) -> Result<Finding, Failure> {
     };
     let found = switch.run(session)?;
     session.act(ManualAction::PressEmergencyStop(false));
-    if found.outcome != super::report::StepOutcome::Passed {
+    if found.outcome != StepOutcome::Passed {
         return Ok(found);
     }
     let state = session.sample()?.status.state;

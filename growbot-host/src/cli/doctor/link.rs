@@ -1,9 +1,9 @@
 //! Checks of the board itself: link, firmware and robot description.
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::commissioning_report::Finding;
 use growbot_core::link::message::{BootReport, ImageCheck, Refusal};
 
-use super::report::Finding;
 use super::session::{DoctorSession, describe};
 use crate::cli::board_report::{described, is_configured};
 use crate::cli::failure::Failure;

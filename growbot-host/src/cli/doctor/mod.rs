@@ -1,6 +1,7 @@
 //! `growbot doctor`: guides the user through the commissioning of a new robot, and records findings and answers.
 //!
-//! - `session` has the board, the person and the report, `answers` the person's input, and `report` the file.
+//! - `session` has the board, the person and the report, `answers` the person's input, and `summary` the
+//!   text of the findings.
 //! - `link`, `inputs`, `motors` and `heating` have the steps, in their order.
 
 mod answers;
@@ -8,8 +9,8 @@ mod heating;
 mod inputs;
 mod link;
 mod motors;
-mod report;
 mod session;
+mod summary;
 #[cfg(test)]
 mod tests;
 
@@ -17,14 +18,15 @@ use std::io::{self, IsTerminal};
 use std::path::{Path, PathBuf};
 
 use clap::Args;
+use growbot_client::commissioning_report::{CommissioningReport, Finding, StepOutcome};
 use growbot_host::note;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
 use growbot_sim::port::TipSettings;
 
 use self::answers::OperatorInput;
-use self::report::{CommissioningReport, Finding, StepOutcome};
 use self::session::DoctorSession;
+use self::summary::{Summary, line};
 use super::failure::Failure;
 use super::find_robot::robot_at;
 use super::interrupt::stop_on_interrupt;
@@ -166,7 +168,7 @@ fn commission(
             && !manner.again
             && let Some(time) = report.passed_at(step.name)
         {
-            manner.print(&Finding::passed(format!("before, {time}")).line(step.name))?;
+            manner.print(&line(&Finding::passed(format!("before, {time}")), step.name))?;
             continue;
         }
         session.recorded_answers.clear();
@@ -175,7 +177,7 @@ fn commission(
             Ok(finding) => (finding, None),
             Err(failure) => (Finding::not_done(failure.message()), Some(failure)),
         };
-        manner.print(&finding.line(step.name))?;
+        manner.print(&line(&finding, step.name))?;
         let ends = step.gates && finding.outcome == StepOutcome::Failed;
         report.add(step.name, finding, std::mem::take(&mut session.recorded_answers));
         manner.save(report)?;
@@ -198,13 +200,13 @@ impl RunOptions<'_> {
     }
 
     fn save(self, report: &CommissioningReport) -> Result<(), Failure> {
-        self.file.map_or(Ok(()), |file| report.write(file))
+        Ok(self.file.map_or(Ok(()), |file| report.write(file))?)
     }
 }
 
 /// Prints the summary and the next command. Returns an error if a step failed or was not done.
 fn conclude(report: &CommissioningReport, manner: RunOptions, port: &SelectedPort) -> Result<(), Failure> {
-    let summary = report.summary(&STEPS.map(|step| step.name));
+    let summary = Summary::new(report, &STEPS.map(|step| step.name));
     manner.print(&format!("\n{summary}"))?;
     if let Some(file) = manner.file {
         note!("report written to {}", file.display());

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
+use growbot_client::commissioning_report::Finding;
 use growbot_core::link::message::MaintenanceTask;
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, OperatorAnswer};
-use super::report::Finding;
 use super::session::{DoctorSession, describe};
 use crate::cli::failure::Failure;
 

@@ -4,18 +4,17 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::commissioning_report::RecordedAnswer;
 use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{Fault, MaintenanceTask, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
 use growbot_host::messages::print_prompt as ask_line;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::sanitize::one_line;
+use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use growbot_sim::simulated_tip::SimulatedTip;
 use growbot_sim::tip::manual_action::ManualAction;
 
 use super::answers::{AnswerKind, AnswerReadError, OperatorAnswer, OperatorInput};
-use super::report::{RecordedAnswer, now};
 use crate::cli::failure::Failure;
 use crate::cli::remedies;
 
@@ -62,8 +61,7 @@ impl DoctorSession {
                 }
                 Err(why) => return Err(Failure::bad_input(why)),
             };
-            let typed = one_line(line.trim()).into_owned();
-            self.recorded_answers.push(RecordedAnswer { question: question.to_owned(), answer: typed, utc: now() });
+            self.recorded_answers.push(RecordedAnswer::new(question, line.trim()));
             return match answer {
                 OperatorAnswer::Skip => Ok(None),
                 OperatorAnswer::Quit => {

@@ -113,7 +113,7 @@ fn a_good_robot_passes_every_step() {
         let (outcome, text) = bench.step(step.name);
         assert_eq!(outcome, StepOutcome::Passed, "{}: {text}", step.name);
     }
-    let summary = bench.report.summary(&STEPS.map(|step| step.name));
+    let summary = Summary::new(&bench.report, &STEPS.map(|step| step.name));
     assert!(summary.is_good());
     let answers: usize = bench.report.json()["steps"].as_array().unwrap().iter().map(answers_of).sum();
     assert_eq!(answers, GOOD.len());
@@ -127,7 +127,7 @@ fn answers_of(step: &serde_json::Value) -> usize {
 fn steps_can_be_skipped() {
     let mut bench = Bench::new(&["skip"; 9]);
     assert!(bench.run().is_ok());
-    assert!(bench.report.summary(&STEPS.map(|step| step.name)).is_good());
+    assert!(Summary::new(&bench.report, &STEPS.map(|step| step.name)).is_good());
     assert_eq!(bench.step("nozzle").0, StepOutcome::Skipped);
     assert!(bench.sim.borrow_mut().simulated_tip().nozzle_c() < 30.0);
 }
@@ -246,7 +246,7 @@ fn steps_after_the_end_of_input_are_not_done() {
     let Err(failure) = bench.run() else { panic!("it has not ended") };
     assert!(!failure.is_bad_input() && failure.message().contains("give a line for each"), "{}", failure.message());
     assert_eq!((bench.step("index").0, bench.step("filament").0), (StepOutcome::Passed, StepOutcome::NotDone));
-    assert!(!bench.report.summary(&STEPS.map(|step| step.name)).is_good());
+    assert!(!Summary::new(&bench.report, &STEPS.map(|step| step.name)).is_good());
 }
 
 #[test]
@@ -301,7 +301,7 @@ fn a_report_is_continued_where_it_ended() {
     let mut rest = Bench::new(&GOOD[6..]);
     rest.report = report;
     assert!(rest.run().is_ok());
-    assert!(rest.report.summary(&STEPS.map(|step| step.name)).is_good());
+    assert!(Summary::new(&rest.report, &STEPS.map(|step| step.name)).is_good());
 }
 
 #[test]
@@ -326,12 +326,12 @@ fn a_changed_description_repeats_the_gating_steps() {
     let (passed, not_done) = (StepOutcome::Passed, StepOutcome::NotDone);
     assert_eq!((gates, outcomes), (4, [passed, passed, not_done, not_done, not_done]));
     assert!(again.step("nozzle").1.contains(&format!("another robot description ({hash}")));
-    assert!(!again.report.summary(&STEPS.map(|step| step.name)).is_good());
+    assert!(!Summary::new(&again.report, &STEPS.map(|step| step.name)).is_good());
 
     let mut rest = Bench::of(edited, &["", "", "yes", "yes", ""]);
     rest.report = again.report;
     assert!(rest.run().is_ok());
-    assert!(rest.report.summary(&STEPS.map(|step| step.name)).is_good());
+    assert!(Summary::new(&rest.report, &STEPS.map(|step| step.name)).is_good());
 }
 
 #[test]
@@ -345,7 +345,10 @@ fn invalid_reports_are_refused() {
         "{\"format\":\"growbot-doctor/2\",\"robot\":\"a\",\"port\":\"\",\"simulated\":false,\"steps\":[]}",
     ] {
         std::fs::write(&file, text).unwrap();
-        let Err(failure) = CommissioningReport::open(&file) else { panic!("it was not refused") };
-        assert!(failure.is_bad_input() && failure.message().contains("name another file"), "{}", failure.message());
+        let Err(error) = CommissioningReport::open(&file) else { panic!("it was not refused") };
+        let failure = Failure::from(error);
+        let message = failure.message();
+        assert!(failure.is_bad_input() && message.contains("as a report of growbot doctor: "), "{message}");
+        assert!(message.ends_with("; name another file with -o"), "{message}");
     }
 }

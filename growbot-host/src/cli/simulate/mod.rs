@@ -1,8 +1,6 @@
 //! `growbot simulate`: simulates growths with errors, without a robot, in open or closed loop, once or many times.
 
 mod body_file;
-mod disturbances;
-mod json;
 mod samples;
 mod table;
 
@@ -21,10 +19,10 @@ use growbot_plan::plan_deviation::{PlanDeviation, centreline};
 use growbot_plan::sanitize::json_line;
 use growbot_plan::warning::Warning;
 use growbot_sim::simulation::campaign::Campaign;
+use growbot_sim::simulation::disturbance_report::DisturbanceReport;
+use growbot_sim::simulation::json::{SimulatedCampaign, SimulatedGrowth};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use self::disturbances::DisturbanceReport;
-use self::json::{SimulatedCampaign, SimulatedGrowth};
 use self::samples::Samples;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::failure::Failure;

@@ -5,20 +5,17 @@ use std::path::Path;
 
 use growbot_host::output::{OutputError, is_standard_output};
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension, refuse_inputs};
-use growbot_plan::table::{NumberFormat, Table, pose_columns};
+use growbot_plan::table::Table;
+use growbot_sim::simulation::samples_table::{SampleRow, samples_table};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
-use super::disturbances::DisturbanceReport;
 use crate::cli::failure::Failure;
 use crate::cli::growth_monitor::ResultFormat;
-
-/// A row of the table: the seed, and the growth.
-type Row = (u64, SimulationResult);
 
 /// The CSV table of simulated growths while it is written.
 pub struct Samples<'a> {
     file: BufWriter<Box<dyn Write + 'a>>,
-    table: Table<'static, Row>,
+    table: Table<'static, SampleRow>,
 }
 
 impl Samples<'_> {
@@ -60,7 +57,7 @@ impl Samples<'_> {
     }
 
     fn new<'a>(file: Box<dyn Write + 'a>, simulation: &Simulation) -> io::Result<Samples<'a>> {
-        let mut samples = Samples { file: BufWriter::new(file), table: table(simulation) };
+        let mut samples = Samples { file: BufWriter::new(file), table: samples_table(simulation) };
         samples.file.write_all(samples.table.csv_header().as_bytes())?;
         Ok(samples)
     }
@@ -69,41 +66,4 @@ impl Samples<'_> {
     pub fn add(&mut self, seed: u64, outcome: &SimulationResult) -> io::Result<()> {
         self.file.write_all(self.table.csv_row(&(seed, *outcome)).as_bytes())
     }
-}
-
-/// Returns the table of growths. The endings `_mm` and `_deg` are units.
-fn table(simulation: &Simulation) -> Table<'static, Row> {
-    let [start, goal] = [simulation.start(), simulation.goal()].map(|pose| pose.to_degrees());
-    let path_length = simulation.path_length();
-    let mut table = Table::new(NumberFormat::Shortest)
-        .column("seed", |(seed, _): &Row| *seed)
-        .columns(pose_columns("start"), move |_| start)
-        .columns(pose_columns("goal"), move |_| goal)
-        .columns(pose_columns("final"), |(_, outcome)| outcome.arrival.final_pose.to_degrees())
-        .column("layers", |(_, outcome)| outcome.grown.layers)
-        .column("length_mm", |(_, outcome)| outcome.grown.length)
-        .column("path_length_mm", move |_| path_length)
-        .column("position_error_mm", |(_, outcome)| outcome.arrival.position_error_mm)
-        .column("normalized_position_error", |(_, outcome)| outcome.arrival.normalized_position_error)
-        // A vertical pose has no heading.
-        .column("heading_error_deg", |(_, outcome)| outcome.arrival.heading_error_deg)
-        .column("pitch_error_deg", |(_, outcome)| outcome.arrival.pitch_error_deg)
-        .column("direction_error_deg", |(_, outcome)| outcome.arrival.direction_error_deg);
-    if simulation.sag {
-        table = table
-            .column("sag_mm", |(_, outcome)| outcome.sag.map(|sag| sag.deflection))
-            .column("root_stress_mpa", |(_, outcome)| outcome.sag.map(|sag| sag.root.stress))
-            .column("root_moment_n_mm", |(_, outcome)| outcome.sag.map(|sag| sag.root.moment));
-    }
-    if simulation.scene.is_some() {
-        // The contact is empty if the body touches nothing, and the pause if it does not pause.
-        table = table
-            .column("contact_at_mm", |(_, outcome)| outcome.obstacles?.contact.map(|contact| contact.at))
-            .column("clearance_mm", |(_, outcome)| outcome.obstacles.map(|report| report.clearance))
-            .column("detours", |(_, outcome)| outcome.obstacles.map(|report| f64::from(report.detours)))
-            .column("paused_at_mm", |(_, outcome)| outcome.obstacles?.paused.map(|paused| paused.at));
-    }
-    // The disturbances are the same in every row.
-    let (names, values): (Vec<_>, Vec<_>) = DisturbanceReport::of(simulation, 0).columns().into_iter().unzip();
-    table.columns(names, move |_| values.clone())
 }

@@ -5,12 +5,12 @@ use growbot_core::pose::Pose;
 use growbot_plan::figures::fixed;
 use growbot_plan::plan_deviation::PlanDeviation;
 use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics, WorstRun};
+use growbot_sim::simulation::disturbance_report::DisturbanceReport;
 use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 
 use super::super::growth_table::{arrived, deviates, row};
-use super::disturbances::DisturbanceReport;
 
 /// Returns the table of a growth: target and final pose, the error between them, and the body.
 pub fn growth(

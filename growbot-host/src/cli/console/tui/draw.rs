@@ -6,6 +6,7 @@ use growbot_host::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::sanitize::is_control;
+use growbot_plan::tracked_body::BodyPoint;
 use ratatui::Frame;
 use ratatui::layout::{Alignment, Constraint, Layout, Position, Rect};
 use ratatui::style::{Color, Modifier, Style};
@@ -15,7 +16,6 @@ use ratatui::widgets::canvas::{Canvas, Line as Stroke, Points};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
 use time::OffsetDateTime;
 
-use super::body::ScreenPoint;
 use super::keys::KEYS;
 use super::model::{ConsoleModel, explanation};
 use crate::cli::console::commands::hint;
@@ -256,7 +256,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
     let [left, right] = Layout::horizontal([Constraint::Fill(1), Constraint::Fill(1)]).areas(area);
     let points = || model.body.points().iter().chain(model.body.planned_points());
     let range = |axis: usize, seen: f64| {
-        let of = |point: &ScreenPoint| point.get(axis).copied().unwrap_or_default();
+        let of = |point: &BodyPoint| point.get(axis).copied().unwrap_or_default();
         points().map(of).fold((0.0, seen), |(a, b): (f64, f64), v| (a.min(v), b.max(v)))
     };
     let (x, y, z) = (range(0, 0.0), range(1, 0.0), range(2, MIN_SEEN_MM));
@@ -275,7 +275,7 @@ fn draw_body(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
             [low, low + scale * (dots - 1.0)]
         };
         let (wide, tall) = (bounds(range, dots(part.width, 2.0)), bounds(z, down));
-        let flat = |point: &ScreenPoint| (point.get(axis).copied().unwrap_or_default(), point[2]);
+        let flat = |point: &BodyPoint| (point.get(axis).copied().unwrap_or_default(), point[2]);
         let planned: Vec<(f64, f64)> = model.body.planned_points().iter().step_by(apart.max(1)).map(flat).collect();
         let built: Vec<(f64, f64)> = model.body.points().iter().map(flat).collect();
         let canvas = Canvas::default()

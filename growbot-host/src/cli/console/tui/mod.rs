@@ -8,7 +8,6 @@
 //! and the board computes the same plan to the same bits. So the board has all layers, and pauses after a layer if
 //! the console ends.
 
-mod body;
 mod draw;
 mod keys;
 mod model;
@@ -24,7 +23,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use body::TrackedBody;
 use crossterm::event::{self, Event, KeyEvent, KeyEventKind};
 use growbot_client::client::Client;
 use growbot_client::growth::GrowthRequest;
@@ -36,6 +34,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
+use growbot_plan::tracked_body::TrackedBody;
 use keys::Action;
 use model::ConsoleModel;
 use poller::{BoardPoller, SpeedChange};

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 use growbot_core::layer_bytes::decode;
 use growbot_core::link::message::{Fault, LayerLaid, Message, SensorReadings, State, Status};
 use growbot_core::robot::Robot;
+use growbot_plan::tracked_body::TrackedBody;
 
-use super::body::TrackedBody;
 use super::prompt::Prompt;
 use super::temperature_history::TemperatureHistory;
 use crate::cli::remedies;

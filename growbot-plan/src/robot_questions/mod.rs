@@ -6,11 +6,11 @@
 mod toml_values;
 
 use growbot_core::robot::{Robot, RobotError};
-use growbot_plan::robot_file::{self, RobotFileError};
 use toml_edit::{DocumentMut, Item, Value};
 use toml_values::{comment, look_up, look_up_mut, paths, remove, shown, trailing_comment};
 
 use crate::annotated_robot::{is_assumed, opening_comment};
+use crate::robot_file::{self, RobotFileError};
 
 /// Fields with a question, in the order of the questions. A field comes after the fields that limit it.
 pub const ASKED_FIELDS: [&str; 24] = [

@@ -7,8 +7,9 @@ use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
 use growbot_core::link::crash::{CrashRecord, CrashWords};
 use growbot_plan::crash::{Caller, CodeLocation, CrashJson, hex};
 use growbot_plan::input::{InputError, read_bytes};
-use growbot_sim::image_seal;
 use object::{Object, ObjectSection, SectionKind};
+
+use crate::image_seal;
 
 type DwarfSlice = EndianArcSlice<RunTimeEndian>;
 

@@ -1,17 +1,15 @@
-//! JSON Schemas of the files that growbot reads and writes. Editors use them to complete, explain and check.
+//! JSON Schema of robot files. Editors use it to complete, explain and check.
 //!
-//! [`formats`] has the schemas of plans, run logs and results. The schema of robot files has the fields, types and
-//! descriptions of [`RobotDescription`], from its derive and its doc comments. Its bounds come from the checks: each
-//! number is set far too low and far too high, and the error contains the limit. A limit that depends on another
-//! field cannot be a number in a schema. It is in the field's description, with the advice of the error.
+//! The schema has the fields, types and descriptions of [`RobotDescription`], from its derive and its doc comments. Its
+//! bounds come from the checks: each number is set far too low and far too high, and the error contains the limit. A
+//! limit that depends on another field cannot be a number in a schema. It is in the field's description, with the
+//! advice of the error.
 
-pub mod formats;
-
-use growbot_client::maintenance::MaterialPreset;
 use growbot_core::robot::{Robot, RobotDescription, RobotError};
-use growbot_plan::robot_file;
 use schemars::generate::SchemaSettings;
 use serde_json::{Map, Value, json};
+
+use crate::robot_file::{self, MaterialPreset};
 
 /// Returns the schema of robot files, with units and bounds. It uses draft 7, which TOML tools of editors support.
 pub fn robot_file_schema() -> Value {
@@ -123,7 +121,7 @@ fn without_null(object: &mut Map<String, Value>) {
 }
 
 /// Converts a doc comment to plain text: one line, with links replaced by the names of fields in a file.
-fn plain(text: &str) -> String {
+pub fn plain(text: &str) -> String {
     let mut plain = String::new();
     let mut rest = text;
     while let Some((before, after)) = rest.split_once("[`") {

@@ -1,34 +1,26 @@
-//! The report: the finding of each step, and each answer with its time.
+//! The report about the commissioning of a robot: the finding of each step, and each answer with its time.
 
-use std::fmt;
 use std::fs;
-use std::io::{ErrorKind, Read};
+use std::io::{self, ErrorKind, Read};
 use std::path::Path;
 
 use growbot_core::robot::Robot;
-use growbot_host::text_wrap::{TERMINAL_WIDTH, wrap};
-use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::atomic_file::{FileError, write_atomic};
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::utc_text;
 use growbot_plan::sanitize::{json_line, one_line};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use strum::IntoStaticStr;
 use time::OffsetDateTime;
-
-use crate::cli::failure::Failure;
 
 /// Identifier of the file's format.
 const FORMAT: &str = "growbot-doctor/1";
 /// Maximum size of a report, bytes.
 const LARGEST: u64 = 1 << 20;
-/// Column at which the text of a line begins.
-const INDENT: usize = 24;
 
 /// Outcome of a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "lowercase")]
 pub enum StepOutcome {
     /// The step passed.
     Passed,
@@ -39,15 +31,7 @@ pub enum StepOutcome {
     /// The robot does not have the part.
     Absent,
     /// The step was interrupted, was not done, or must be repeated.
-    #[strum(serialize = "not done")]
     NotDone,
-}
-
-impl StepOutcome {
-    /// Returns the name of the outcome for the terminal.
-    fn name(self) -> &'static str {
-        self.into()
-    }
 }
 
 /// Finding of a step.
@@ -88,13 +72,6 @@ impl Finding {
     pub fn not_done(why: &str) -> Self {
         Self { outcome: StepOutcome::NotDone, found: one_line(why).into_owned(), remedy: None }
     }
-
-    /// Returns the finding of the step `step` as one or more lines for the terminal.
-    pub fn line(&self, step: &str) -> String {
-        let head = format!("{:9}{step:15}", self.outcome.name());
-        let remedy = self.remedy.as_deref().map_or(String::new(), |remedy| format!("; {remedy}"));
-        wrap(&format!("{}{remedy}", self.found), TERMINAL_WIDTH, &head, &" ".repeat(INDENT))
-    }
 }
 
 /// An answer, with its question and its time.
@@ -106,6 +83,63 @@ pub struct RecordedAnswer {
     pub answer: String,
     /// Time of the answer, UTC.
     pub utc: String,
+}
+
+impl RecordedAnswer {
+    /// Returns an answer that the user has typed now.
+    pub fn new(question: &str, answer: &str) -> Self {
+        Self { question: question.to_owned(), answer: one_line(answer).into_owned(), utc: now() }
+    }
+}
+
+/// Error of a report.
+#[derive(Debug, thiserror::Error)]
+pub enum ReportError {
+    /// The file cannot be read.
+    #[error("cannot use {file} as a report of the commissioning: {error}; name another file")]
+    Unreadable {
+        /// Name of the file.
+        file: String,
+        /// Error of the operating system.
+        #[source]
+        error: io::Error,
+    },
+    /// The file is not a report.
+    #[error("cannot use {file} as a report of the commissioning: {error}; name another file")]
+    NotAReport {
+        /// Name of the file.
+        file: String,
+        /// Error in its JSON.
+        #[source]
+        error: serde_json::Error,
+    },
+    /// The file has another format.
+    #[error(
+        "cannot use {file} as a report of the commissioning: the format of the file is {format:?}, not {FORMAT:?}; \
+         name another file"
+    )]
+    OtherFormat {
+        /// Name of the file.
+        file: String,
+        /// Format of the file.
+        format: String,
+    },
+    /// The report is about another robot.
+    #[error(
+        "the report is for the {}robot {known:?}, but this is the {}robot {name:?}: name another file",
+        .known_kind.prefix(),
+        .kind.prefix()
+    )]
+    OtherRobot {
+        /// Robot of the report.
+        known: String,
+        /// Kind of the robot of the report.
+        known_kind: RobotKind,
+        /// Name of the robot.
+        name: String,
+        /// Kind of the robot.
+        kind: RobotKind,
+    },
 }
 
 /// A step in the report.
@@ -150,43 +184,50 @@ impl Default for CommissioningReport {
 
 impl CommissioningReport {
     /// Reads the report from this file, or creates one if the file does not exist.
-    pub fn open(file: &Path) -> Result<Self, Failure> {
-        let unusable = |what: &str| {
-            Failure::bad_input(format!(
-                "cannot use {} as a report of growbot doctor: {what}; name another file with -o",
-                file.display()
-            ))
-        };
+    ///
+    /// # Errors
+    /// [`ReportError`], if the file cannot be read or is not such a report.
+    pub fn open(file: &Path) -> Result<Self, ReportError> {
+        let name = || file.display().to_string();
+        let unreadable = |error| ReportError::Unreadable { file: name(), error };
         let mut text = String::new();
         match fs::File::open(file) {
             Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Self::default()),
-            Err(error) => return Err(unusable(&error.to_string())),
-            Ok(opened) => {
-                opened.take(LARGEST).read_to_string(&mut text).map_err(|error| unusable(&error.to_string()))?
-            }
+            Err(error) => return Err(unreadable(error)),
+            Ok(opened) => opened.take(LARGEST).read_to_string(&mut text).map_err(unreadable)?,
         };
-        let report: Self = serde_json::from_str(&text).map_err(|error| unusable(&error.to_string()))?;
+        let report: Self =
+            serde_json::from_str(&text).map_err(|error| ReportError::NotAReport { file: name(), error })?;
         if report.format != FORMAT {
-            return Err(unusable(&format!("the format of the file is {:?}, not {FORMAT:?}", report.format)));
+            return Err(ReportError::OtherFormat { file: name(), format: report.format });
         }
         Ok(report)
     }
 
-    /// Sets the robot of the report. Returns an error if the report is about another robot.
-    pub fn begin(&mut self, robot: &Robot, port: &str, kind: RobotKind) -> Result<(), Failure> {
+    /// Sets the robot of the report.
+    ///
+    /// # Errors
+    /// [`ReportError::OtherRobot`], if the report is about another robot.
+    pub fn begin(&mut self, robot: &Robot, port: &str, kind: RobotKind) -> Result<(), ReportError> {
         let name = robot.name();
         let is_new = self.robot.is_empty();
         if !is_new && (self.robot != name || self.simulated != kind.is_simulated()) {
-            return Err(Failure::bad_input(format!(
-                "the report is for the {}robot {:?}, but this is the {}robot {name:?}: name another file with -o",
-                RobotKind::from(self.simulated).prefix(),
-                self.robot,
-                kind.prefix()
-            )));
+            return Err(ReportError::OtherRobot {
+                known: self.robot.clone(),
+                known_kind: self.simulated.into(),
+                name: name.to_owned(),
+                kind,
+            });
         }
         (self.robot, self.port, self.simulated) = (name.to_owned(), port.to_owned(), kind.is_simulated());
         self.description = format!("{:016x}", robot.hash());
         Ok(())
+    }
+
+    /// Returns the outcome of a step.
+    pub fn outcome(&self, step: &str) -> StepOutcome {
+        let done = self.steps.iter().find(|done| done.step == step);
+        done.map_or(StepOutcome::NotDone, |done| done.finding.outcome)
     }
 
     /// Returns the time at which this step passed. `None` if it did not pass.
@@ -225,66 +266,20 @@ impl CommissioningReport {
     }
 
     /// Writes the report, whole or not at all.
-    pub fn write(&self, file: &Path) -> Result<(), Failure> {
-        Ok(write_atomic(file, json_line(&self.json()).as_bytes())?)
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write(&self, file: &Path) -> Result<(), FileError> {
+        write_atomic(file, json_line(&self.json()).as_bytes())
     }
 
     /// Returns the report as JSON.
     pub fn json(&self) -> Value {
         serde_json::to_value(self).unwrap_or_default()
     }
-
-    /// Returns the summary of these steps.
-    pub fn summary(&self, names: &[&'static str]) -> Summary {
-        let outcome = |name: &str| {
-            let done = self.steps.iter().find(|done| done.step == name);
-            done.map_or(StepOutcome::NotDone, |done| done.finding.outcome)
-        };
-        Summary(names.iter().map(|name| (*name, outcome(name))).collect())
-    }
 }
 
 /// Returns the present time as text, UTC.
-pub fn now() -> String {
+fn now() -> String {
     utc_text(OffsetDateTime::now_utc())
-}
-
-/// Outcomes of the steps.
-pub struct Summary(Vec<(&'static str, StepOutcome)>);
-
-impl Summary {
-    /// Returns true if every step passed, was skipped, or is for a part that the robot does not have.
-    pub fn is_good(&self) -> bool {
-        !self.0.iter().any(|(_, outcome)| matches!(outcome, StepOutcome::Failed | StepOutcome::NotDone))
-    }
-
-    fn of(&self, outcome: StepOutcome) -> Vec<&'static str> {
-        self.0.iter().filter(|(_, other)| *other == outcome).map(|(name, _)| *name).collect()
-    }
-
-    /// Returns a text about the steps that failed or were not done.
-    pub fn describe(&self) -> String {
-        let part = |outcome: StepOutcome, words: &str| {
-            let names = self.of(outcome);
-            (!names.is_empty()).then(|| format!("{words}: {}", names.join(", ")))
-        };
-        let parts = [part(StepOutcome::Failed, "failed"), part(StepOutcome::NotDone, "not done")];
-        let parts: Vec<String> = parts.into_iter().flatten().collect();
-        format!("{}; fix this and run `growbot doctor` again", parts.join("; "))
-    }
-}
-
-impl fmt::Display for Summary {
-    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        for outcome in
-            [StepOutcome::Passed, StepOutcome::Failed, StepOutcome::Skipped, StepOutcome::Absent, StepOutcome::NotDone]
-        {
-            let names = self.of(outcome);
-            if !names.is_empty() {
-                let list = Finding { outcome, found: names.join(", "), remedy: None };
-                write!(f, "{}", list.line(&names.len().to_string()))?;
-            }
-        }
-        Ok(())
-    }
 }

@@ -1,18 +1,18 @@
 //! Simulated growths as JSON for scripts.
 
+use super::campaign::{Campaign, ObstacleStatistics};
+use super::obstacles::{ClearancePause, Contact, ObstacleReport};
+use super::statistics::Statistics;
+use super::{SagResult, Simulation, SimulationResult};
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::tracking::Estimate;
 use growbot_plan::plan_deviation::PlanDeviation;
 use growbot_plan::plan_file::TipPoseJson;
 use growbot_plan::run_log::ArrivalJson;
-use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics};
-use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
-use growbot_sim::simulation::statistics::Statistics;
-use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
 use serde::Serialize;
 
-use super::disturbances::DisturbanceReport;
+use super::disturbance_report::DisturbanceReport;
 
 /// A growth as JSON for scripts.
 #[derive(Serialize)]

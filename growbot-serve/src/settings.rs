@@ -3,7 +3,7 @@
 //! An option overrides the environment. The environment overrides the nearest `growbot.toml`, which is searched from
 //! the working directory upwards. That file overrides the one in the user's configuration. A file is read only when a
 //! command needs it, so an invalid file does not stop other commands. A file that another user can have written is
-//! refused ([`growbot_serve::ownership`]). Only the user's file can name what is run or called for a notification.
+//! refused ([`ownership`]). Only the user's file can name what is run or called for a notification.
 
 use std::collections::BTreeMap;
 use std::env::{self, VarError};
@@ -14,11 +14,12 @@ use growbot_plan::input::{self, InputError};
 use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::suggest::did_you_mean;
 use growbot_plan::user_dirs::config_dir;
-use growbot_serve::config::{NotifyEntry, RobotEntry, ServeEntry};
-use growbot_serve::ownership::{self, OwnershipError};
-use growbot_serve::settings_paths::{port_from, robot_from};
 use schemars::JsonSchema;
 use serde::Deserialize;
+
+use crate::config::{NotifyEntry, RobotEntry, ServeEntry};
+use crate::ownership::{self, OwnershipError};
+use crate::settings_paths::{port_from, robot_from};
 
 /// Name of the settings files.
 pub const FILE_NAME: &str = "growbot.toml";

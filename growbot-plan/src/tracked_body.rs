@@ -4,23 +4,24 @@ use std::iter::once;
 
 use growbot_core::layer::{Layer, grow};
 use growbot_core::pose::{Frame, Pose};
-use growbot_plan::plan_deviation::centreline;
 
-/// Maximum number of consecutive layers whose reports may be lost, if the console does not know the plan of the job.
+use crate::plan_deviation::centreline;
+
+/// Maximum number of consecutive layers whose reports may be lost, if the plan of the job.
 const MAX_UNREPORTED: usize = 65_536;
 
 /// Coordinates of a point: x, y, z, mm.
-pub type ScreenPoint = [f64; 3];
+pub type BodyPoint = [f64; 3];
 
 /// The body of one job, as planned and as built so far.
 pub struct TrackedBody {
     plan_id: u64,
     planned: Vec<Layer>,
-    planned_points: Vec<ScreenPoint>,
+    planned_points: Vec<BodyPoint>,
     /// Index of the first layer whose report was received. Earlier layers are not known.
     first: u32,
     built: Vec<Layer>,
-    points: Vec<ScreenPoint>,
+    points: Vec<BodyPoint>,
     tip: Frame,
     unreported: u32,
 }
@@ -102,13 +103,13 @@ impl TrackedBody {
     }
 
     /// Returns the positions of the tip before the first known layer, and after each layer.
-    pub fn points(&self) -> &[ScreenPoint] {
+    pub fn points(&self) -> &[BodyPoint] {
         &self.points
     }
 
     /// Returns the planned positions of the tip before the first layer, and after each layer. Without a known plan,
     /// only the first position is returned.
-    pub fn planned_points(&self) -> &[ScreenPoint] {
+    pub fn planned_points(&self) -> &[BodyPoint] {
         &self.planned_points
     }
 
@@ -118,7 +119,7 @@ impl TrackedBody {
     }
 }
 
-fn point(frame: &Frame) -> ScreenPoint {
+fn point(frame: &Frame) -> BodyPoint {
     frame.translation.vector.into()
 }
 

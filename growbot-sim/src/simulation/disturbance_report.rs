@@ -3,12 +3,14 @@
 use growbot_core::simulation::{ErrorModel, SimulatedSensors};
 use growbot_core::tracking::SensorNoise;
 use growbot_plan::run_log::{Distribution, DisturbancesJson, Unit};
-use growbot_sim::simulation::Simulation;
 use serde::Serialize;
+
+use super::Simulation;
 
 /// Errors of layers and measurements, each with its distribution.
 #[derive(Serialize)]
 pub struct DisturbanceReport {
+    /// Errors of layers and measurements.
     #[serde(flatten)]
     pub errors: DisturbancesJson,
     /// Error of the odometry's scale, in closed loop only.

@@ -1,15 +1,15 @@
 //! Explanation of a robot's description: each field with its value, its meaning, and the comment in the file.
 //!
-//! Meanings come from the [`schema`], that is, from the doc comments of the description. Comments come from the ends of
+//! Meanings come from the [schema](robot_schema), that is, from the doc comments of the description. Comments come from the ends of
 //! the lines in the file. A comment that begins with "assumed" marks a value that has not been measured.
 
 use std::path::Path;
 
 use growbot_core::robot::Robot;
-use growbot_plan::robot_file::{self, RobotFileError};
 use toml_edit::{DocumentMut, Item};
 
-use crate::schema;
+use crate::robot_file::{self, RobotFileError};
+use crate::robot_schema;
 
 /// A robot, and an explanation of each field of its description.
 #[derive(Debug)]
@@ -73,11 +73,11 @@ impl AnnotatedRobot {
         let written = toml::to_string(robot.description()).unwrap_or_default();
         let whole: DocumentMut = written.parse().unwrap_or_default();
         let file: DocumentMut = text.parse().unwrap_or_default();
-        let schema = schema::robot_file_schema_without_bounds();
+        let schema = robot_schema::robot_file_schema_without_bounds();
         let mut sections = vec![Section { name: String::new(), description: String::new(), fields: Vec::new() }];
         for (key, item) in whole.iter() {
             if item.is_table() {
-                let description = schema::meaning(&schema, key).to_owned();
+                let description = robot_schema::meaning(&schema, key).to_owned();
                 sections.push(Section { name: key.to_owned(), description, fields: Vec::new() });
             }
             let section = if item.is_table() { sections.last_mut() } else { sections.first_mut() };
@@ -116,11 +116,11 @@ fn collect(item: &Item, path: &str, file: &DocumentMut, schema: &serde_json::Val
     }
     let (in_file, remark) = trailing_comment(file, path);
     let value = item.to_string().trim().to_owned();
-    let mut description = schema::meaning(schema, path).to_owned();
+    let mut description = robot_schema::meaning(schema, path).to_owned();
     if let Some((parent, _)) = path.rsplit_once('.').filter(|(parent, _)| parent.contains('.')) {
-        description = format!("{} {description}", schema::meaning(schema, parent));
+        description = format!("{} {description}", robot_schema::meaning(schema, parent));
     }
-    let choices = schema::choices(schema, path);
+    let choices = robot_schema::choices(schema, path);
     if let Some((word, meaning)) = choices.iter().find(|(word, _)| value.trim_matches('"') == *word) {
         description += &format!(" {word}: {meaning}");
     }

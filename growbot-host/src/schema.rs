@@ -5,15 +5,14 @@
 
 use growbot_client::status::RobotStatus;
 use growbot_plan::plan_file::PlanFile;
+use growbot_plan::robot_schema::plain;
 use growbot_plan::run_log::{GrowthResult, RunLine};
 use growbot_scene::scene_file::SceneFile;
 use growbot_serve::notification::Notification;
+use growbot_serve::settings::SettingsToml;
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
 use serde_json::{Value, json};
-
-use super::plain;
-use crate::settings::SettingsToml;
 
 /// Returns the schema of plan files.
 pub fn plan_schema() -> Value {
