@@ -7,10 +7,12 @@ use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata, OpenOptions};
 use std::io::{self, Write};
-use std::os::fd::AsFd;
+use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
+
+use rustix::fs::{AtFlags, CWD, linkat};
 
 /// Error of writing a file.
 #[derive(Debug, thiserror::Error)]
@@ -158,6 +160,17 @@ pub fn write_atomic(path: &Path, contents: &[u8]) -> Result<(), FileError> {
     replacement.finish()
 }
 
+/// The file that is written in place of the target.
+#[derive(Debug)]
+enum TemporaryFile {
+    /// A file without a name, which the operating system deletes if the program ends early, for example by Ctrl-C.
+    Unnamed,
+    /// A file with this path, on file systems without unnamed files.
+    Named(PathBuf),
+    /// None: the target is a device, which is written to directly, or the file has its name already.
+    None,
+}
+
 /// A file that is written in several calls, through a temporary file like that of [`write_atomic`]. [`Self::finish`]
 /// gives the file its name. If the value is dropped before, the temporary file is deleted.
 #[derive(Debug)]
@@ -165,8 +178,7 @@ pub struct AtomicFile {
     /// Path of the file as it was given, for error messages.
     name: String,
     target: PathBuf,
-    /// Path of the temporary file, until it is renamed. `None` for a device, which is written to directly.
-    partial: Option<PathBuf>,
+    temporary: TemporaryFile,
     file: File,
     existing: Option<Metadata>,
 }
@@ -186,7 +198,7 @@ impl AtomicFile {
             Some(existing) if existing.is_dir() => return Err(failed(io::ErrorKind::IsADirectory.into())),
             Some(existing) if !existing.is_file() => {
                 let file = OpenOptions::new().write(true).open(&target).map_err(failed)?;
-                return Ok(Self { name, target, partial: None, file, existing: None });
+                return Ok(Self { name, target, temporary: TemporaryFile::None, file, existing: None });
             }
             _ => {}
         }
@@ -199,8 +211,13 @@ impl AtomicFile {
             let missing = if names_a_directory { path } else { directory };
             return Err(FileError::NoDirectory { file: name, directory: missing.display().to_string() });
         }
-        let (partial, file) = create_beside(&target).map_err(failed)?;
-        Ok(Self { name, target, partial: Some(partial), file, existing })
+        let (temporary, file) = match create_unnamed(directory) {
+            Ok(file) => (TemporaryFile::Unnamed, file),
+            Err(_) => {
+                create_beside(&target).map(|(partial, file)| (TemporaryFile::Named(partial), file)).map_err(failed)?
+            }
+        };
+        Ok(Self { name, target, temporary, file, existing })
     }
 
     /// Appends bytes to the file.
@@ -216,17 +233,29 @@ impl AtomicFile {
     /// # Errors
     /// [`FileError::File`].
     pub fn finish(mut self) -> Result<(), FileError> {
-        let Some(partial) = &self.partial else { return Ok(()) };
-        let put = || {
+        if matches!(self.temporary, TemporaryFile::None) {
+            return Ok(());
+        }
+        let mut put = || {
             if let Some(existing) = &self.existing {
                 self.file.set_permissions(existing.permissions())?;
             }
             // Without this, a power cut after the rename could leave an empty file in place of a good one.
             self.file.sync_all()?;
-            fs::rename(partial, &self.target)
+            if matches!(self.temporary, TemporaryFile::Unnamed) {
+                // A link cannot replace a file, and a rename can.
+                let (partial, ()) = beside(&self.target, |partial| {
+                    linkat(CWD, descriptor_path(&self.file), CWD, partial, AtFlags::SYMLINK_FOLLOW).map_err(Into::into)
+                })?;
+                self.temporary = TemporaryFile::Named(partial);
+            }
+            if let TemporaryFile::Named(partial) = &self.temporary {
+                fs::rename(partial, &self.target)?;
+            }
+            Ok(())
         };
         put().map_err(|error| self.failed(error))?;
-        self.partial = None;
+        self.temporary = TemporaryFile::None;
         Ok(())
     }
 
@@ -248,7 +277,7 @@ impl Write for AtomicFile {
 
 impl Drop for AtomicFile {
     fn drop(&mut self) {
-        if let Some(partial) = &self.partial {
+        if let TemporaryFile::Named(partial) = &self.temporary {
             let _ = fs::remove_file(partial);
         }
     }
@@ -301,19 +330,48 @@ impl Drop for DisplacedFile {
     }
 }
 
+/// Creates a file without a name in this directory. Only Linux has such files.
+#[cfg(not(target_os = "linux"))]
+fn create_unnamed(_: &Path) -> io::Result<File> {
+    Err(io::ErrorKind::Unsupported.into())
+}
+
+/// Creates a file without a name in this directory.
+#[cfg(target_os = "linux")]
+fn create_unnamed(directory: &Path) -> io::Result<File> {
+    use rustix::fs::{Mode, OFlags, openat};
+
+    let flags = OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC;
+    let file = File::from(openat(CWD, directory, flags, Mode::from_raw_mode(0o666))?);
+    // It gets its name by this path, which a system without /proc does not have.
+    fs::metadata(descriptor_path(&file))?;
+    Ok(file)
+}
+
+/// Returns the path by which the operating system shows an open file.
+fn descriptor_path(file: &File) -> PathBuf {
+    format!("/proc/self/fd/{}", file.as_raw_fd()).into()
+}
+
 /// Creates an empty file with a unique name in the directory of `target`, because a rename works only within a file
 /// system. Returns its path and the open file.
 fn create_beside(target: &Path) -> io::Result<(PathBuf, File)> {
+    beside(target, |partial| OpenOptions::new().write(true).create_new(true).open(partial))
+}
+
+/// Calls `create` with a unique name in the directory of `target`, and with others as long as a file has that name.
+/// Returns the path and the result.
+fn beside<T>(target: &Path, create: impl Fn(&Path) -> io::Result<T>) -> io::Result<(PathBuf, T)> {
     let mut attempt = 0;
     loop {
         let mut name = OsString::from(".");
         name.push(target.file_name().ok_or(io::ErrorKind::InvalidInput)?);
         name.push(format!(".{}-{attempt}.partial", std::process::id()));
         let partial = target.with_file_name(name);
-        match OpenOptions::new().write(true).create_new(true).open(&partial) {
+        match create(&partial) {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists && attempt < 100 => attempt += 1,
             Err(error) => return Err(error),
-            Ok(file) => return Ok((partial, file)),
+            Ok(created) => return Ok((partial, created)),
         }
     }
 }
@@ -324,6 +382,20 @@ mod tests {
 
     fn names(directory: &Path) -> Vec<String> {
         fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_file_has_no_name_until_it_is_complete() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("plan.json");
+        let mut file = AtomicFile::begin(&path).unwrap();
+        file.add(b"half").unwrap();
+        // A program that is ended here leaves nothing, because it does not delete the file itself.
+        assert_eq!(names(directory.path()), [] as [String; 0]);
+        file.add(b" and half").unwrap();
+        file.finish().unwrap();
+        assert_eq!(names(directory.path()), ["plan.json"]);
+        assert_eq!(fs::read(&path).unwrap(), b"half and half");
     }
 
     #[test]
@@ -343,7 +415,7 @@ mod tests {
         write_atomic(&path, b"before").unwrap();
         let mut dropped = AtomicFile::begin(&path).unwrap();
         dropped.add(b"half").unwrap();
-        assert_eq!(names(directory.path()).len(), 2);
+        assert_eq!(names(directory.path()).len(), 1);
         drop(dropped);
         let mut finished = AtomicFile::begin(&path).unwrap();
         finished.add(b"one, ").unwrap();
@@ -377,7 +449,7 @@ mod tests {
         assert_eq!(crate::input::read_text(&path("plan")).unwrap(), "old");
         fs::create_dir(path("sub")).unwrap();
         let open = File::open(path("plan")).unwrap();
-        let descriptor = format!("/proc/self/fd/{}", std::os::fd::AsRawFd::as_raw_fd(&open));
+        let descriptor = format!("/proc/self/fd/{}", open.as_raw_fd());
         for name in [path("plan"), path("hard"), path("soft"), path("sub").join("../plan"), descriptor.into()] {
             let refused = write_atomic(&name, b"new");
             assert!(matches!(refused, Err(FileError::Input { .. })), "{}: {refused:?}", name.display());

@@ -164,20 +164,16 @@ pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
     let allowed = robot.description().heater.preheat_range_c();
     for (name, preset) in materials {
         if let Some(celsius) = preset.nozzle_c.filter(|celsius| !allowed.contains(celsius)) {
-            let is_header = |line: &str| is_of_materials(line) && line.contains(&name);
-            let lines = text.lines().enumerate().skip_while(|(_, line)| !is_header(line.trim_start()));
-            let line = lines.map(|(index, line)| (index + 1, line)).find(|(_, line)| line.contains("nozzle_c"));
-            return Err(RobotFileError::Toml {
-                file: file.to_owned(),
-                line: line.map_or(1, |(number, _)| number),
-                column: line.and_then(|(_, text)| text.find("nozzle_c")).map_or(1, |at| at + 1),
-                reason: format!(
-                    "materials.{name}.nozzle_c is {celsius} C: give {} to {} C, which the board accepts with this \
-                     heater.max_c",
-                    allowed.start(),
-                    allowed.end()
-                ),
-            });
+            let is_table = |at: &usize| text.get(..*at).is_some_and(|before| before.ends_with("materials."));
+            let table = text.match_indices(&*name).map(|(at, _)| at).find(is_table).unwrap_or(0);
+            let at = text.get(table..).and_then(|rest| rest.find("nozzle_c")).map_or(table, |at| table + at);
+            let (line, column) = line_and_column(text, at);
+            let (min, max) = (allowed.start(), allowed.end());
+            let reason = format!(
+                "materials.{name}.nozzle_c is {celsius} C: give {min} to {max} C, which the board accepts with this \
+                 heater.max_c"
+            );
+            return Err(RobotFileError::Toml { file: file.to_owned(), line, column, reason });
         }
     }
     Ok(robot)

@@ -5,12 +5,14 @@ use growbot_client::status::RobotStatus;
 use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::StateDir;
 use serde::Serialize;
+use strum::IntoStaticStr;
 
 use crate::settings::{self, InvalidFiles, SettingsError};
 
 /// Place in which a port was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Serialize, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
 pub enum PortSource {
     /// The user's service owns the robot at the port.
     Service,
@@ -20,18 +22,6 @@ pub enum PortSource {
     SimulatedRobot,
     /// The computer has a serial device, which may be a robot.
     SerialDevice,
-}
-
-impl PortSource {
-    /// Returns the text for users.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Service => "service",
-            Self::Settings => "settings",
-            Self::SimulatedRobot => "simulated robot, on",
-            Self::SerialDevice => "serial device",
-        }
-    }
 }
 
 /// A port at which a robot is, or may be.
@@ -59,19 +49,17 @@ impl From<RobotStatus> for KnownPort {
 pub fn known_robots(owned: Vec<RobotStatus>, invalid: InvalidFiles) -> Result<Vec<KnownPort>, SettingsError> {
     let mut known: Vec<KnownPort> = owned.into_iter().map(KnownPort::from).collect();
     for (name, entry) in settings::load_service(invalid)?.robots {
-        let is_known = known.iter().any(|robot| robot.name.as_ref() == Some(&name) || robot.port == entry.port);
+        let is_known = known.iter().any(|robot| robot.name.as_ref() == Some(&name));
         // A simulated robot without a name for its port runs only in the service.
         let needs_service =
             entry.port.parse::<PortName>().is_ok_and(|port| port.is_simulated() && port.resident().is_none());
         if !is_known && !needs_service {
-            known.push(KnownPort { port: entry.port, name: Some(name), source: PortSource::Settings });
+            add(&mut known, KnownPort { port: entry.port, name: Some(name), source: PortSource::Settings });
         }
     }
     for name in StateDir::names_of_running() {
         let port = format!("sim:{name}");
-        if known.iter().all(|robot| robot.port != port) {
-            known.push(KnownPort { port, name: None, source: PortSource::SimulatedRobot });
-        }
+        add(&mut known, KnownPort { port, name: None, source: PortSource::SimulatedRobot });
     }
     Ok(known)
 }
@@ -83,9 +71,14 @@ pub fn known_robots(owned: Vec<RobotStatus>, invalid: InvalidFiles) -> Result<Ve
 pub fn known_ports(owned: Vec<RobotStatus>) -> Result<Vec<KnownPort>, SettingsError> {
     let mut known = known_robots(owned, InvalidFiles::Refuse)?;
     for port in serial_devices() {
-        if known.iter().all(|robot| robot.port != port) {
-            known.push(KnownPort { port, name: None, source: PortSource::SerialDevice });
-        }
+        add(&mut known, KnownPort { port, name: None, source: PortSource::SerialDevice });
     }
     Ok(known)
+}
+
+/// Adds a port, unless it is known already.
+fn add(known: &mut Vec<KnownPort>, port: KnownPort) {
+    if known.iter().all(|other| other.port != port.port) {
+        known.push(port);
+    }
 }

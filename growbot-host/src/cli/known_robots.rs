@@ -42,7 +42,7 @@ pub fn only_robot(invalid: InvalidFiles) -> Result<String, Failure> {
     }
 }
 
-/// Returns the failure of a command without a port, if there is no robot that it can mean.
+/// Returns the failure of a command without a port if no robot is known.
 pub fn no_port() -> Failure {
     Failure::bad_input(format!(
         "no port given: pass --port PORT, set {}, or set `port` in {FILE_NAME}; `growbot ports` lists robots and \

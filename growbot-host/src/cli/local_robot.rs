@@ -153,11 +153,8 @@ impl RobotHandle for LocalRobot<'_> {
     fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure> {
         let ResumedGrowth { opened, scene, interrupted, silence, is_confirmed, watching, print } = growth;
         let Some((file, mut opened)) = opened else {
-            let forgets = if self.port.is_in_process() {
-                "; a robot at `sim` ends with its command, so grow at a port sim:NAME if you want to resume"
-            } else {
-                ""
-            };
+            let forgets = "; a robot at `sim` ends with its command, so grow at a port sim:NAME if you want to resume";
+            let forgets = if self.port.is_in_process() { forgets } else { "" };
             return Err(Failure::bad_input(format!(
                 "no service owns this robot, so its latest job is unknown: give the run log of the growth, or its \
                  plan{forgets}"

@@ -3,7 +3,8 @@
 use clap::Args;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
-use growbot_serve::known_ports::known_ports;
+use growbot_plan::table::{NumberFormat, Table};
+use growbot_serve::known_ports::{KnownPort, known_ports};
 use serde_json::json;
 
 use super::failure::Failure;
@@ -33,12 +34,11 @@ pub fn run(args: &PortsArgs) -> Result<(), Failure> {
                              simulated robot on"
         );
     }
-    let width = ports.iter().map(|known| known.port.chars().count()).max().unwrap_or(0).max(4);
-    let name_width = ports.iter().filter_map(|known| known.name.as_ref()).map(String::len).max().unwrap_or(0).max(5);
-    let mut text = format!("{:<width$}  {:<name_width$}  from\n", "port", "robot");
-    for known in &ports {
-        let name = known.name.as_deref().unwrap_or("-");
-        text += &format!("{:<width$}  {name:<name_width$}  {}\n", known.port, known.source.text());
-    }
-    Ok(print(&text)?)
+    let width = |of: fn(&KnownPort) -> usize| ports.iter().map(of).max().unwrap_or(0).max(5);
+    let widths = [width(|known| known.port.len()), width(|known| known.name.as_ref().map_or(0, String::len)), 15];
+    let table = Table::new(NumberFormat::Shortest)
+        .column("port", |known: &KnownPort| known.port.clone())
+        .column("robot", |known| known.name.clone().unwrap_or_else(|| "-".to_owned()))
+        .column("from", |known| <&str>::from(known.source));
+    Ok(print(&table.text(&ports, &widths))?)
 }

@@ -8,10 +8,11 @@ use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
 use growbot_host::output::{is_standard_output, print};
 use growbot_plan::annotated_robot::{AnnotatedField, AnnotatedRobot};
-use growbot_plan::robot_file;
+use growbot_plan::robot_file::{self, MaterialPreset};
 use growbot_plan::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_plan::robot_schema;
 use growbot_plan::sanitize::json_line;
+use growbot_plan::table::{Cell, NumberFormat, Table};
 use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use serde_json::{Value, json};
 
@@ -194,18 +195,15 @@ fn materials(name_or_file: &Path) -> Result<String, Failure> {
     if materials.is_empty() {
         return Ok(String::new());
     }
+    let of_growth = || Cell::from("of growth");
+    let table = Table::new(NumberFormat::Shortest)
+        .column("material", |(name, _): &(String, MaterialPreset)| name.clone())
+        .column("nozzle, C", move |(_, preset)| preset.nozzle_c.map_or_else(of_growth, Cell::from))
+        .columns(["load, mm", "unload, mm", "purge, mm"], |(_, preset)| {
+            [preset.load_mm, preset.unload_mm, preset.purge_mm]
+        });
     let width = materials.keys().map(|name| name.chars().count()).max().unwrap_or(0).max(8);
-    let mut text = format!("\n{:<width$}  nozzle, C  load, mm  unload, mm  purge, mm\n", "material");
-    for (name, preset) in materials {
-        let nozzle = preset.nozzle_c.map_or_else(|| "of growth".to_owned(), |celsius| celsius.to_string());
-        // Writing to a String cannot fail.
-        let _ = writeln!(
-            text,
-            "{name:<width$}  {nozzle:>9}  {:>8}  {:>10}  {:>9}",
-            preset.load_mm, preset.unload_mm, preset.purge_mm
-        );
-    }
-    Ok(text)
+    Ok(format!("\n{}", table.text(materials, &[width, 9, 8, 10, 9])))
 }
 
 /// Wraps a text into lines of at most 80 columns, all with this indentation. Empty for an empty text.
