@@ -75,7 +75,7 @@ impl MaterialPresets {
     /// If the file cannot be read, or is not valid.
     pub fn load(name_or_file: &Path) -> Result<Self, RobotFileError> {
         let (text, file) = robot_file::text_of(name_or_file)?;
-        Ok(Self { by_name: robot_file::materials(&text, &file)? })
+        Ok(Self { by_name: robot_file::checked_materials(&text, &file)? })
     }
 
     fn find(&self, name: &str) -> Result<MaterialPreset, MaintenanceError> {

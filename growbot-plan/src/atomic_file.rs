@@ -6,7 +6,7 @@
 use std::collections::VecDeque;
 use std::ffi::{OsStr, OsString};
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::io::{self, Write};
+use std::io::{self, Seek, Write};
 use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -244,9 +244,10 @@ impl AtomicFile {
             self.file.sync_all()?;
             if matches!(self.temporary, TemporaryFile::Unnamed) {
                 // A link cannot replace a file, and a rename can.
-                let (partial, ()) = beside(&self.target, |partial| {
+                let linked = beside(&self.target, |partial| {
                     linkat(CWD, descriptor_path(&self.file), CWD, partial, AtFlags::SYMLINK_FOLLOW).map_err(Into::into)
-                })?;
+                });
+                let partial = linked.map(|(partial, ())| partial).or_else(|_| self.copy_beside())?;
                 self.temporary = TemporaryFile::Named(partial);
             }
             if let TemporaryFile::Named(partial) = &self.temporary {
@@ -257,6 +258,16 @@ impl AtomicFile {
         put().map_err(|error| self.failed(error))?;
         self.temporary = TemporaryFile::None;
         Ok(())
+    }
+
+    /// Copies the file to one with a temporary name, on file systems that have unnamed files and cannot name them.
+    fn copy_beside(&self) -> io::Result<PathBuf> {
+        let (partial, mut copy) = create_beside(&self.target)?;
+        copy.set_permissions(self.file.metadata()?.permissions())?;
+        (&self.file).rewind()?;
+        io::copy(&mut &self.file, &mut copy)?;
+        copy.sync_all()?;
+        Ok(partial)
     }
 
     /// Converts an error of the operating system to [`FileError::File`] with the name of this file.
@@ -341,7 +352,7 @@ fn create_unnamed(_: &Path) -> io::Result<File> {
 fn create_unnamed(directory: &Path) -> io::Result<File> {
     use rustix::fs::{Mode, OFlags, openat};
 
-    let flags = OFlags::TMPFILE | OFlags::WRONLY | OFlags::CLOEXEC;
+    let flags = OFlags::TMPFILE | OFlags::RDWR | OFlags::CLOEXEC;
     let file = File::from(openat(CWD, directory, flags, Mode::from_raw_mode(0o666))?);
     // It gets its name by this path, which a system without /proc does not have.
     fs::metadata(descriptor_path(&file))?;
@@ -382,6 +393,15 @@ mod tests {
 
     fn names(directory: &Path) -> Vec<String> {
         fs::read_dir(directory).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_named_is_copied() {
+        let directory = tempfile::tempdir().unwrap();
+        let mut file = AtomicFile::begin(&directory.path().join("plan.json")).unwrap();
+        file.add(b"all of it").unwrap();
+        let copy = file.copy_beside().unwrap();
+        assert_eq!(fs::read(copy).unwrap(), b"all of it");
     }
 
     #[test]

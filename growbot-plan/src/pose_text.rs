@@ -128,24 +128,20 @@ fn parse_decimal(number: &str, power: i32) -> Option<f64> {
     by_decimals.or(Some(parsed * libm::pow(10.0, f64::from(power))))
 }
 
-/// Splits a text into its values: at commas, or else at spaces, before which a unit may stand apart from its number.
-/// Brackets and quotes around the whole text do not count.
-fn split_values(text: &str) -> Vec<String> {
-    let text = text.trim();
-    let brackets = [('(', ')'), ('[', ']'), ('"', '"'), ('\'', '\'')];
-    let inner = brackets.iter().find_map(|(open, close)| text.strip_prefix(*open)?.strip_suffix(*close));
-    let text = inner.unwrap_or(text);
-    if text.contains(',') {
-        return text.split(',').map(|part| part.trim().to_owned()).collect();
+/// Splits a text into its values: at commas, or else at spaces. Brackets and quotes around the whole text do not count.
+fn split_values(mut text: &str) -> Vec<&str> {
+    let inner = |text: &'_ str| -> Option<_> {
+        let pairs = [('(', ')'), ('[', ']'), ('"', '"'), ('\'', '\'')];
+        pairs.iter().find_map(|(open, close)| Some(text.strip_prefix(*open)?.strip_suffix(*close)?.len()))
+    };
+    text = text.trim();
+    while let Some(length) = inner(text) {
+        text = text.get(1..=length).unwrap_or_default().trim();
     }
-    let mut values: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
-        match values.last_mut() {
-            Some(number) if ["mm", "cm", "m", "in", "ft", "deg", "°", "rad"].contains(&word) => number.push_str(word),
-            _ => values.push(word.to_owned()),
-        }
+    if text.contains(',') || text.is_empty() {
+        return text.split(',').map(str::trim).collect();
     }
-    if values.is_empty() { vec![String::new()] } else { values }
+    text.split_whitespace().collect()
 }
 
 /// A parsed goal, and the values that were given without a unit.
@@ -288,9 +284,9 @@ mod tests {
             ("1e-3m,2 mm,.3m,-3.141592653589793rad,45 deg", "1,2,300,180,45"),
             ("10cm, 4in, 1ft, 90°, -0.5 deg", "100,101.6,304.8,90,-0.5"),
             ("100 0 300 0 45", "100,0,300,0,45"),
-            ("100 mm 0 30 cm 90 deg 45", "100,0,300,90,45"),
+            ("100mm 0 30cm 90deg 45", "100,0,300,90,45"),
             ("(100, 0, 300, 0, 45)", "100,0,300,0,45"),
-            ("\"100 0 300 0 45\"", "100,0,300,0,45"),
+            ("\"(100 0 300 0 45)\"", "100,0,300,0,45"),
         ] {
             assert_eq!(parse_pose(typed), parse_pose(plain), "{typed}");
         }

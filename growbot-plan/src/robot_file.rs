@@ -157,15 +157,29 @@ pub fn text_of(name_or_file: &Path) -> Result<(Cow<'static, str>, String), Robot
 /// # Errors
 /// [`RobotFileError::Toml`] with line and column, or [`RobotFileError::Robot`].
 pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
-    let materials = materials(text, file)?;
-    let robot_text = only(text, |header| !is_of_materials(header));
-    let description: RobotDescription = from_toml(&robot_text, file)?;
-    let robot = Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })?;
-    let allowed = robot.description().heater.preheat_range_c();
-    for (name, preset) in materials {
+    materials(text, file)?;
+    let text = only(text, |header| !is_of_materials(header));
+    let description: RobotDescription = from_toml(&text, file)?;
+    Robot::new(description).map_err(|error| RobotFileError::Robot { file: file.to_owned(), error })
+}
+
+/// Like [`materials`], but refuses temperatures that the board of the robot in this text does not accept. A stop does
+/// not depend on them, so [`parse`] accepts them.
+///
+/// # Errors
+/// Like [`parse`], and [`RobotFileError::Toml`] with the line of the temperature.
+pub fn checked_materials(text: &str, file: &str) -> Result<BTreeMap<String, MaterialPreset>, RobotFileError> {
+    let (materials, allowed) = (materials(text, file)?, parse(text, file)?.description().heater.preheat_range_c());
+    for (name, preset) in &materials {
         if let Some(celsius) = preset.nozzle_c.filter(|celsius| !allowed.contains(celsius)) {
-            let is_table = |at: &usize| text.get(..*at).is_some_and(|before| before.ends_with("materials."));
-            let table = text.match_indices(&*name).map(|(at, _)| at).find(is_table).unwrap_or(0);
+            let is_table = |(at, _): &(usize, &str)| {
+                let (before, after) = text.split_at(*at);
+                let is_name =
+                    |after: &str| !after.starts_with(|next: char| next.is_alphanumeric() || "-_".contains(next));
+                before.trim_end_matches(['"', '\'']).ends_with("materials.")
+                    && after.get(name.len()..).is_some_and(is_name)
+            };
+            let table = text.match_indices(&**name).find(is_table).map_or(0, |(at, _)| at);
             let at = text.get(table..).and_then(|rest| rest.find("nozzle_c")).map_or(table, |at| table + at);
             let (line, column) = line_and_column(text, at);
             let (min, max) = (allowed.start(), allowed.end());
@@ -176,7 +190,7 @@ pub fn parse(text: &str, file: &str) -> Result<Robot, RobotFileError> {
             return Err(RobotFileError::Toml { file: file.to_owned(), line, column, reason });
         }
     }
-    Ok(robot)
+    Ok(materials)
 }
 
 /// Parses a TOML text. `file` is the name of the text in error messages.
@@ -277,16 +291,19 @@ mod tests {
     #[test]
     fn materials_that_the_board_would_refuse_are_refused_where_they_stand() {
         let text = include_str!("../../robots/growbot-a.toml");
-        let with = |tables: &str| parse(&format!("{text}\n{tables}"), "mine.toml");
+        let with = |tables: &str| checked_materials(&format!("{text}\n{tables}"), "mine.toml");
         for table in ["[materials.pla]\nnozzle_c = 210", "[ materials.pla ]\nnozzle_c = 210", "[materials]\npla = {}"] {
             with(table).unwrap();
         }
         for celsius in ["540", "-20", "20", "nan", "inf"] {
-            let table = format!("[materials.abs]\nload_mm = 10\n[materials.pla]\nload_mm = 10\nnozzle_c = {celsius}");
+            let table =
+                format!("[materials.pla-cf]\nnozzle_c = 210\n[materials.\"pla\"]\nload_mm = 10\nnozzle_c = {celsius}");
             let refused = with(&table).unwrap_err();
             let line = text.lines().count() + 6;
             assert!(matches!(refused, RobotFileError::Toml { line: at, .. } if at == line), "{refused:?}");
             assert!(refused.to_string().contains("materials.pla.nozzle_c is "), "{refused}");
+            // A stop reads the robot only.
+            parse(&format!("{text}\n{table}"), "mine.toml").unwrap();
         }
     }
 

@@ -83,7 +83,7 @@ fn the_list_has_as_many_laid_layers_as_the_board() {
     order(&mut case, Step::Grow);
     // The board reports none of these layers.
     case.line.board().laid = 5;
-    // The growth waits 80 s on the board's clock for the missing reports, so the response to this stop does not count.
+    // The growth waits some seconds on the board's clock for the missing reports, so this does not wait for the response.
     drop(case.worker.raise_stop(StopLevel::Stop));
     wait_for_end(&case);
     assert_eq!(latest(&service).laid, 5);
@@ -248,6 +248,8 @@ fn each_event_of_a_growth_has_exactly_one_notice() {
             case.wait_for_connection();
             let state = case.line.board().state.name();
             wait_until(|| case.worker.status().state.as_deref() == Some(state));
+            // The notice of an event is written after the status shows it.
+            case.settle();
         }
         wait_until(|| notices(&service).len() >= events.len());
         case.settle();

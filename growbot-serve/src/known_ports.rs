@@ -10,7 +10,7 @@ use strum::IntoStaticStr;
 use crate::settings::{self, InvalidFiles, SettingsError};
 
 /// Place in which a port was found.
-#[derive(Debug, Clone, Copy, Serialize, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PortSource {
@@ -49,11 +49,10 @@ impl From<RobotStatus> for KnownPort {
 pub fn known_robots(owned: Vec<RobotStatus>, invalid: InvalidFiles) -> Result<Vec<KnownPort>, SettingsError> {
     let mut known: Vec<KnownPort> = owned.into_iter().map(KnownPort::from).collect();
     for (name, entry) in settings::load_service(invalid)?.robots {
-        let is_known = known.iter().any(|robot| robot.name.as_ref() == Some(&name));
         // A simulated robot without a name for its port runs only in the service.
         let needs_service =
             entry.port.parse::<PortName>().is_ok_and(|port| port.is_simulated() && port.resident().is_none());
-        if !is_known && !needs_service {
+        if !needs_service {
             add(&mut known, KnownPort { port: entry.port, name: Some(name), source: PortSource::Settings });
         }
     }

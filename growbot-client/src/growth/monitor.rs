@@ -27,7 +27,7 @@ const QUIET_LOOKS: u32 = 100;
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
 /// Like [`MAX_QUESTIONS_AFTER_END`], after a stop. The caller waits for its confirmation, and takes a late one for a robot
 /// that is still on. A resumption reads the missing reports.
-const MAX_QUESTIONS_AFTER_STOP: u32 = 2;
+const MAX_QUESTIONS_AFTER_STOP: u32 = 3;
 /// Maximum number of attempts to reconnect to a board that does not respond, before the board counts as lost.
 const CALLS: u32 = 12;
 
@@ -256,7 +256,7 @@ impl JobRunner<'_> {
         }
         let Some(outcome) = outcome else { return Ok(None) };
         let limit = if outcome == Outcome::Stopped { MAX_QUESTIONS_AFTER_STOP } else { MAX_QUESTIONS_AFTER_END };
-        if self.built.is_reported() || questions.after_end > limit {
+        if self.built.is_reported() || questions.after_end >= limit {
             return Ok(Some(outcome));
         }
         questions.after_end += 1;

@@ -11,7 +11,6 @@ use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_serve::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
-use growbot_sim::sim_daemon::StateDir;
 
 use super::failure::Failure;
 use super::port_arg::{RequiredPortArg, SelectedPort};
@@ -26,8 +25,7 @@ use super::{remedies, usage};
 /// board acknowledges them. It works beside another host or program that owns the board or the port, and ahead of all
 /// queued bytes. The board stays off until the stop is cleared (`growbot clear`).
 ///
-/// Without --port, the command stops every robot of the service and of growbot.toml, and every simulated robot that is
-/// on.
+/// Without --port, the command stops every robot of the service and of growbot.toml.
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot estop\n  growbot estop --port lab-1\n  growbot estop --port /dev/ttyACM0\n\nExit \
@@ -90,7 +88,7 @@ fn ports(given: &RequiredPortArg) -> Result<Vec<SelectedPort>, Failure> {
 
 fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Result<Vec<SelectedPort>, Failure> {
     if given.is_given() {
-        return Ok(vec![given.resolve_from_files(invalid)?]);
+        return Ok(vec![given.resolve_configured(invalid)?]);
     }
     let owned = robots_in_emergency().into_iter().map(|robot| robot.port);
     let settings = settings::load_service(invalid.reborrow()).unwrap_or_default();
@@ -99,14 +97,13 @@ fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Resul
     {
         growbot_host::note!("stopping the robots of {} and of the service", file.display());
     }
-    let default = given.resolve_from_files(invalid);
+    let default = given.resolve_configured(invalid);
     let mut ports: Vec<SelectedPort> = Vec::new();
     let owned: Vec<_> = owned.filter_map(|port| given.at(port).ok()).collect();
     let configured = settings.robots.into_values().filter_map(|entry| given.at(entry.port).ok());
     // A simulated robot without a service ends with the program that runs it.
     let configured = configured.chain(default.as_ref().ok().cloned()).filter(|port| !port.is_in_process());
-    let running = StateDir::names_of_running().into_iter().filter_map(|name| given.at(format!("sim:{name}")).ok());
-    for port in owned.into_iter().chain(configured).chain(running) {
+    for port in owned.into_iter().chain(configured) {
         if ports.iter().all(|other| other.text() != port.text()) {
             ports.push(port);
         }
@@ -131,7 +128,7 @@ fn unacknowledged(why: impl Display) -> Failure {
 
 /// Reports a command line that cannot be parsed. For an emergency stop, the message states that none was sent.
 pub fn usage_error(error: &clap::Error, root: &Command) -> ExitCode {
-    let is_estop = std::env::args_os().any(|argument| argument == "estop");
+    let is_estop = std::env::args().any(|argument| argument == "estop" || usage::EMERGENCY_WORDS.contains(&&*argument));
     if !is_estop {
         return Failure::bad_input(usage::message(error, root)).report();
     }

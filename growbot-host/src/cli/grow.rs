@@ -33,8 +33,8 @@ use super::watch_options::WatchArgs;
 /// each correction is checked before the board gets it. It must be clear of all obstacles by 3 standard deviations of
 /// the tip's position. If it is not, the body takes another path through the scene. If none is left, the robot pauses.
 ///
-/// Without a robot (--port sim, the default unless another port is set: growbot settings) the same controller runs in
-/// this program against a simulated tip, on a virtual clock. The final pose is then that of the body that was really
+/// Without a robot (--port sim, the default unless another port is set or a service owns a robot) the same controller
+/// runs in this program against a simulated tip, on a virtual clock. The final pose is then that of the body that was really
 /// laid.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]

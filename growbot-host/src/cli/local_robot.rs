@@ -25,7 +25,7 @@ use super::port_arg::{Connection, SelectedPort};
 use super::port_lease::PortLeaseGuard;
 use super::remedies;
 use super::robot_arg::RobotArg;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, cleared};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
 use super::terminal_commands::TerminalCommands;
 use super::typed_answer::read_answer;
 
@@ -90,9 +90,9 @@ impl RobotHandle for LocalRobot<'_> {
     fn clear(&self) -> Result<String, Failure> {
         self.port.require_running_robot("the request to clear")?;
         let mut client = self.port.client(&self.robot.load()?)?;
-        client.open_session()?;
+        let before = client.open_session()?.status.state;
         client.clear_fault(&Permit::standalone())?;
-        Ok(cleared(self.kind()))
+        Ok(clear_message(self.kind(), before.name()))
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {

@@ -38,5 +38,5 @@ Examples:
 
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve()?, &args.robot)?.maintain(&args.task, &args.value)?)?)
+    Ok(print(&robot_at(&args.port.resolve_or_only()?, &args.robot)?.maintain(&args.task, &args.value)?)?)
 }

@@ -92,7 +92,7 @@ struct Cli {
 }
 
 const AFTER_HELP: &str = "\
-Lengths are in mm, angles in degrees. A number may have a unit: 60cm, 2ft, 1.57rad.
+Lengths are in mm, angles in degrees. A number may have a unit: 60cm, 1.5rad.
 A pose is X,Y,Z,HEADING,PITCH: pitch 90 is straight up, heading 0 is along x.
 Results go to standard output, messages to standard error.
 

@@ -19,7 +19,7 @@ use super::{service_lookup, settings};
 pub struct PortArg {
     /// Port of the robot: a serial device, tcp:HOST:PORT, sim, sim:NAME (a simulated robot that stays on, see growbot
     /// power), emulator, emulator:ELF, rp2040 or rp2040:ELF (rp2040,usb and rp2040:ELF,usb for its USB link) [default:
-    /// GROWBOT_PORT, then growbot.toml, then the only robot of the service, then sim]
+    /// GROWBOT_PORT, then growbot.toml, then the only robot of the service if it is simulated, then sim]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -27,11 +27,11 @@ pub struct PortArg {
 }
 
 /// `--port` of commands for a robot that exists already. They would be meaningless for a robot that is simulated from
-/// now on, so a port must be given or configured.
+/// now on, so a port must be given or configured, or be that of the only robot.
 #[derive(Args)]
 pub struct RequiredPortArg {
     /// Port of the robot: a serial device, tcp:HOST:PORT or sim:NAME, or the name of a robot in growbot.toml or of the
-    /// service [default: GROWBOT_PORT, then growbot.toml, then the only robot that `growbot ports` lists]
+    /// service [default: GROWBOT_PORT, then growbot.toml; then some commands take the only robot]
     #[arg(long, value_name = "PORT")]
     port: Option<String>,
     #[command(flatten)]
@@ -63,12 +63,13 @@ pub struct SelectedPort {
 
 impl PortArg {
     /// Returns the given port, or the configured one, or that of the only robot of the user's service, or else `sim`.
+    /// Returns an error if the only robot of the service is real.
     pub fn resolve(&self) -> Result<SelectedPort, Failure> {
         let text = match &self.port {
             Some(text) => text.clone(),
             None => {
                 let setting = Setting::load(Key::Port)?;
-                let only = (setting.origin == SettingOrigin::BuiltIn).then(only_service_robot).flatten();
+                let only = if setting.origin == SettingOrigin::BuiltIn { only_service_robot()? } else { None };
                 only.unwrap_or_else(|| settings::log_setting(Key::Port, setting))
             }
         };
@@ -88,19 +89,23 @@ impl RequiredPortArg {
         self.link.at(text)
     }
 
-    /// Returns the given port, or the configured one, or else that of the only robot. Returns an error if there is none
-    /// of them.
+    /// Returns the given port, or the configured one. Returns an error if neither is set.
     pub fn resolve(&self) -> Result<SelectedPort, Failure> {
-        self.resolve_or_only(InvalidFiles::Refuse)
+        self.resolve_configured(InvalidFiles::Refuse)
     }
 
-    /// Like [`RequiredPortArg::resolve`], but invalid settings files only cause warnings, because they must not prevent
+    /// Returns the given port, or the configured one, or else that of the only robot.
+    pub fn resolve_or_only(&self) -> Result<SelectedPort, Failure> {
+        self.resolve_or_only_from_files(InvalidFiles::Refuse)
+    }
+
+    /// Like [`RequiredPortArg::resolve_or_only`], but invalid settings files only cause warnings, because they must not prevent
     /// a stop.
     pub fn resolve_for_stop(&self) -> Result<SelectedPort, Failure> {
-        settings::skip_invalid(|invalid| self.resolve_or_only(invalid))
+        settings::skip_invalid(|invalid| self.resolve_or_only_from_files(invalid))
     }
 
-    fn resolve_or_only(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+    fn resolve_or_only_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let text = match self.given_or_configured(invalid.reborrow())? {
             Some(text) => text,
             None => only_robot(invalid.reborrow())?,
@@ -110,7 +115,7 @@ impl RequiredPortArg {
 
     /// Returns the given port, or the configured one. Returns an error if neither is set. Invalid settings files are
     /// treated as `invalid` requires.
-    pub fn resolve_from_files(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
+    pub fn resolve_configured(&self, mut invalid: InvalidFiles) -> Result<SelectedPort, Failure> {
         let text = self.given_or_configured(invalid.reborrow())?.ok_or_else(no_port)?;
         self.link.at_from_files(text, invalid)
     }

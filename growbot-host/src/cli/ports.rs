@@ -9,6 +9,7 @@ use serde_json::json;
 
 use super::failure::Failure;
 use super::known_robots::service_robots;
+use super::remedies;
 
 /// List robots and serial devices: names for --port
 ///
@@ -24,7 +25,11 @@ pub struct PortsArgs {
 
 /// Runs the command.
 pub fn run(args: &PortsArgs) -> Result<(), Failure> {
-    let ports = known_ports(service_robots())?;
+    let owned = service_robots().unwrap_or_else(|error| {
+        growbot_host::warning!("the robots of the service are not listed: {}", remedies::message(&error));
+        Vec::new()
+    });
+    let ports = known_ports(owned)?;
     if args.json {
         return Ok(print(&json_line(&json!({ "ports": ports })))?);
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
-use growbot_core::link::message::HostSilencePolicy;
+use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_plan::robot_kind::RobotKind;
 use growbot_sim::crash::FirmwareImage;
 
@@ -55,9 +55,14 @@ pub trait RobotHandle {
     fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure>;
 }
 
-/// Returns the message after a fault or an emergency stop was cleared.
-pub fn cleared(kind: RobotKind) -> String {
-    format!("cleared: the {}robot accepts jobs again\n", kind.prefix())
+/// Returns the message after the request to clear, which the board had received in this state.
+pub fn clear_message(kind: RobotKind, before: &str) -> String {
+    let kind = kind.prefix();
+    if [State::Fault, State::EmergencyStop].iter().any(|state| state.name() == before) {
+        format!("the {before} is cleared: the {kind}robot accepts jobs again\n")
+    } else {
+        format!("there is nothing to clear: the {kind}robot is in the state {before}\n")
+    }
 }
 
 /// A growth that a command begins.

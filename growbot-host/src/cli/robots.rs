@@ -191,7 +191,7 @@ fn materials(name_or_file: &Path) -> Result<String, Failure> {
         return Ok(String::new());
     }
     let (text, file) = robot_file::text_of(name_or_file)?;
-    let materials = robot_file::materials(&text, &file)?;
+    let materials = robot_file::checked_materials(&text, &file)?;
     if materials.is_empty() {
         return Ok(String::new());
     }

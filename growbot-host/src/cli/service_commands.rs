@@ -41,15 +41,15 @@ pub struct AttachArgs {
 
 /// Runs `growbot pause`.
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve()?, &RobotArg::default())?.pause()?)?)
+    Ok(print(&robot_at(&args.port.resolve_or_only()?, &RobotArg::default())?.pause()?)?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve()?, &RobotArg::default())?.continue_growth()?)?)
+    Ok(print(&robot_at(&args.port.resolve_or_only()?, &RobotArg::default())?.continue_growth()?)?)
 }
 
 /// Runs `growbot attach`.
 pub fn run_attach(args: &AttachArgs) -> Result<(), Failure> {
-    robot_at(&args.port.resolve()?, &RobotArg::default())?.attach(ResultFormat::of(args.json))
+    robot_at(&args.port.resolve_or_only()?, &RobotArg::default())?.attach(ResultFormat::of(args.json))
 }

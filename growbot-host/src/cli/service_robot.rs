@@ -36,7 +36,7 @@ use super::opened::Opened;
 use super::port_arg::SelectedPort;
 use super::port_lease::PortLeaseGuard;
 use super::replay;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, cleared};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
 use super::service_lookup::{EMERGENCY, service_in_emergency};
 
 impl From<ServiceError> for Failure {
@@ -224,7 +224,7 @@ impl RobotHandle for ServiceRobot {
 
     fn clear(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::ClearFault)?;
-        Ok(cleared(self.kind()))
+        Ok(clear_message(self.kind(), self.robot.state.as_deref().unwrap_or("unknown")))
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {

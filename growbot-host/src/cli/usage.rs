@@ -10,11 +10,14 @@ use growbot_plan::pose_text::parse_goal;
 /// Commands of the terminal and of the console, besides those of maintenance, after which a robot moves or heats.
 const MOVING_COMMANDS: [&str; 8] = ["grow", "resume", "continue", "start", "tune", "maintain", "doctor", "serve"];
 
+/// Words that users type for `estop`. The message about them states that nothing was stopped.
+pub const EMERGENCY_WORDS: [&str; 3] = ["emergency", "emergency-stop", "e-stop"];
+
 /// Words that users type for a command that has another name, and what to type instead. Where a robot may move or heat
 /// after the command, its help is named.
 const OTHER_WORDS: [(&[&str], &str); 24] = [
     (&["abort", "halt", "kill", "quit", "exit"], "`growbot stop` stops a robot"),
-    (&["emergency", "emergency-stop", "e-stop"], "`growbot estop` switches everything off"),
+    (&EMERGENCY_WORDS, "`growbot estop` switches everything off"),
     (&["reset", "unlock"], "`growbot clear` clears a fault or an emergency stop"),
     (&["discard", "give-up", "delete"], "`growbot cancel` discards the body under way"),
     (&["run", "start", "print", "build", "go", "demo"], "see `growbot grow --help` for growing a body"),
@@ -89,15 +92,25 @@ fn other_argument(error: &Error, root: &Command) -> Option<String> {
     else {
         return None;
     };
+    let mut command = named_command(root).unwrap_or(root).clone();
+    command.build();
+    let has = |name: &str| command.get_arguments().any(|argument| argument.get_id() == name);
     match given.as_str() {
         "--plan" | "--file" | "--input" => Some("give the file without an option".to_owned()),
         "--goal" | "--target" | "--pose" => Some("give the goal with --to".to_owned()),
         "--dry-run" => Some("`growbot simulate` heats and moves nothing".to_owned()),
-        "--all" => Some("`growbot estop` stops all robots".to_owned()),
-        "--port" => Some("give --port after a command, as in `growbot status --port PORT`".to_owned()),
+        "--all" if ["stop", "estop"].iter().any(|name| command.get_name() == *name) => {
+            Some("`growbot estop` stops every robot of the service and of growbot.toml".to_owned())
+        }
+        "--port" if command.has_subcommands() => {
+            Some("give --port after a command, as in `growbot status --port PORT`".to_owned())
+        }
         option if option.starts_with('-') => None,
-        pose if parse_goal(pose).is_ok() => Some(format!("give the goal with --to {pose}")),
-        port if has_option(root, "port") => Some(format!("give a port or a robot with --port {port}")),
+        pose if parse_goal(pose).is_ok() => has("to").then(|| format!("give the goal with --to {pose}")),
+        // A command with a positional argument may have been given one too many.
+        port if command.get_positionals().next().is_none() => {
+            has("port").then(|| format!("give a port or a robot with --port {port}"))
+        }
         _ => None,
     }
 }
@@ -114,19 +127,14 @@ fn suggestion(error: &Error) -> Option<String> {
     })
 }
 
-/// Returns true if the command that the command line names has this option.
-fn has_option(root: &Command, name: &str) -> bool {
-    let mut named = env::args().skip(1).filter_map(|word| root.find_subcommand(word).cloned());
-    named.next().is_some_and(|mut command| {
-        command.build();
-        command.get_arguments().any(|argument| argument.get_id() == name)
-    })
+/// Returns the command that the command line names. `None` if it names none.
+fn named_command(root: &Command) -> Option<&Command> {
+    env::args().skip(1).find_map(|word| root.find_subcommand(word))
 }
 
 /// Returns `growbot` with the subcommand that the command line names.
 fn command_named(root: &Command) -> String {
-    let named = env::args().skip(1).find(|word| root.find_subcommand(word).is_some());
-    named.map_or_else(|| "growbot".to_owned(), |name| format!("growbot {name}"))
+    named_command(root).map_or_else(|| "growbot".to_owned(), |command| format!("growbot {}", command.get_name()))
 }
 
 #[cfg(test)]
@@ -192,7 +200,6 @@ mod tests {
             let error = Cli::try_parse_from([&["growbot"], args].concat()).err().unwrap();
             message(&error, &Cli::command())
         };
-        assert!(told(&["plan", "0,0,60,0,90"]).contains("give the goal with --to 0,0,60,0,90"));
         assert!(told(&["plan", "--goal", "0,0,60"]).contains("give the goal with --to"));
         let plan = told(&["grow", "--plan", "p.json"]);
         assert!(plan.contains("give the file without an option") && !plan.contains("--planner"), "{plan}");
