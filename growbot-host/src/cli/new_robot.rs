@@ -20,7 +20,7 @@ use super::typed_answer::read_answer;
 /// Describe a robot of your own: answer questions, get its file
 ///
 /// The questions are about the most important values. Enter accepts the value in brackets: that of the base robot
-/// (--from), or one near it that fits the earlier answers. `back` returns to the previous question. `skip` accepts the
+/// (--base), or one near it that fits the earlier answers. `back` returns to the previous question. `skip` accepts the
 /// proposed values of the rest of a section.
 ///
 /// Answers may come from a pipe, one per line. Then the first invalid answer ends the command. If the answers end
