@@ -120,8 +120,8 @@ fn without_unit(value: f64) -> Quantity {
     Quantity { value, has_unit: false }
 }
 
-/// Parses a number and multiplies it by this power of ten. The decimal point is shifted in the text, so that 0.55 m gives
-/// exactly 550 mm.
+/// Parses a number and multiplies it by this power of ten. The decimal point is shifted in the text, so that 0.55 m
+/// gives exactly 550 mm.
 fn parse_decimal(number: &str, power: i32) -> Option<f64> {
     let parsed = parse_number(number)?;
     let by_decimals = if number.contains(['e', 'E']) { None } else { parse_number(&format!("{number}e{power}")) };

@@ -41,8 +41,8 @@ impl From<RobotStatus> for KnownPort {
     }
 }
 
-/// Returns the ports of the robots of the user's service (`owned`), of the settings, and of the simulated robots that are
-/// on, each port once.
+/// Returns the ports of the robots of the user's service (`owned`), of the settings, and of the simulated robots that
+/// are on, each port once.
 ///
 /// # Errors
 /// [`SettingsError`] of a settings file.

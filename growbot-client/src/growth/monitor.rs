@@ -25,8 +25,8 @@ const EVENT_POLL_INTERVAL: Duration = Duration::from_millis(20);
 const QUIET_LOOKS: u32 = 100;
 /// Maximum number of status requests after the end of the job, while the reports of some laid layers are still missing.
 const MAX_QUESTIONS_AFTER_END: u32 = 40;
-/// Like [`MAX_QUESTIONS_AFTER_END`], after a stop. The caller waits for its confirmation, and takes a late one for a robot
-/// that is still on. A resumption reads the missing reports.
+/// Like [`MAX_QUESTIONS_AFTER_END`], after a stop. The caller waits for its confirmation, and takes a late one for a
+/// robot that is still on. A resumption reads the missing reports.
 const MAX_QUESTIONS_AFTER_STOP: u32 = 3;
 /// Maximum number of attempts to reconnect to a board that does not respond, before the board counts as lost.
 const CALLS: u32 = 12;

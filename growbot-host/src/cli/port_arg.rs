@@ -99,8 +99,8 @@ impl RequiredPortArg {
         self.resolve_or_only_from_files(InvalidFiles::Refuse)
     }
 
-    /// Like [`RequiredPortArg::resolve_or_only`], but invalid settings files only cause warnings, because they must not prevent
-    /// a stop.
+    /// Like [`RequiredPortArg::resolve_or_only`], but invalid settings files only cause warnings, because they must not
+    /// prevent a stop.
     pub fn resolve_for_stop(&self) -> Result<SelectedPort, Failure> {
         settings::skip_invalid(|invalid| self.resolve_or_only_from_files(invalid))
     }
