@@ -12,7 +12,6 @@
 //! Lengths are in mm. Angles are in radians inside and in degrees in all texts and files. Names carry the unit.
 #![forbid(unsafe_code)]
 
-pub mod clock_text;
 pub mod messages;
 pub mod output;
 pub mod progress;

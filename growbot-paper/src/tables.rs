@@ -85,10 +85,10 @@ fn robots() -> Table<'static, Parameters> {
 }
 
 /// Name of an experiment, condition of its growths, and their robot.
-type Grown<'a, T> = (&'static str, &'a T, &'a Robot);
+type GrownBody<'a, T> = (&'static str, &'a T, &'a Robot);
 
 /// Returns all sets of growths, with their experiment and robot.
-fn sets(of: &Reproduction) -> impl Iterator<Item = Grown<'_, GrowthSet>> {
+fn sets(of: &Reproduction) -> impl Iterator<Item = GrownBody<'_, GrowthSet>> {
     let random = of.experiments.sets.iter().map(|set| ("random-poses", set));
     let all = random.chain(of.experiments.noise.iter().map(|set| ("noise", set)));
     all.map(|(experiment, set)| (experiment, set, &of.experiments.robots[set.robot]))
@@ -110,9 +110,9 @@ fn condition_columns<'a, R>(
         .column("noise_percent", move |row| 100.0 * condition(row).0.noise)
 }
 
-fn growths<'a>() -> Table<'static, Grown<'a, ExperimentGrowth>> {
+fn growths<'a>() -> Table<'static, GrownBody<'a, ExperimentGrowth>> {
     let table = Table::new(NumberFormat::Fraction)
-        .column("experiment", |(experiment, ..): &Grown<'a, ExperimentGrowth>| *experiment)
+        .column("experiment", |(experiment, ..): &GrownBody<'a, ExperimentGrowth>| *experiment)
         .column("robot", |(_, growth, _)| ROBOTS[growth.robot].name)
         .column("group_radii", |(_, growth, _)| GROUPS[growth.group])
         .column("repetition", |(_, growth, _)| growth.repetition);
@@ -130,7 +130,7 @@ fn growths<'a>() -> Table<'static, Grown<'a, ExperimentGrowth>> {
 }
 
 /// A set of growths, and one of their quantities.
-type Summarized<'a> = (Grown<'a, GrowthSet>, ErrorQuantity);
+type Summarized<'a> = (GrownBody<'a, GrowthSet>, ErrorQuantity);
 
 /// Returns the table with the statistics of one quantity over a set of growths in each row.
 fn summaries<'a>() -> Table<'static, Summarized<'a>> {

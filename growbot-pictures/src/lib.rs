@@ -5,12 +5,13 @@
 //! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
 //! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`)
 //! - [`layer_table`]: the layers of a plan as CSV
-//! - [`duration`]: times as text
+//! - [`duration`], [`clock_text`]: durations and times of day as text
 //! - [`workspace`]: goals within reach as a picture
 //!
 //! Lengths are in mm. Angles are in radians in computations, and in degrees in texts and files.
 #![forbid(unsafe_code)]
 
+pub mod clock_text;
 pub mod drawing;
 pub mod duration;
 pub mod export;

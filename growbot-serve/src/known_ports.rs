@@ -1,5 +1,7 @@
 //! The ports at which robots are, or may be: of the service, of the settings, simulated ones, and serial devices.
 
+use std::fmt::{self, Display, Formatter};
+
 use growbot_client::port::serial::serial_devices;
 use growbot_client::status::RobotStatus;
 use growbot_sim::port::PortName;
@@ -33,6 +35,15 @@ pub struct KnownPort {
     pub name: Option<String>,
     /// Place in which the port was found.
     pub source: PortSource,
+}
+
+impl Display for KnownPort {
+    fn fmt(&self, out: &mut Formatter<'_>) -> fmt::Result {
+        match &self.name {
+            Some(name) => write!(out, "{name} at {}", self.port),
+            None => write!(out, "{}", self.port),
+        }
+    }
 }
 
 impl From<RobotStatus> for KnownPort {

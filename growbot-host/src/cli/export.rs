@@ -13,8 +13,8 @@ use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::run_log::BodyKind;
 
+use super::body_input::BodyInput;
 use super::failure::Failure;
-use super::opened::Opened;
 use super::output_format::OutputFormat;
 
 /// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
@@ -111,7 +111,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
-    let subject = Opened::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
+    let subject = BodyInput::open(&args.body, args.robot.as_deref(), args.scene.as_deref())?;
     let bytes = args.encode(format, &subject)?;
     // Some formats, and bodies without layers, cannot state that the body is simulated.
     let simulated = args.kind(&subject).filter(|kind| *kind != BodyKind::AsBuilt).map(BodyKind::name);
@@ -141,7 +141,7 @@ impl ExportArgs {
     }
 
     /// Returns the kind of the exported body. `None` for a plan.
-    fn kind(&self, subject: &Opened) -> Option<BodyKind> {
+    fn kind(&self, subject: &BodyInput) -> Option<BodyKind> {
         let record = subject.record()?;
         Some(match (self.which, record.body_kind()) {
             (BodyChoice::Commanded, BodyKind::Laid) => BodyKind::Commanded,
@@ -149,8 +149,8 @@ impl ExportArgs {
         })
     }
 
-    fn encode(&self, format: OutputFormat, subject: &Opened) -> Result<Vec<u8>, Failure> {
-        let Opened { robot, plan, run, .. } = subject;
+    fn encode(&self, format: OutputFormat, subject: &BodyInput) -> Result<Vec<u8>, Failure> {
+        let BodyInput { robot, plan, run, .. } = subject;
         let record = subject.record();
         let kind = self.kind(subject);
         let laid = record.filter(|_| kind == Some(BodyKind::Laid));

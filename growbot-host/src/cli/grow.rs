@@ -11,11 +11,11 @@ use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_plan::robot_file;
 use growbot_plan::run_log::RunLog;
 
+use super::body_input::BodyInput;
 use super::disturbance::DisturbanceArgs;
 use super::failure::Failure;
 use super::find_robot::robot_at;
 use super::growth_monitor::{OnHostSilence, ResultFormat, print_refusal};
-use super::opened::Opened;
 use super::plan_source::PlanSourceArgs;
 use super::port_arg::{PortArg, SelectedPort};
 use super::remedies;
@@ -115,7 +115,7 @@ pub fn run_main_job() -> Result<(), Failure> {
 pub fn run(args: &GrowArgs) -> Result<(), Failure> {
     let (port, print) = (args.port.resolve()?, args.print()?);
     let (opened, unclear) = args.goal.open(ResultFormat::of(args.json))?;
-    let Opened { robot, plan, .. } = &opened;
+    let BodyInput { robot, plan, .. } = &opened;
     for warning in &plan.warnings {
         growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }

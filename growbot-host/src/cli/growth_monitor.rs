@@ -3,9 +3,9 @@
 use clap::ValueEnum;
 use growbot_client::growth::{GrowthBoard, GrowthError, GrowthRequest, OnParked};
 use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
-use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::clock_text::local_clock_text;
 use growbot_plan::clearance_guard::Detour;
 use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::forecast::Forecast;

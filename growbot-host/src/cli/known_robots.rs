@@ -49,12 +49,12 @@ pub fn only_robot(mut invalid: InvalidFiles) -> Result<String, Failure> {
     }
     match &robots[..] {
         [robot] => {
-            growbot_host::note!("no port given: this is {}, the only robot", description(robot));
+            growbot_host::note!("no port given: this is {robot}, the only robot");
             Ok(robot.port.clone())
         }
         [] => Err(no_port()),
         _ => {
-            let robots: Vec<String> = robots.iter().map(description).collect();
+            let robots: Vec<String> = robots.iter().map(ToString::to_string).collect();
             Err(Failure::bad_input(format!(
                 "no port given, and there are {} robots: pass --port with one of them: {}",
                 robots.len(),
@@ -71,12 +71,4 @@ pub fn no_port() -> Failure {
          serial devices",
         Key::Port.variable()
     ))
-}
-
-/// Returns the name and the port of a robot.
-fn description(robot: &KnownPort) -> String {
-    match &robot.name {
-        Some(name) => format!("{name} at {}", robot.port),
-        None => robot.port.clone(),
-    }
 }

@@ -15,12 +15,12 @@ use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 
 use super::board_report::BoardReport;
+use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
 use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::maintenance_task::maintain;
-use super::opened::Opened;
 use super::port_arg::{Connection, SelectedPort};
 use super::port_lease::PortLeaseGuard;
 use super::remedies;
@@ -168,7 +168,7 @@ impl RobotHandle for LocalRobot<'_> {
             let scene = record.scene(&opened.plan, &opened.robot, scene.map(PathBuf::as_path))?;
             opened.scene = scene.map(|loaded| (named, loaded));
         }
-        let Opened { robot, plan, .. } = &opened;
+        let BodyInput { robot, plan, .. } = &opened;
         let pace = watching.pace(self.port.name())?;
         let mut client = self.port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?.client;
         let board = client.identify()?;

@@ -4,6 +4,7 @@
 //! a valid request failed. Exit code 2 means that something was wrong before the job started.
 
 mod board_report;
+mod body_input;
 mod cancel;
 mod clear;
 mod completions;
@@ -29,7 +30,6 @@ mod maintain;
 mod maintenance_task;
 mod man;
 mod new_robot;
-mod opened;
 mod output_dir;
 mod output_format;
 mod plan;

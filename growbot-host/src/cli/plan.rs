@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use growbot_core::robot::Robot;
-use growbot_host::clock_text::now_here;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::clock_text::now_here;
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension};
 use growbot_plan::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
 use growbot_plan::input::{self, BoundedLines};

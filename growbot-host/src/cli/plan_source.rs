@@ -9,9 +9,9 @@ use growbot_plan::plan_file::{self, LoadedPlan};
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
 use growbot_plan::scene_planning::{self, MAX_LENGTH_MM, SceneCheckError};
 
+use super::body_input::{BodyInput, refuse_pose};
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::opened::{Opened, refuse_pose};
 use super::robot_arg::RobotArg;
 use super::scene_options::{SceneArgs, plan_failure};
 use super::search::PlanningOptions;
@@ -64,9 +64,9 @@ impl PlanSourceArgs {
     /// Reads the plan from its file, or plans to the given goal. Robot and scene are those of the plan, unless others
     /// are given. The second value is the reason why the plan is not clear of the scene. It is `None` if it is clear,
     /// or without a scene.
-    pub fn open(&self, format: ResultFormat) -> Result<(Opened, Option<SceneCheckError>), Failure> {
+    pub fn open(&self, format: ResultFormat) -> Result<(BodyInput, Option<SceneCheckError>), Failure> {
         let (loaded, clearance_error) = self.load(format)?;
-        Ok((Opened::of_plan(loaded, self.scene.scene.as_deref()), clearance_error))
+        Ok((BodyInput::of_plan(loaded, self.scene.scene.as_deref()), clearance_error))
     }
 
     fn load(&self, format: ResultFormat) -> Result<(LoadedPlan, Option<SceneCheckError>), Failure> {

@@ -6,7 +6,7 @@ use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_host::clock_text::clock_text;
+use growbot_pictures::clock_text::clock_text;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::degrees::{shortest_degrees, shortest_heading};
 use growbot_plan::figures::direction_text;

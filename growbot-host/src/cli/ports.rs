@@ -34,10 +34,7 @@ pub fn run(args: &PortsArgs) -> Result<(), Failure> {
         return Ok(print(&json_line(&json!({ "ports": ports })))?);
     }
     if ports.is_empty() {
-        growbot_host::note!(
-            "there are no robots and no serial devices: `growbot power on --port sim:lab` switches a \
-                             simulated robot on"
-        );
+        growbot_host::note!("no robots and no serial devices: `growbot power --help` shows how to simulate a robot");
     }
     let width = |of: fn(&KnownPort) -> usize| ports.iter().map(of).max().unwrap_or(0).max(5);
     let widths = [width(|known| known.port.len()), width(|known| known.name.as_ref().map_or(0, String::len)), 15];

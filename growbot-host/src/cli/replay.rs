@@ -14,9 +14,9 @@ use growbot_plan::replayed_body::{Arrivals, ReplayedBody, ReplayedFeedback};
 use growbot_plan::run_log::RecordedRun;
 use growbot_plan::sanitize::json_line;
 
+use super::body_input::{robot_of, warn_of_damage};
 use super::failure::Failure;
 use super::growth_table::deviates;
-use super::opened::{robot_of, warn_of_damage};
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///

@@ -7,10 +7,10 @@ use clap::{Args, ValueEnum};
 use growbot_client::growth::OnInterrupted;
 use growbot_plan::input::display_name;
 
+use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::find_robot::robot_at;
 use super::growth_monitor::{OnHostSilence, ResultFormat};
-use super::opened::Opened;
 use super::port_arg::PortArg;
 use super::robot_arg::RobotArg;
 use super::robot_handle::ResumedGrowth;
@@ -101,8 +101,8 @@ impl From<InterruptedLayerChoice> for OnInterrupted {
 impl ResumeArgs {
     /// Reads the run log or plan of the growth, with the scene of the plan. Returns an error if a scene is given but
     /// the plan has none.
-    fn opened(&self, file: &Path) -> Result<Opened, Failure> {
-        let opened = Opened::open(file, self.robot.as_deref(), self.scene.as_deref())?;
+    fn opened(&self, file: &Path) -> Result<BodyInput, Failure> {
+        let opened = BodyInput::open(file, self.robot.as_deref(), self.scene.as_deref())?;
         if let (None, Some(scene)) = (&opened.plan.scene, &self.scene) {
             return Err(Failure::bad_input(format_args!(
                 "the plan of {} was made without a scene, so the growth cannot be checked against {}: remove --scene",

@@ -8,9 +8,9 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_sim::crash::FirmwareImage;
 
 use super::board_report::BoardReport;
+use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::opened::Opened;
 use super::port_lease::PortLeaseGuard;
 use super::watch_options::WatchArgs;
 
@@ -70,7 +70,7 @@ pub struct NewGrowth<'a> {
     /// The growth, which has been checked.
     pub request: GrowthRequest<'a>,
     /// Inputs of the growth.
-    pub opened: &'a Opened,
+    pub opened: &'a BodyInput,
     /// Name of the growth.
     pub name: String,
     /// Absolute path of the scene. `None` without a scene.
@@ -88,7 +88,7 @@ pub struct NewGrowth<'a> {
 /// A growth that a command resumes.
 pub struct ResumedGrowth<'a> {
     /// File of the run log or of the plan, with its content. `None` for the latest job of the robot.
-    pub opened: Option<(&'a PathBuf, Opened)>,
+    pub opened: Option<(&'a PathBuf, BodyInput)>,
     /// File of the scene, if it is not the one of the plan.
     pub scene: Option<&'a PathBuf>,
     /// Treatment of an interrupted layer.

@@ -8,9 +8,9 @@ use std::time::Duration;
 use growbot_client::growth::{LogTarget, OnInterrupted, Override};
 use growbot_client::status::RobotStatus;
 use growbot_core::link::message::HostSilencePolicy;
-use growbot_host::clock_text::local_clock_text;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::view::page::PageAccess;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::robot_kind::RobotKind;
@@ -30,9 +30,9 @@ use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
 use super::board_report::BoardReport;
+use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::opened::Opened;
 use super::port_arg::SelectedPort;
 use super::port_lease::PortLeaseGuard;
 use super::replay;
@@ -309,7 +309,7 @@ impl RobotHandle for ServiceRobot {
             )));
         }
         let page = growth.watching.of_service()?;
-        let plan_id = growth.opened.map(|(_, Opened { robot, plan, .. })| {
+        let plan_id = growth.opened.map(|(_, BodyInput { robot, plan, .. })| {
             let plan_id = growbot_plan::job::Job::of_plan(&robot, &plan).plan_id;
             format!("{plan_id:016x}")
         });

@@ -2,7 +2,7 @@
 
 use growbot_client::status::{FaultStatus, ImageStatus, RobotStatus, SensorStatus};
 use growbot_core::link::message::{DriverProblem, Fault};
-use growbot_host::clock_text::local_clock_text;
+use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::figures::fixed;
 use growbot_plan::robot_kind::RobotKind;

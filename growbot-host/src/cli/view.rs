@@ -12,8 +12,8 @@ use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
 use growbot_pictures::view::{Subject, page, picture, plot};
 use growbot_plan::input::{display_name, is_standard_input};
 
+use super::body_input::BodyInput;
 use super::failure::Failure;
-use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::units::mm;
 
@@ -161,8 +161,8 @@ impl ViewArgs {
     }
 
     /// Reads a file, with its scene. Plots show no scene.
-    fn open(&self, file: &Path) -> Result<Opened, Failure> {
-        Opened::open(file, self.robot.as_deref(), self.scene.as_deref())
+    fn open(&self, file: &Path) -> Result<BodyInput, Failure> {
+        BodyInput::open(file, self.robot.as_deref(), self.scene.as_deref())
     }
 
     fn page(&self, subjects: &[&Subject]) -> Result<String, Failure> {
@@ -174,10 +174,10 @@ impl ViewArgs {
         Ok(page?)
     }
 
-    fn picture(&self, subjects: &[&Subject], opened: &[Opened]) -> Result<String, Failure> {
+    fn picture(&self, subjects: &[&Subject], opened: &[BodyInput]) -> Result<String, Failure> {
         if !self.plot.is_empty() {
             let options = plot::PlotOptions { quantities: &self.plot, along: self.x_axis, title: !self.no_title };
-            let log = |opened: &'_ Opened| opened.run.as_ref().map(|(_, log)| log.clone());
+            let log = |opened: &'_ BodyInput| opened.run.as_ref().map(|(_, log)| log.clone());
             let logs: Vec<Option<Vec<u8>>> = opened.iter().map(log).collect();
             let plotted: Vec<PlotInput> =
                 subjects.iter().zip(&logs).map(|(subject, log)| PlotInput { subject, log: log.as_deref() }).collect();

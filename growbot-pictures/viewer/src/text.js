@@ -16,7 +16,7 @@ export function durationText(seconds) {
 }
 
 /**
- * Returns the time of day `seconds` after `now` (a Date), like `clock_text` of growbot-host/src/clock_text.rs. The day
+ * Returns the time of day `seconds` after `now` (a Date), like `clock_text` of growbot-pictures/src/clock_text.rs. The day
  * is included if it is another one.
  */
 export function finishText(now, seconds) {

@@ -24,10 +24,10 @@ use growbot_sim::simulation::json::{SimulatedCampaign, SimulatedGrowth};
 use growbot_sim::simulation::{Simulation, SimulationResult};
 
 use self::samples::Samples;
+use super::body_input::BodyInput;
 use super::disturbance::{DisturbanceArgs, signed_percent};
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::opened::Opened;
 use super::output_format::OutputFormat;
 use super::plan_source::PlanSourceArgs;
 use super::remedies;
@@ -138,7 +138,7 @@ fn step_mm(text: &str) -> Result<f64, String> {
 /// Runs the command.
 pub fn run(args: &SimulateArgs) -> Result<(), Failure> {
     let (opened, unclear) = args.goal.open(ResultFormat::of(args.json))?;
-    let Opened { robot, plan, .. } = &opened;
+    let BodyInput { robot, plan, .. } = &opened;
     warn(&plan.warnings);
     let slicing = args.slicing(robot.description().layer.height_mm)?;
     let mut simulation = Simulation::new(plan, robot, slicing);

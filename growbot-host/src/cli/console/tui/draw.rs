@@ -2,7 +2,7 @@
 
 use growbot_core::layer::Layer;
 use growbot_core::link::message::{State, Status, celsius};
-use growbot_host::clock_text::local_clock_text;
+use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::sanitize::is_control;

@@ -26,7 +26,7 @@ pub fn refuse_pose(file: &Path) -> Result<(), Failure> {
 }
 
 /// A robot and its plan, with the run log if the body was grown.
-pub struct Opened {
+pub struct BodyInput {
     pub robot: Robot,
     pub plan: Plan,
     /// Run log of the body: its record, and its bytes. `None` for a plan.
@@ -35,7 +35,7 @@ pub struct Opened {
     pub scene: Option<(String, LoadedScene)>,
 }
 
-impl Opened {
+impl BodyInput {
     /// Returns the plan without a run log. `given` is the file of the scene, if it is not the one that the plan names.
     pub fn of_plan(loaded: LoadedPlan, given: Option<&Path>) -> Self {
         let LoadedPlan { robot, plan, scene } = loaded;
