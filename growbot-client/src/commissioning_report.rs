@@ -10,7 +10,6 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::utc_text;
 use growbot_plan::sanitize::{json_line, one_line};
 use serde::{Deserialize, Serialize};
-use serde_json::Value;
 use time::OffsetDateTime;
 
 /// Identifier of the file's format.
@@ -20,6 +19,7 @@ const LARGEST: u64 = 1 << 20;
 
 /// Outcome of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StepOutcome {
     /// The step passed.
@@ -36,6 +36,7 @@ pub enum StepOutcome {
 
 /// Finding of a step.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Finding {
     /// Outcome of the step.
     pub outcome: StepOutcome,
@@ -76,6 +77,7 @@ impl Finding {
 
 /// An answer, with its question and its time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct RecordedAnswer {
     /// The question.
     pub question: String,
@@ -144,12 +146,16 @@ pub enum ReportError {
 
 /// A step in the report.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct DoctorStep {
+    /// Name of the step.
     step: String,
     #[serde(flatten)]
     finding: Finding,
+    /// Answers of the user.
     #[serde(default)]
     answers: Vec<RecordedAnswer>,
+    /// Time of the end of the step, UTC.
     utc: String,
     /// Hash of the robot's description when the step was done, 16 hexadecimal digits. Empty if it is not known.
     #[serde(default)]
@@ -158,14 +164,20 @@ struct DoctorStep {
 
 /// The report about the commissioning of a robot.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct CommissioningReport {
+    /// Identifier of the file's format.
     format: String,
+    /// Name of the robot.
     robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
     #[serde(default)]
     description: String,
+    /// Port of the robot.
     port: String,
+    /// True for a simulated robot.
     simulated: bool,
+    /// Steps that were done, in the order of their first results.
     steps: Vec<DoctorStep>,
 }
 
@@ -270,12 +282,7 @@ impl CommissioningReport {
     /// # Errors
     /// If the file cannot be written.
     pub fn write(&self, file: &Path) -> Result<(), FileError> {
-        write_atomic(file, json_line(&self.json()).as_bytes())
-    }
-
-    /// Returns the report as JSON.
-    pub fn json(&self) -> Value {
-        serde_json::to_value(self).unwrap_or_default()
+        write_atomic(file, json_line(self).as_bytes())
     }
 }
 

@@ -8,12 +8,13 @@
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
 //!   really laid;
 //! - [`status`]: the status of a robot, for every program; [`maintenance`]: presets of materials, and maintenance
-//!   commands; [`commissioning_report`]: the findings about a new robot.
+//!   commands; [`command_report`]: the reports of commands; [`commissioning_report`]: the findings about a new robot.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
 
 pub mod client;
+pub mod command_report;
 pub mod commissioning_report;
 pub mod ground_truth;
 pub mod growth;

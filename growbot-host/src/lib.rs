@@ -4,7 +4,6 @@
 //! pages, pictures and exports in growbot-pictures, the service in growbot-serve, the paper's experiments in
 //! growbot-paper. This library contains:
 //!
-//! - [`schema`]: JSON Schemas of files
 //! - [`progress`]: display of progress
 //! - [`output`]: results on standard output
 //! - [`messages`]: messages on standard error
@@ -15,7 +14,6 @@
 pub mod messages;
 pub mod output;
 pub mod progress;
-pub mod schema;
 
 /// The book's chapter about the libraries. Its code is compiled and run as doctests.
 #[cfg(doctest)]

@@ -8,13 +8,14 @@ use running::{PROGRAM, command, growbot, growbot_reading};
 use serde_json::Value;
 
 use crate::running;
+use crate::schemas::faults;
 
 fn json(text: &str) -> Value {
     serde_json::from_str(text).unwrap_or_else(|error| panic!("{error}: {text}"))
 }
 
 /// Returns the names of the commands that `growbot --help` lists.
-fn commands() -> Vec<String> {
+pub fn commands() -> Vec<String> {
     let help = growbot(&["--help"]).out;
     let listed = help.split("Usage:").nth(1).unwrap().split("\nOptions:").next().unwrap();
     let names = listed.lines().filter_map(|line| line.strip_prefix("  ")).filter(|line| !line.starts_with(' '));
@@ -112,58 +113,6 @@ fn robots_explains_a_robot() {
     let unknown = growbot(&["robots", "growbot_b"]);
     assert_eq!((unknown.code, unknown.out.as_str()), (Some(2), ""));
     assert!(unknown.err.contains("did you mean growbot-b?"), "{}", unknown.err);
-}
-
-/// Returns the places where a value violates a JSON Schema. Only the keywords that [`growbot_host::schema`] uses are
-/// checked. `at` is the path of the value.
-fn faults(schema: &Value, value: &Value, at: &str) -> Vec<String> {
-    let mut found = Vec::new();
-    for (keyword, answer) in schema.as_object().unwrap() {
-        let fits = match keyword.as_str() {
-            "$schema" | "title" | "description" | "default" => true,
-            "type" => match answer.as_str().unwrap() {
-                "object" => value.is_object(),
-                "array" => value.is_array(),
-                "string" => value.is_string(),
-                "boolean" => value.is_boolean(),
-                "integer" => value.is_i64() || value.is_u64(),
-                "number" => value.is_number(),
-                kind => panic!("{kind}"),
-            },
-            "minimum" => value.as_f64().is_none_or(|value| value >= answer.as_f64().unwrap()),
-            "maximum" => value.as_f64().is_none_or(|value| value <= answer.as_f64().unwrap()),
-            "const" => value == answer,
-            "oneOf" => answer.as_array().unwrap().iter().filter(|one| faults(one, value, at).is_empty()).count() == 1,
-            "pattern" => {
-                assert_eq!(answer, "^[a-z0-9-]+$");
-                value.as_str().is_some_and(|text| {
-                    !text.is_empty() && text.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-')
-                })
-            }
-            "maxLength" => value.as_str().is_some_and(|text| text.len() as u64 <= answer.as_u64().unwrap()),
-            "items" => {
-                value.as_array().is_some_and(|items| items.iter().all(|item| faults(answer, item, at).is_empty()))
-            }
-            "minItems" => value.as_array().is_some_and(|items| items.len() as u64 >= answer.as_u64().unwrap()),
-            "maxItems" => value.as_array().is_some_and(|items| items.len() as u64 <= answer.as_u64().unwrap()),
-            "required" => answer.as_array().unwrap().iter().all(|key| value.get(key.as_str().unwrap()).is_some()),
-            "properties" | "additionalProperties" => true,
-            other => panic!("{other} at {at}"),
-        };
-        if !fits {
-            found.push(format!("{at}: {keyword} {answer} and not {value}"));
-        }
-    }
-    if let (Some(properties), Some(object)) = (schema.get("properties"), value.as_object()) {
-        assert_eq!(schema["additionalProperties"], false, "{at}");
-        for (key, value) in object {
-            match properties.get(key) {
-                Some(schema) => found.extend(faults(schema, value, &format!("{at}.{key}"))),
-                None => found.push(format!("{at}: there is no {key}")),
-            }
-        }
-    }
-    found
 }
 
 #[test]

@@ -127,10 +127,16 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     state("growing");
     let (code, answer) = lab.run(&["grow", "--to", GOAL]);
     assert!(code == Some(1) && answer.contains("has an active job"), "{answer}");
-    assert_eq!(lab.run(&["pause"]).0, Some(0));
+    let report = |args: &[&str]| {
+        let (code, answer) = lab.run(args);
+        let report: Value = serde_json::from_str(&answer).unwrap_or_else(|_| panic!("{answer}"));
+        assert_eq!((code, faults(&schema("command"), &report, "")), (Some(0), vec![]), "{report}");
+        assert_eq!(report["simulated"], true, "{report}");
+    };
+    report(&["pause", "--json"]);
     let paused = state("paused");
     assert!(paused["pause_cause"] == "requested" && paused["laid"].as_u64() > Some(0), "{paused}");
-    assert_eq!(lab.run(&["continue"]).0, Some(0));
+    report(&["continue", "--json"]);
     state("growing");
     let (code, answer) = lab.run(&["estop"]);
     assert!(code == Some(0) && answer.starts_with("emergency stop"), "{answer}");

@@ -1,9 +1,10 @@
 //! All numbers as CSV files and as JSON.
 
 use growbot_core::robot::Robot;
-use growbot_plan::table::{NumberFormat, Table, pose_columns};
+use growbot_plan::table::{NumberFormat, Row, Table, pose_columns};
 use nalgebra::Vector3;
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
 use super::comparison::{ExactErrors, SignificanceTest};
 use super::experiments::{Condition, ErrorQuantity, Example, ExperimentGrowth, GrowthSet, PlannedSegment, SENSORS};
@@ -254,37 +255,107 @@ pub fn files(of: &Reproduction) -> Vec<ResultFile> {
     files
 }
 
-/// Returns the results as JSON, without the single growths.
-pub fn json(of: &Reproduction) -> Value {
-    let shown = [1, 3].into_iter().filter(|table| of.request.has_table(*table));
-    let exact = of.comparison.exact.map(|ExactErrors { max_position, max_direction, growths }| {
-        json!({
-            "growths": growths,
-            "max_position_error_over_length": max_position,
-            "max_direction_error_rad": max_direction,
-        })
-    });
-    json!({
-        "seed": of.request.seed,
-        "tables": of.request.tables,
-        "figures": of.request.figures,
-        "repeat": of.request.repeat,
-        "repeat_noise": of.request.repeat_noise,
-        "disturbances": {
-            "growth_noise": { "distribution": "uniform", "half_width": "noise_percent", "unit": "percent" },
-            "odometry_noise": {
-                "distribution": "normal", "standard_deviation": 100.0 * SENSORS.noise.odometry, "unit": "percent",
-                "loop": "closed",
+/// The errors of bodies that are sliced exactly and grown without noise.
+#[derive(Debug, Serialize, JsonSchema)]
+struct ExactErrorsJson {
+    /// Number of growths.
+    growths: usize,
+    /// Greatest position error, divided by the length of the path.
+    max_position_error_over_length: f64,
+    /// Greatest direction error, radians.
+    max_direction_error_rad: f64,
+}
+
+/// The distribution of a random error of layers or sensors.
+#[derive(Debug, Serialize, JsonSchema)]
+struct NoiseJson {
+    /// Name of the distribution.
+    distribution: &'static str,
+    /// Column with the half-width of a uniform distribution.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    half_width: Option<&'static str>,
+    /// Standard deviation of a normal distribution.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    standard_deviation: Option<f64>,
+    /// Unit of both.
+    unit: &'static str,
+    /// The loop that has the error, if only one has.
+    #[serde(rename = "loop", skip_serializing_if = "Option::is_none")]
+    in_loop: Option<&'static str>,
+}
+
+impl NoiseJson {
+    fn of_sensor(standard_deviation: f64, unit: &'static str) -> Self {
+        let (standard_deviation, in_loop) = (Some(standard_deviation), Some("closed"));
+        Self { distribution: "normal", half_width: None, standard_deviation, unit, in_loop }
+    }
+}
+
+/// Random errors of layers and sensors.
+#[derive(Debug, Serialize, JsonSchema)]
+struct DisturbancesJson {
+    growth_noise: NoiseJson,
+    odometry_noise: NoiseJson,
+    direction_noise: NoiseJson,
+}
+
+/// The results of the experiments, without the single growths. The rows of tables have the columns of the CSV files.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct ReproductionJson {
+    /// Seed of the random numbers.
+    seed: u64,
+    /// Numbers of the reproduced tables.
+    tables: Vec<u8>,
+    /// Numbers of the reproduced figures.
+    figures: Vec<u8>,
+    /// Number of growths of each experiment without noise.
+    repeat: usize,
+    /// Number of growths of each experiment with noise.
+    repeat_noise: usize,
+    disturbances: DisturbancesJson,
+    /// Parameters of the robots (tables 1 and 3).
+    robots: Vec<Row>,
+    /// Rows of table 2.
+    table2: Vec<Row>,
+    /// Errors of each experiment.
+    summaries: Vec<Row>,
+    /// Tests of the differences between experiments.
+    tests: Vec<Row>,
+    /// Errors without noise. Null if that experiment was not requested.
+    exact_slicing_without_noise: Option<ExactErrorsJson>,
+}
+
+impl From<&Reproduction> for ReproductionJson {
+    fn from(of: &Reproduction) -> Self {
+        let shown = [1, 3].into_iter().filter(|table| of.request.has_table(*table));
+        let exact = of.comparison.exact.map(|ExactErrors { max_position, max_direction, growths }| ExactErrorsJson {
+            growths,
+            max_position_error_over_length: max_position,
+            max_direction_error_rad: max_direction,
+        });
+        let noise = &SENSORS.noise;
+        Self {
+            seed: of.request.seed,
+            tables: of.request.tables.clone(),
+            figures: of.request.figures.clone(),
+            repeat: of.request.repeat,
+            repeat_noise: of.request.repeat_noise,
+            disturbances: DisturbancesJson {
+                growth_noise: NoiseJson {
+                    distribution: "uniform",
+                    half_width: Some("noise_percent"),
+                    standard_deviation: None,
+                    unit: "percent",
+                    in_loop: None,
+                },
+                odometry_noise: NoiseJson::of_sensor(100.0 * noise.odometry, "percent"),
+                direction_noise: NoiseJson::of_sensor(noise.direction.to_degrees(), "deg"),
             },
-            "direction_noise": {
-                "distribution": "normal", "standard_deviation": SENSORS.noise.direction.to_degrees(), "unit": "deg",
-                "loop": "closed",
-            },
-        },
-        "robots": robots().json(shown.flat_map(|table| parameters(of, table))),
-        "table2": table2().json(&of.comparison.table2),
-        "summaries": summaries().json(summary_rows(of)),
-        "tests": significance_tests().json(&of.comparison.questions),
-        "exact_slicing_without_noise": exact,
-    })
+            robots: robots().json(shown.flat_map(|table| parameters(of, table))),
+            table2: table2().json(&of.comparison.table2),
+            summaries: summaries().json(summary_rows(of)),
+            tests: significance_tests().json(&of.comparison.questions),
+            exact_slicing_without_noise: exact,
+        }
+    }
 }

@@ -5,7 +5,7 @@
 //!
 //! - [`robot_file`]: descriptions of robots, built in or from TOML files; [`robot_kind`]: real or
 //!   simulated; [`robot_schema`]: the JSON Schema of robot files; [`annotated_robot`]: explanation of a robot;
-//!   [`robot_questions`]: creation of a robot file;
+//!   [`robot_json`]: robots as JSON; [`robot_questions`]: creation of a robot file;
 //! - [`pose_text`]: poses as users type them; [`degrees`]: angles in text form;
 //! - [`plan`]: a path with its properties; [`waypoints`]: the planning of a path through several goals; [`warning`]:
 //!   reasons against growing a plan; [`self_collision`]: parts of a body that would collide with earlier parts;
@@ -55,6 +55,8 @@ pub mod pose_text;
 pub mod remedy;
 pub mod replayed_body;
 pub mod robot_file;
+#[cfg(feature = "robot-editing")]
+pub mod robot_json;
 pub mod robot_kind;
 #[cfg(feature = "robot-editing")]
 pub mod robot_questions;

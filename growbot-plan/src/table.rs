@@ -5,7 +5,7 @@ use std::iter::once;
 
 use csv::WriterBuilder;
 use serde::Serialize;
-use serde_json::Value;
+use serde_json::{Map, Value};
 
 use crate::figures::shortest;
 
@@ -71,6 +71,9 @@ impl NumberFormat {
 
 type Values<'a, R> = Box<dyn Fn(&R) -> Vec<Cell> + 'a>;
 
+/// A row of a table as a JSON object, whose keys are the names of the columns.
+pub type Row = Map<String, Value>;
+
 /// Columns of a table with rows of type `R`. The name of a column contains its unit.
 pub struct Table<'a, R> {
     numbers: NumberFormat,
@@ -135,8 +138,8 @@ impl<'a, R> Table<'a, R> {
     }
 
     /// Returns the rows as JSON objects, whose keys are the names of the columns.
-    pub fn json<T: Borrow<R>>(&self, rows: impl IntoIterator<Item = T>) -> Value {
-        let object = |row: T| -> Value {
+    pub fn json<T: Borrow<R>>(&self, rows: impl IntoIterator<Item = T>) -> Vec<Row> {
+        let object = |row: T| -> Row {
             let cells = self.values.iter().flat_map(|values| values(row.borrow()));
             self.names.iter().cloned().zip(cells.map(|cell| serde_json::json!(cell))).collect()
         };
@@ -247,7 +250,7 @@ mod tests {
             { "name": "a, b", "once_mm": 1.0, "twice_mm": 2.0, "layers": 3 },
             { "name": "c", "once_mm": 1e-7, "twice_mm": 2e-7, "layers": null },
         ]);
-        assert_eq!(table.json(ROWS), json);
+        assert_eq!(Value::from_iter(table.json(ROWS)), json);
         let widths = [6, 8, 9, 7];
         let text = "name   once_mm twice_mm layers\na, b         1        2      3\nc         1e-7     2e-7       \n";
         assert_eq!(table.text(ROWS, &widths), text);

@@ -6,6 +6,7 @@
 //!   [`path_clearance`]: the same for a path that may also contain helicoidal arcs;
 //! - [`closest_approach`]: the point at which a body is nearest to the obstacles; [`obstacle_selection`]: the part of a
 //!   scene that views show;
+//! - [`scene_summary`]: the content of a scene in numbers;
 //! - [`planner`]: a path through a scene, or the proof that none exists;
 //! - [`demo_scenes`]: random scenes for experiments;
 //! - [`random_scenes`]: random scenes for tests and measurements.
@@ -50,4 +51,5 @@ pub mod random_scenes;
 pub mod read;
 pub mod scene;
 pub mod scene_file;
+pub mod scene_summary;
 pub mod shapes;

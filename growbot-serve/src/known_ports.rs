@@ -6,13 +6,14 @@ use growbot_client::port::serial::serial_devices;
 use growbot_client::status::RobotStatus;
 use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::StateDir;
+use schemars::JsonSchema;
 use serde::Serialize;
 use strum::IntoStaticStr;
 
 use crate::settings::{self, InvalidFiles, SettingsError};
 
 /// Place in which a port was found.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, JsonSchema, IntoStaticStr)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum PortSource {
@@ -27,7 +28,7 @@ pub enum PortSource {
 }
 
 /// A port at which a robot is, or may be.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Serialize, JsonSchema)]
 pub struct KnownPort {
     /// Name of the port.
     pub port: String,
@@ -35,6 +36,13 @@ pub struct KnownPort {
     pub name: Option<String>,
     /// Place in which the port was found.
     pub source: PortSource,
+}
+
+/// All ports at which robots are, or may be.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct KnownPorts {
+    /// The ports.
+    pub ports: Vec<KnownPort>,
 }
 
 impl Display for KnownPort {

@@ -15,7 +15,7 @@ use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::suggest::did_you_mean;
 use growbot_plan::user_dirs::config_dir;
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use crate::config::{NotifyEntry, RobotEntry, ServeEntry};
 use crate::ownership::{self, OwnershipError};
@@ -54,6 +54,53 @@ pub struct Setting {
     pub value: String,
     /// Origin of the value.
     pub origin: SettingOrigin,
+}
+
+/// The settings of all commands as JSON, by name.
+pub type SettingsJson = BTreeMap<String, SettingJson>;
+
+/// A value with its origin, as JSON.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(tag = "origin", rename_all = "kebab-case")]
+pub enum SettingJson {
+    /// An environment variable.
+    Environment {
+        /// The value.
+        value: String,
+        /// Name of the variable.
+        variable: String,
+    },
+    /// The nearest `growbot.toml`.
+    Nearest {
+        /// The value.
+        value: String,
+        /// Path of the file.
+        file: String,
+    },
+    /// The file in the user's configuration.
+    User {
+        /// The value.
+        value: String,
+        /// Path of the file.
+        file: String,
+    },
+    /// The built-in default.
+    BuiltIn {
+        /// The value.
+        value: String,
+    },
+}
+
+impl From<&Setting> for SettingJson {
+    fn from(Setting { value, origin }: &Setting) -> Self {
+        let (value, text) = (value.clone(), |file: &Path| file.display().to_string());
+        match origin {
+            SettingOrigin::Environment(variable) => Self::Environment { value, variable: (*variable).to_owned() },
+            SettingOrigin::Nearest(file) => Self::Nearest { value, file: text(file) },
+            SettingOrigin::User(file) => Self::User { value, file: text(file) },
+            SettingOrigin::BuiltIn => Self::BuiltIn { value },
+        }
+    }
 }
 
 /// Prefix of growbot's environment variables.

@@ -1,10 +1,10 @@
 //! `growbot cancel`: discards the body that the board stores.
 
 use clap::Args;
-use growbot_host::output::print;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
+use super::json_arg::JsonArg;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::RobotArg;
 
@@ -19,9 +19,12 @@ pub struct CancelArgs {
     port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve()?, &args.robot)?.cancel()?)?)
+    let port = args.port.resolve()?;
+    args.json.print(&port, &robot_at(&port, &args.robot)?.cancel()?)
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use clap::Args;
 use growbot_client::client::ClientError;
+use growbot_client::command_report::ConfigurationReport;
 use growbot_client::port::PortError;
 use growbot_core::link::message::BoardInfo;
 use growbot_core::robot::Robot;
@@ -13,7 +14,6 @@ use growbot_host::output::print;
 use growbot_host::{note, warning};
 use growbot_plan::robot_file;
 use growbot_plan::sanitize::json_line;
-use serde_json::json;
 
 use super::board_report::is_configured;
 use super::failure::Failure;
@@ -72,13 +72,13 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
     }
     let had = is_configured(&before).then(|| format!("{} ({:016x})", before.robot_name, before.robot_hash));
     print(&if args.json {
-        json_line(&json!({
-            "robot": now.robot_name,
-            "robot_hash": format!("{:016x}", now.robot_hash),
-            "robot_before": is_configured(&before).then_some(&before.robot_name),
-            "robot_hash_before": is_configured(&before).then(|| format!("{:016x}", before.robot_hash)),
-            "simulated": port.is_simulated(),
-        }))
+        json_line(&ConfigurationReport {
+            robot: now.robot_name.to_string(),
+            robot_hash: format!("{:016x}", now.robot_hash),
+            robot_before: is_configured(&before).then(|| before.robot_name.to_string()),
+            robot_hash_before: is_configured(&before).then(|| format!("{:016x}", before.robot_hash)),
+            simulated: port.is_simulated(),
+        })
     } else {
         format!(
             "the {}board is now configured as {} ({:016x}); it was {}\n",

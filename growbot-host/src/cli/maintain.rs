@@ -2,10 +2,10 @@
 
 use clap::Args;
 use growbot_client::maintenance::COMMANDS;
-use growbot_host::output::print;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
+use super::json_arg::JsonArg;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::RobotArg;
 
@@ -27,6 +27,8 @@ pub struct MaintainArgs {
     port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 const EXAMPLES: &str = "\
@@ -38,5 +40,6 @@ Examples:
 
 /// Runs the command.
 pub fn run(args: &MaintainArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve_or_only()?, &args.robot)?.maintain(&args.task, &args.value)?)?)
+    let port = args.port.resolve_or_only()?;
+    args.json.print(&port, &robot_at(&port, &args.robot)?.maintain(&args.task, &args.value)?)
 }

@@ -23,6 +23,7 @@ mod growth_monitor;
 mod growth_table;
 mod help;
 mod interrupt;
+mod json_arg;
 mod known_robots;
 mod layers;
 mod local_robot;

@@ -4,8 +4,7 @@ use clap::Args;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
 use growbot_plan::table::{NumberFormat, Table};
-use growbot_serve::known_ports::{KnownPort, known_ports};
-use serde_json::json;
+use growbot_serve::known_ports::{KnownPort, KnownPorts, known_ports};
 
 use super::failure::Failure;
 use super::known_robots::service_robots;
@@ -31,7 +30,7 @@ pub fn run(args: &PortsArgs) -> Result<(), Failure> {
     });
     let ports = known_ports(owned)?;
     if args.json {
-        return Ok(print(&json_line(&json!({ "ports": ports })))?);
+        return Ok(print(&json_line(&KnownPorts { ports }))?);
     }
     if ports.is_empty() {
         growbot_host::note!("no robots and no serial devices: `growbot power --help` shows how to simulate a robot");

@@ -4,13 +4,13 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
-use growbot_host::output::print;
 use growbot_plan::robot_file;
 use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::process::{switch_on, wait_until_off};
 use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
 
 use super::failure::Failure;
+use super::json_arg::JsonArg;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::{ROBOT, RobotArg};
 use super::watch_options::parse_pace;
@@ -38,6 +38,8 @@ pub struct PowerArgs {
     /// Run the robot in this process, until it is switched off
     #[arg(long)]
     foreground: bool,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 const AFTER_HELP: &str = "\
@@ -90,7 +92,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
             format!("the simulated robot sim:{name} is {is}\n")
         }
     };
-    Ok(print(&done)?)
+    args.json.print(&port, &done)
 }
 
 impl PowerArgs {

@@ -8,7 +8,8 @@ use clap::Args;
 use clap::builder::RangedI64ValueParser;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
-use growbot_paper::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABLES, paper, summary, tables};
+use growbot_paper::tables::ReproductionJson;
+use growbot_paper::{FIGURES, REPEATS, ReproduceRequest, Reproduction, SEED, TABLES, paper, summary};
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_plan::sanitize::json_line;
 
@@ -108,6 +109,6 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         }
         output_dir::fill(directory, written.iter().map(|(name, contents)| (&**name, &**contents)))?;
     }
-    let text = if args.json { json_line(&tables::json(&done)) } else { summary::summary(&done) };
+    let text = if args.json { json_line(&ReproductionJson::from(&done)) } else { summary::summary(&done) };
     Ok(print(&text)?)
 }

@@ -2,8 +2,8 @@
 
 use clap::Args;
 use growbot_host::output::print;
+use growbot_plan::robot_json::MinRadius;
 use growbot_plan::sanitize::json_line;
-use serde::Serialize;
 
 use super::failure::Failure;
 use super::robot_arg::RobotArg;
@@ -23,27 +23,14 @@ pub struct RminArgs {
     json: bool,
 }
 
-#[derive(Serialize)]
-struct Rmin<'a> {
-    robot: &'a str,
-    r_min_mm: f64,
-    r_min_geometry_mm: f64,
-    r_min_layers_mm: f64,
-}
-
 /// Runs the command.
 pub fn run(args: &RminArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
-    let rmin = Rmin {
-        robot: robot.name(),
-        r_min_mm: robot.min_radius(),
-        r_min_geometry_mm: robot.min_radius_by_packaging(),
-        r_min_layers_mm: robot.min_radius_by_layers(),
-    };
+    let rmin = MinRadius::from(&robot);
     if args.json {
         return Ok(print(&json_line(&rmin))?);
     }
-    let Rmin { robot, r_min_mm, r_min_geometry_mm, r_min_layers_mm } = rmin;
+    let MinRadius { robot, r_min_mm, r_min_geometry_mm, r_min_layers_mm } = rmin;
     Ok(print(&format!(
         "{robot}: R_min is {r_min_mm:.2} mm\n  by its mechanics {r_min_geometry_mm:>8.2} mm\n  by its \
          layers    {r_min_layers_mm:>8.2} mm\n"

@@ -7,14 +7,14 @@ use clap::Args;
 use growbot_core::angle::degrees;
 use growbot_core::robot::{Robot, Signal};
 use growbot_host::output::{is_standard_output, print};
-use growbot_plan::annotated_robot::{AnnotatedField, AnnotatedRobot};
+use growbot_plan::annotated_robot::AnnotatedRobot;
 use growbot_plan::robot_file::{self, MaterialPreset};
+use growbot_plan::robot_json::{RobotDetails, RobotOverview, growth_rate};
 use growbot_plan::robot_questions::{NO_LIMIT, UNLIMITED};
 use growbot_plan::robot_schema;
 use growbot_plan::sanitize::json_line;
 use growbot_plan::table::{Cell, NumberFormat, Table};
 use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
-use serde_json::{Value, json};
 
 use super::failure::Failure;
 use super::robot_arg::ROBOT;
@@ -43,47 +43,15 @@ pub fn run(args: &RobotsArgs) -> Result<(), Failure> {
     let text = match (&args.robot, args.json) {
         _ if args.schema => format!("{:#}\n", robot_schema::robot_file_schema()),
         (None, true) => {
-            let robots: Result<Vec<Value>, Failure> =
-                robot_file::names().map(|name| Ok(overview(&AnnotatedRobot::load(Path::new(name))?))).collect();
-            json_line(&Value::from(robots?))
+            let robots: Result<Vec<RobotOverview>, Failure> =
+                robot_file::names().map(|name| Ok((&AnnotatedRobot::load(Path::new(name))?).into())).collect();
+            json_line(&robots?)
         }
         (None, false) => table()?,
-        (Some(robot), true) => json_line(&in_full(&AnnotatedRobot::load(robot)?)),
+        (Some(robot), true) => json_line(&RobotDetails::from(&AnnotatedRobot::load(robot)?)),
         (Some(robot), false) => describe(&AnnotatedRobot::load(robot)?) + &materials(robot)?,
     };
     Ok(print(&text)?)
-}
-
-/// Returns the growth rate, mm/h.
-fn growth_rate(robot: &Robot) -> f64 {
-    let layer = &robot.description().layer;
-    layer.height_mm / layer.period_s * 3600.0
-}
-
-fn overview(explained: &AnnotatedRobot) -> Value {
-    let robot = &explained.robot;
-    let description = robot.description();
-    json!({
-        "robot": robot.name(),
-        "about": explained.about,
-        "r_min_mm": robot.min_radius(),
-        "planning_radius_mm": description.planning_radius_mm,
-        "layer_height_mm": description.layer.height_mm,
-        "layer_period_s": description.layer.period_s,
-        "growth_mm_per_h": growth_rate(robot),
-    })
-}
-
-fn in_full(explained: &AnnotatedRobot) -> Value {
-    let field = |field: &AnnotatedField| {
-        json!({
-            "field": field.path, "value": field.value, "means": field.description,
-            "in_file": field.in_file, "assumed": field.is_assumed(), "remark": field.comment,
-        })
-    };
-    let mut value = overview(explained);
-    value["fields"] = explained.fields().map(field).collect();
-    value
 }
 
 fn table() -> Result<String, Failure> {

@@ -6,12 +6,10 @@ use clap::{Args, ValueEnum};
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_plan::atomic_file::format_from_extension;
 use growbot_plan::figures::fixed;
-use growbot_plan::plan_file::format_hash;
 use growbot_plan::sanitize::json_line;
 use growbot_scene::demo_scenes::{DemoScene, to_toml};
-use growbot_scene::scene::{Cloud, Mesh};
 use growbot_scene::scene_file::{self, SceneBox};
-use serde::Serialize;
+use growbot_scene::scene_summary::SceneSummary;
 
 use super::failure::Failure;
 
@@ -49,22 +47,6 @@ enum SceneKind {
     RubbleHeap,
 }
 
-/// Content of a scene, as JSON.
-#[derive(Serialize)]
-struct SceneInfo {
-    file: String,
-    hash: String,
-    /// Margin, mm. Null if the file states none: a plan then takes the deviation that is expected of its robot.
-    margin_mm: Option<f64>,
-    shapes: usize,
-    half_spaces: usize,
-    triangles: usize,
-    points: usize,
-    /// Box around all obstacles except half spaces. Null if there are only half spaces.
-    #[serde(rename = "box")]
-    bounds: Option<SceneBox>,
-}
-
 /// Runs the command.
 pub fn run(args: &SceneInfoArgs) -> Result<(), Failure> {
     let kind = args.source.to_str().and_then(|name| SceneKind::from_str(name, false).ok());
@@ -86,40 +68,26 @@ fn show(args: &SceneInfoArgs) -> Result<(), Failure> {
         )));
     }
     let loaded = scene_file::load(&args.source)?;
-    let scene = &loaded.scene;
-    let info = SceneInfo {
-        hash: format_hash(loaded.hash),
-        margin_mm: loaded.margin,
-        shapes: scene.shapes().len(),
-        half_spaces: scene.half_spaces().len(),
-        triangles: scene.meshes().iter().map(|mesh: &Mesh| mesh.triangles().len()).sum(),
-        points: scene.clouds().iter().map(|cloud: &Cloud| cloud.points().len()).sum(),
-        bounds: loaded.bounding_box(),
-        file,
-    };
-    Ok(print(&if args.json { json_line(&info) } else { info.text() })?)
+    let info = SceneSummary::new(file, &loaded);
+    Ok(print(&if args.json { json_line(&info) } else { text_of(&info) })?)
 }
 
-impl SceneInfo {
-    fn text(&self) -> String {
-        let Self { file, hash, margin_mm, shapes, half_spaces, triangles, points, bounds } = self;
-        let sides = match bounds {
-            Some(SceneBox { min_mm, max_mm }) => ["x", "y", "z"]
-                .iter()
-                .zip(min_mm.iter().zip(max_mm))
-                .map(|(axis, (min, max))| {
-                    format!("  {axis}       {:>10} to {:>10} mm\n", fixed(*min, 2), fixed(*max, 2))
-                })
-                .collect(),
-            None => "  no box    half spaces have no bounds\n".to_owned(),
-        };
-        let margin =
-            margin_mm.map_or_else(|| "not stated: plans take that of the robot".to_owned(), |mm| format!("{mm} mm"));
-        format!(
-            "{file}\n{sides}  holds     {shapes} boxes, balls and capsules, {half_spaces} half spaces, {triangles} \
-             triangles, {points} points\n  margin    {margin}\n  hash      {hash}\n"
-        )
-    }
+fn text_of(summary: &SceneSummary) -> String {
+    let SceneSummary { file, hash, margin_mm, shapes, half_spaces, triangles, points, bounds } = summary;
+    let sides = match bounds {
+        Some(SceneBox { min_mm, max_mm }) => ["x", "y", "z"]
+            .iter()
+            .zip(min_mm.iter().zip(max_mm))
+            .map(|(axis, (min, max))| format!("  {axis}       {:>10} to {:>10} mm\n", fixed(*min, 2), fixed(*max, 2)))
+            .collect(),
+        None => "  no box    half spaces have no bounds\n".to_owned(),
+    };
+    let margin =
+        margin_mm.map_or_else(|| "not stated: plans take that of the robot".to_owned(), |mm| format!("{mm} mm"));
+    format!(
+        "{file}\n{sides}  holds     {shapes} boxes, balls and capsules, {half_spaces} half spaces, {triangles} \
+         triangles, {points} points\n  margin    {margin}\n  hash      {hash}\n"
+    )
 }
 
 fn write_example(kind: SceneKind, seed: u64, output: &Path) -> Result<(), Failure> {

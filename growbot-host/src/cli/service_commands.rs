@@ -1,11 +1,11 @@
 //! `growbot pause`, `growbot continue` and `growbot attach`, for the growths of a service.
 
 use clap::Args;
-use growbot_host::output::print;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
 use super::growth_monitor::ResultFormat;
+use super::json_arg::JsonArg;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::RobotArg;
 
@@ -18,6 +18,8 @@ use super::robot_arg::RobotArg;
 pub struct PauseArgs {
     #[command(flatten)]
     port: RequiredPortArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 /// Continue a paused growth of the service
@@ -26,6 +28,8 @@ pub struct PauseArgs {
 pub struct ContinueArgs {
     #[command(flatten)]
     port: RequiredPortArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 /// Follow the present growth of the service to its end
@@ -41,12 +45,14 @@ pub struct AttachArgs {
 
 /// Runs `growbot pause`.
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve_or_only()?, &RobotArg::default())?.pause()?)?)
+    let port = args.port.resolve_or_only()?;
+    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.pause()?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
-    Ok(print(&robot_at(&args.port.resolve_or_only()?, &RobotArg::default())?.continue_growth()?)?)
+    let port = args.port.resolve_or_only()?;
+    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.continue_growth()?)
 }
 
 /// Runs `growbot attach`.

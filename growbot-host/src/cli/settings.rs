@@ -5,8 +5,9 @@ use std::path::Path;
 use clap::Args;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
-use growbot_serve::settings::{FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, load_service, nearest, user_file};
-use serde_json::{Map, Value, json};
+use growbot_serve::settings::{
+    FILE_NAME, InvalidFiles, Key, Setting, SettingOrigin, SettingsJson, load_service, nearest, user_file,
+};
 
 use super::failure::Failure;
 use super::remedies;
@@ -37,8 +38,8 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     let settings =
         Key::ALL.into_iter().map(|key| Ok((key, Setting::load(key)?))).collect::<Result<Vec<_>, Failure>>()?;
     if args.json {
-        let settings: Map<_, _> =
-            settings.iter().map(|(key, setting)| (key.name().to_owned(), json_of(setting))).collect();
+        let settings: SettingsJson =
+            settings.iter().map(|(key, setting)| (key.name().to_owned(), setting.into())).collect();
         return Ok(print(&json_line(&settings))?);
     }
     let width = settings.iter().map(|(_, setting)| setting.value.chars().count()).max().unwrap_or(0).max(5);
@@ -78,20 +79,6 @@ fn describe(origin: &SettingOrigin) -> String {
         SettingOrigin::Environment(variable) => (*variable).to_owned(),
         SettingOrigin::Nearest(file) | SettingOrigin::User(file) => file.display().to_string(),
         SettingOrigin::BuiltIn => "built in".to_owned(),
-    }
-}
-
-fn json_of(setting: &Setting) -> Value {
-    let value = &setting.value;
-    match &setting.origin {
-        SettingOrigin::Environment(variable) => {
-            json!({ "value": value, "origin": "environment", "variable": variable })
-        }
-        SettingOrigin::Nearest(file) => {
-            json!({ "value": value, "origin": "nearest", "file": file.display().to_string() })
-        }
-        SettingOrigin::User(file) => json!({ "value": value, "origin": "user", "file": file.display().to_string() }),
-        SettingOrigin::BuiltIn => json!({ "value": value, "origin": "built-in" }),
     }
 }
 

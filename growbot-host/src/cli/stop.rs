@@ -1,10 +1,10 @@
 //! `growbot stop`: switches heater and steppers off.
 
 use clap::Args;
-use growbot_host::output::print;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
+use super::json_arg::JsonArg;
 use super::port_arg::RequiredPortArg;
 use super::robot_arg::RobotArg;
 
@@ -19,6 +19,8 @@ pub struct StopArgs {
     port: RequiredPortArg,
     #[command(flatten)]
     robot: RobotArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 /// Runs the command.
@@ -26,5 +28,5 @@ pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.resolve_for_stop()?;
     let robot = robot_at(&port, &args.robot)?;
     robot.stop()?;
-    Ok(print(&format!("stopped: heater and steppers of the {}robot are off\n", robot.kind().prefix()))?)
+    args.json.print(&port, &format!("stopped: heater and steppers of the {}robot are off\n", robot.kind().prefix()))
 }

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use clap::Args;
 use growbot_client::client::{Client, ClientError};
+use growbot_client::command_report::TuningReport;
 use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
 use growbot_host::output::print;
 use growbot_plan::pose_text::parse_number;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::json_line;
-use serde_json::json;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
@@ -60,11 +60,14 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     let tuned = tune(&mut client, &orders, target, port.kind())?;
     let gains = &tuned.gains;
     print(&if args.json {
-        json_line(&json!({
-            "kp": gains.kp, "ki": gains.ki, "kd": gains.kd,
-            "period_s": tuned.period_s, "amplitude_c": tuned.amplitude_c,
-            "simulated": port.is_simulated(),
-        }))
+        json_line(&TuningReport {
+            kp: gains.kp,
+            ki: gains.ki,
+            kd: gains.kd,
+            period_s: tuned.period_s,
+            amplitude_c: tuned.amplitude_c,
+            simulated: port.is_simulated(),
+        })
     } else {
         let caution = if port.is_simulated() {
             "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"

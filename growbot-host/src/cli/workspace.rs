@@ -10,11 +10,9 @@ use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::workspace::svg;
 use growbot_plan::atomic_file::refuse_inputs;
-use growbot_plan::plan_file::PoseJson;
 use growbot_plan::pose_text::{parse_pose, pose_of_numbers};
 use growbot_plan::sanitize::json_line;
-use growbot_plan::workspace::{DIRECTIONS, POSITIONS, Workspace, WorkspaceQuery, ball, workspace};
-use serde_json::{Value, json};
+use growbot_plan::workspace::{DIRECTIONS, Workspace, WorkspaceJson, WorkspaceQuery, ball, workspace};
 
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
@@ -165,7 +163,7 @@ fn draw(args: &WorkspaceArgs, question: &WorkspaceQuery) -> Result<(), Failure> 
         }
         growbot_host::note!("section drawn to {}", path.display());
     }
-    let text = if args.json { json_line(&json_of(args, question, &answer)) } else { table(question, &answer) };
+    let text = if args.json { json_line(&WorkspaceJson::new(question, &answer)) } else { table(question, &answer) };
     Ok(print(&text)?)
 }
 
@@ -209,31 +207,6 @@ fn table(question: &WorkspaceQuery, answer: &Workspace) -> String {
         }
     }
     text
-}
-
-fn json_of(args: &WorkspaceArgs, question: &WorkspaceQuery, answer: &Workspace) -> Value {
-    let (volume, error) = answer.volume;
-    let reach = |index: usize| json!(answer.reach.get(index).copied().flatten());
-    json!({
-        "robot": question.robot.name(),
-        "planner": question.planner,
-        "length_mm": question.length,
-        "radius_mm": question.radius,
-        "start": PoseJson::from(&question.start),
-        "heading_deg": args.heading,
-        "pitch_deg": args.pitch,
-        "volume_mm3": volume,
-        "volume_error_mm3": error,
-        "volume_positions": question.direction.map(|_| POSITIONS),
-        "ahead_mm": reach(0),
-        "aside_towards_x_mm": reach(1),
-        "aside_against_x_mm": reach(2),
-        "behind_mm": reach(3),
-        "directions": question.direction.map_or(2 * DIRECTIONS, |_| 1),
-        "shares": answer.shares.iter().map(|band| json!({ "to_mm": band.to, "share": band.share })).collect::<Vec<_>>(),
-        "section_spacing_mm": answer.section.as_ref().map(|section| section.spacing),
-        "share_spacing_mm": answer.share_section.as_ref().map(|section| section.spacing),
-    })
 }
 
 fn round(mm: f64) -> f64 {

@@ -6,15 +6,13 @@ use growbot_core::compact_number::CompactNumber;
 use growbot_host::output::{print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_plan::margin::planning_margin_mm;
-use growbot_plan::plan_file::{PoseJson, format_hash};
 use growbot_plan::sanitize::json_line;
 use growbot_plan::scene_planning::{SceneOptions, ScenePlanError};
 use growbot_plan::table::{NumberFormat, Table};
 use growbot_plan::workspace::{
-    GoalCounts, GoalResult, Reachability, SceneWorkspace, WorkspaceQuery, ball, scene_workspace,
+    GoalCounts, GoalResult, Reachability, SceneWorkspace, SceneWorkspaceJson, WorkspaceQuery, ball, scene_workspace,
 };
 use growbot_scene::scene_file;
-use serde_json::{Value, json};
 
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
@@ -67,13 +65,13 @@ pub fn run(
         growbot_host::note!("goals written to {}", path.display());
     }
     let text = match format {
-        ResultFormat::Json => json_line(&json_of(question, &through, &answer)),
+        ResultFormat::Json => json_line(&SceneWorkspaceJson::new(question, &through, &answer)),
         ResultFormat::Table | ResultFormat::Nothing => table(question, &through, &answer),
     };
     Ok(print(&text)?)
 }
 
-/// A reason why no path exists: its name in JSON, and the test for it.
+/// A reason why no path exists: its name in CSV, and the test for it.
 type Reason = (&'static str, fn(&Reachability) -> bool);
 
 /// All reasons why no path to a goal exists.
@@ -130,38 +128,6 @@ fn table(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorksp
         from = to;
     }
     text
-}
-
-fn json_of(question: &WorkspaceQuery, through: &SceneOptions, answer: &SceneWorkspace) -> Value {
-    let GoalCounts { reachable: path, none, not_found } = answer.counts();
-    let (volume, error) = answer.volume(path);
-    let reasons: serde_json::Map<_, _> =
-        REASONS.into_iter().map(|(name, is_this)| (name.to_owned(), json!(answer.because(is_this)))).collect();
-    let bands = answer.bands().into_iter().map(
-        |(to, counts)| json!({ "to_mm": to, "path": counts.reachable, "none": counts.none, "not_found": counts.not_found }),
-    );
-    let degrees = |angle: f64| growbot_core::angle::degrees(angle);
-    json!({
-        "robot": question.robot.name(),
-        "planner": question.planner,
-        "length_mm": question.length,
-        "radius_mm": question.radius,
-        "start": PoseJson::from(&question.start),
-        "heading_deg": question.direction.map(|(heading, _)| degrees(heading)),
-        "pitch_deg": question.direction.map(|(_, pitch)| degrees(pitch)),
-        "scene": { "file": through.file, "hash": format_hash(through.loaded.hash), "margin_mm": through.margin },
-        "effort": through.effort,
-        "goals": answer.goals.len(),
-        "path": path,
-        "none": none,
-        "not_found": not_found,
-        "none_because": reasons,
-        "resolution_mm": answer.resolution(),
-        "volume_mm3": volume,
-        "volume_error_mm3": error,
-        "volume_not_found_mm3": answer.volume(not_found).0,
-        "bands": bands.collect::<Vec<_>>(),
-    })
 }
 
 /// Returns the goals as rows of CSV.

@@ -12,6 +12,7 @@
 
 mod anywhere;
 mod in_scene;
+mod json;
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -21,6 +22,7 @@ use growbot_core::plan::{PlanError, Planner, plan};
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 pub use in_scene::{GoalCounts, GoalResult, Reachability, SceneWorkspace, scene_workspace};
+pub use json::{SceneWorkspaceJson, WorkspaceJson};
 use nalgebra::{Point3, Vector3};
 
 use crate::parallel;

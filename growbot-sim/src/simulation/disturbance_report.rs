@@ -9,6 +9,7 @@ use super::Simulation;
 
 /// Errors of layers and measurements, each with its distribution.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct DisturbanceReport {
     /// Errors of layers and measurements.
     #[serde(flatten)]

@@ -16,11 +16,15 @@ use super::disturbance_report::DisturbanceReport;
 
 /// A growth as JSON for scripts.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SimulatedGrowth {
     #[serde(flatten)]
     arrival: ArrivalJson,
+    /// Number of layers.
     layers: u64,
+    /// Length of the body, mm.
     length_mm: f64,
+    /// Length of the planned path, mm.
     path_length_mm: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     feedback: Option<EstimateJson>,
@@ -31,6 +35,7 @@ pub struct SimulatedGrowth {
     /// Deviation of the body from its plan. Null for a body of more than a million layers.
     plan_deviation: Option<PlanDeviation>,
     disturbances: DisturbanceReport,
+    /// Seed of the random numbers.
     seed: u64,
 }
 
@@ -60,13 +65,20 @@ impl SimulatedGrowth {
 
 /// Estimate of feedback.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct EstimateJson {
     estimate: TipPoseJson,
+    /// Standard deviation of the estimated position, mm.
     position_sd_mm: f64,
+    /// Standard deviation of the estimated direction, degrees.
     direction_sd_deg: f64,
+    /// Systematic error of the growth of layers, percent.
     growth_bias_percent: f64,
+    /// Systematic error of the tilt of layers, percent.
     tilt_bias_percent: f64,
+    /// Systematic error of the deposition angle, degrees.
     alpha_bias_deg: f64,
+    /// Systematic twist of a layer, degrees.
     twist_bias_deg: f64,
 }
 
@@ -87,9 +99,13 @@ impl From<&Estimate> for EstimateJson {
 
 /// Many growths as JSON for scripts.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SimulatedCampaign {
+    /// Number of growths.
     repeat: u64,
+    /// Seed of the first growth. Each later growth has the next seed.
     seed: u64,
+    /// Length of the planned path, mm.
     path_length_mm: f64,
     layers: StatisticsJson,
     position_error_mm: StatisticsJson,
@@ -98,6 +114,7 @@ pub struct SimulatedCampaign {
     heading_error_deg: Option<StatisticsJson>,
     pitch_error_deg: StatisticsJson,
     direction_error_deg: StatisticsJson,
+    /// Seed of the growth with the greatest position error.
     worst_seed: Option<u64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     max_sag: Option<SagJson>,
@@ -130,11 +147,15 @@ impl SimulatedCampaign {
 
 /// The distribution of an error.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct StatisticsJson {
     mean: f64,
+    /// Standard deviation.
     sd: f64,
     min: f64,
+    /// Median.
     p50: f64,
+    /// 95th percentile.
     p95: f64,
     max: f64,
 }
@@ -154,9 +175,13 @@ impl From<&Statistics> for StatisticsJson {
 
 /// Sag of a body under its weight.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct SagJson {
+    /// Deflection of the tip, mm.
     deflection_mm: f64,
+    /// Stress at the base, MPa.
     root_stress_mpa: f64,
+    /// Bending moment at the base, N mm.
     root_moment_n_mm: f64,
 }
 
@@ -168,11 +193,15 @@ impl From<&SagResult> for SagJson {
 
 /// First contact of a body with an obstacle.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct ContactJson {
     #[serde(skip_serializing_if = "Option::is_none")]
     seed: Option<u64>,
+    /// Index of the layer.
     layer: u64,
+    /// Distance from the base along the body, mm.
     at_mm: f64,
+    /// Point of the contact, mm.
     point_mm: [f64; 3],
     obstacle: Option<String>,
 }
@@ -187,19 +216,27 @@ impl ContactJson {
 
 /// Place at which a growth paused.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct PauseJson {
+    /// Number of finished layers.
     layers: u64,
+    /// Distance from the base along the body, mm.
     at_mm: f64,
+    /// Clearance of the rest of the path, mm.
     clearance_mm: f64,
+    /// Deviation of the tip from the plan, mm.
     deviation_mm: f64,
 }
 
 /// Result of a growth in a scene.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct SceneResultJson {
     /// First contact of the body with an obstacle. Null if it touches none.
     contact: Option<ContactJson>,
+    /// Smallest clearance of the body, mm. Negative inside an obstacle.
     clearance_mm: f64,
+    /// Number of detours that replaced corrections.
     detours: u32,
     /// Place at which the growth paused. Null if it did not pause.
     paused: Option<PauseJson>,
@@ -224,12 +261,17 @@ impl From<&ObstacleReport> for SceneResultJson {
 
 /// Results of many growths in a scene.
 #[derive(Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 struct RepeatedContactsJson {
+    /// Number of growths that touch an obstacle.
     contacts: u64,
     /// Contact of the first growth that touches an obstacle. Null if none does.
     first_contact: Option<ContactJson>,
+    /// Smallest clearance of all bodies, mm.
     min_clearance_mm: f64,
+    /// Number of growths with detours.
     with_detours: u64,
+    /// Number of growths that paused.
     pauses: u64,
 }
 

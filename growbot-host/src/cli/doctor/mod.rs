@@ -146,7 +146,7 @@ pub fn run(args: &DoctorArgs) -> Result<(), Failure> {
     let off = session.switch_off();
     manner.save(&report)?;
     if args.json {
-        print(&json_line(&report.json()))?;
+        print(&json_line(&report))?;
     }
     done?;
     off?;
