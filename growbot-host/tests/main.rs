@@ -43,6 +43,7 @@ mod serve_stops;
 mod settings;
 mod settings_of_others;
 mod simulate_command;
+mod terminal;
 mod view_command;
 mod view_pictures;
 mod views_in_scenes;

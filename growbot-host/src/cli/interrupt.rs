@@ -5,6 +5,7 @@ use std::sync::Arc;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::port::Port;
+use growbot_host::interrupt::on_interrupt;
 
 use super::port_arg::SelectedPort;
 
@@ -16,7 +17,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     let given = Arc::clone(&orders);
     let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.is_in_process());
     let kind = port.kind().prefix();
-    let installed = ctrlc::set_handler(move || {
+    let installed = on_interrupt(move || {
         if given.interrupt() {
             // The line is held to the end, so that the rest of the program does not continue in between.
             let _line = if ends_with_us { None } else { stop_at_once(line.take(), &name) };

@@ -38,7 +38,7 @@ pub fn run(args: &ManArgs, root: Command) -> Result<(), Failure> {
         for command in root.get_subcommands() {
             pages.push((format!("growbot-{}.1", command.get_name()), text(command)?));
         }
-        output_dir::make(directory)?;
+        output_dir::check(directory)?;
         return output_dir::fill(directory, pages.iter().map(|(name, page)| (&**name, &**page)));
     }
     let command = match &args.command {

@@ -77,7 +77,9 @@ mod workspace_in_scene;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use growbot_host::interrupt::exit_on_interrupt;
 use growbot_host::output::OutputError;
+use growbot_host::progress::{self, start_spinner};
 
 use self::failure::Failure;
 
@@ -146,6 +148,26 @@ enum CliCommand {
     Man(man::ManArgs),
 }
 
+impl CliCommand {
+    /// Returns true if the command computes for a while before it prints something.
+    fn computes(&self) -> bool {
+        matches!(
+            self,
+            Self::Plan(_)
+                | Self::Scene(_)
+                | Self::Layers(_)
+                | Self::View(_)
+                | Self::Workspace(_)
+                | Self::Simulate(_)
+                | Self::Reproduce(_)
+                | Self::Grow(_)
+                | Self::Resume(_)
+                | Self::Replay(_)
+                | Self::Export(_)
+        )
+    }
+}
+
 /// Reads the command line and runs the command.
 pub fn run() -> ExitCode {
     let cli = match parse() {
@@ -161,6 +183,10 @@ pub fn run() -> ExitCode {
             return Failure::from(error).report();
         }
         growbot_host::warning!("{error}");
+    }
+    if cli.command.as_ref().is_none_or(CliCommand::computes) {
+        exit_on_interrupt();
+        start_spinner();
     }
     let done = match cli.command {
         Some(CliCommand::Ports(args)) => ports::run(&args),
@@ -200,6 +226,7 @@ pub fn run() -> ExitCode {
         Some(CliCommand::Man(args)) => man::run(&args, Cli::command()),
         None => grow::run_main_job(),
     };
+    progress::clear();
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),

@@ -8,9 +8,10 @@ use growbot_plan::atomic_file::{FileError, write_atomic};
 
 use super::failure::Failure;
 
-/// Creates the directory if it does not exist. Commands call this function first, so that a directory that cannot be
-/// written is reported at once and not at the end.
-pub fn make(directory: &Path) -> Result<(), Failure> {
+/// Checks that the directory exists or can be created. Commands call this function first, so that a directory that
+/// cannot be written is reported at once and not at the end. A directory that it creates is removed again, so that an
+/// interrupted command leaves none.
+pub fn check(directory: &Path) -> Result<(), Failure> {
     if directory.is_dir() {
         return Ok(());
     }
@@ -31,11 +32,15 @@ pub fn make(directory: &Path) -> Result<(), Failure> {
         }));
     }
     fs::create_dir(directory)
+        .and_then(|()| fs::remove_dir(directory))
         .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))
 }
 
-/// Writes these files into the directory, over those of the same names, and prints a note.
+/// Writes these files into the directory, which it creates if necessary, over those of the same names, and prints a
+/// note.
 pub fn fill<'a>(directory: &Path, files: impl IntoIterator<Item = (&'a str, &'a [u8])>) -> Result<(), Failure> {
+    fs::create_dir_all(directory)
+        .map_err(|error| Failure::from(FileError::File { file: directory.display().to_string(), error }))?;
     let mut count = 0;
     for (name, contents) in files {
         write_atomic(&directory.join(name), contents)?;

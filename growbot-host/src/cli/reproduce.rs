@@ -87,7 +87,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         repeat_noise: args.repeat.unwrap_or(paper::REPEAT_NOISE),
     };
     if let Some(directory) = &args.output {
-        output_dir::make(directory)?;
+        output_dir::check(directory)?;
     }
     let threads = thread::available_parallelism().map_or(1, usize::from);
     let mut progress: Option<Progress> = None;

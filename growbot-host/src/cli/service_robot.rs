@@ -8,6 +8,7 @@ use std::time::Duration;
 use growbot_client::growth::{LogTarget, OnInterrupted, Override};
 use growbot_client::status::RobotStatus;
 use growbot_core::link::message::HostSilencePolicy;
+use growbot_host::interrupt::on_interrupt;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::clock_text::local_clock_text;
@@ -175,7 +176,7 @@ impl ServiceRobot {
     /// Lets Ctrl-C request a stop from the service. If the terminal is closed instead, the robot continues.
     fn stop_on_interrupt(&self) {
         let name = Arc::new(self.name.clone());
-        let installed = ctrlc::set_handler(move || {
+        let installed = on_interrupt(move || {
             if !io::stderr().is_terminal() {
                 std::process::exit(1);
             }

@@ -33,6 +33,7 @@ use growbot_core::layer_bytes::decode;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_host::interrupt::on_interrupt;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
 use growbot_plan::tracked_body::TrackedBody;
 use keys::Action;
@@ -106,7 +107,7 @@ pub fn run(client: Client, robot: Robot, presets: MaterialPresets, port: &Select
 fn install_exit_handler() -> Result<Arc<AtomicBool>, Failure> {
     let leave = Arc::new(AtomicBool::new(false));
     let signal = Arc::clone(&leave);
-    ctrlc::set_handler(move || {
+    on_interrupt(move || {
         signal.store(true, Ordering::Relaxed);
         // A read of keys from a terminal that has gone away may never return.
         thread::sleep(PATIENCE);

@@ -1,0 +1,72 @@
+//! Tests of commands on a terminal, which `script` of util-linux provides: they show that they work, and Ctrl-C ends
+//! them and leaves nothing.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::{Child, Stdio};
+
+use crate::running::{PROGRAM, command};
+
+/// Starts a command on a terminal of its own, in this directory.
+fn on_terminal(arguments: &str, directory: &Path) -> Child {
+    command("script")
+        .args(["--quiet", "--return", "--flush", "--command", &format!("{PROGRAM} {arguments}"), "/dev/null"])
+        .current_dir(directory)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap()
+}
+
+/// Reads what a command shows, until it shows this text or ends.
+fn read_until(child: &mut Child, text: &str) -> String {
+    let (mut shown, mut byte) = (Vec::new(), [0]);
+    let out = child.stdout.as_mut().unwrap();
+    while !String::from_utf8_lossy(&shown).contains(text) && out.read(&mut byte).unwrap_or(0) > 0 {
+        shown.push(byte[0]);
+    }
+    String::from_utf8_lossy(&shown).into_owned()
+}
+
+/// Commands that compute for long, and what they show meanwhile.
+const LONG: [(&str, &str); 8] = [
+    ("export plan.json -o body.stl --segments 900", "working"),
+    ("view plan.json -o body.png --width 8000", "working"),
+    ("plan --to 0,0,960 --scene rack.toml --effort 100000 -o path.json", "working"),
+    ("simulate plan.json --noise 10 --repeat 10000000 -o growths.json", "growths"),
+    ("workspace --length 5000 --heading 10 --pitch 40 -o reach.svg", "positions"),
+    ("workspace --length 900 --scene rack.toml --effort 100000 -o goals.csv", "goals"),
+    ("reproduce --repeat 1000 -o paper", "pieces of work"),
+    ("grow --to 0,0,960 --scene rack.toml --effort 100000 --log run.jsonl", "working"),
+];
+
+#[test]
+fn long_commands_show_that_they_work_and_ctrl_c_leaves_nothing() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    for arguments in
+        [&["plan", "--to", "200,100,2000,0,45", "-o", "plan.json"][..], &["scene", "pipe-rack", "-o", "rack.toml"]]
+    {
+        assert!(command(PROGRAM).args(arguments).current_dir(directory).output().unwrap().status.success());
+    }
+    let files = || fs::read_dir(directory).unwrap().map(|file| file.unwrap().file_name()).collect::<Vec<_>>();
+    let before = files();
+    let mut silent = Vec::new();
+    for (arguments, shown) in LONG {
+        let mut child = on_terminal(arguments, directory);
+        let text = read_until(&mut child, shown);
+        if !text.contains(shown) {
+            silent.push(format!("{arguments}: {text:?}"));
+        }
+        child.stdin.take().unwrap().write_all(b"\x03").unwrap();
+        let mut rest = String::new();
+        child.stdout.as_mut().unwrap().read_to_string(&mut rest).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(130), "{arguments}: {text:?} {rest:?}");
+        // The last thing on the line of the display is that it was cleared.
+        let end = rest.trim_end().trim_end_matches("^C");
+        assert!(end.ends_with("\x1b[2K") || end.ends_with("\x1b[2K\r"), "{arguments}: {rest:?}");
+        assert_eq!(files(), before, "{arguments}");
+    }
+    assert_eq!(silent, [""; 0]);
+}
