@@ -47,11 +47,21 @@ fn help_has_examples_and_fits_80_columns() {
 fn the_format_comes_from_the_extension_unless_given() {
     let bodies = Bodies::new();
     assert!(bodies.export("plan.json", "a.stl", &[]).starts_with(b"binary STL, units mm"));
+    assert!(bodies.export("plan.json", "a.obj", &[]).starts_with(b"# growbot"));
+    assert!(bodies.export("plan.json", "a.3mf", &[]).starts_with(b"PK\x03\x04"));
     assert!(bodies.export("plan.json", "a.GLB", &[]).starts_with(b"glTF"));
     assert!(bodies.export("plan.json", "a.csv", &[]).starts_with(b"laid,x_mm"));
     assert!(bodies.export("run.jsonl", "a.mcap", &[]).starts_with(b"\x89MCAP0\r\n"));
     assert!(bodies.export("plan.json", "b", &["--format", "csv"]).starts_with(b"laid,x_mm"));
     assert!(bodies.export("plan.json", "b.STL", &["--format", "stl"]).starts_with(b"binary STL, units mm"));
+    assert!(bodies.export("plan.json", "b.3MF", &["--format", "3mf"]).starts_with(b"PK\x03\x04"));
+    // Coarser meshes have fewer triangles, and a simulated body is called so.
+    let [coarse, fine] = ["8", "16"].map(|segments| {
+        let text = String::from_utf8(bodies.export("run.jsonl", "c.obj", &["--segments", segments])).unwrap();
+        assert!(text.lines().next().unwrap().contains("growbot-a2, laid (simulated)"), "{text}");
+        text.lines().filter(|line| line.starts_with("f ")).count()
+    });
+    assert_eq!(2 * coarse, fine);
 }
 
 #[test]
@@ -160,10 +170,14 @@ fn failed_exports_give_one_line_and_leave_no_file() {
     let before = names(bodies.0.path());
     for (args, answer) in [
         (vec![plan.as_str(), "-o", &bodies.path("a.mcap")], "run log"),
-        (vec![&plan, "-o", &bodies.path("a.obj")], "use .stl, .glb, .csv, .tum or .mcap"),
+        (vec![&plan, "-o", &bodies.path("a.ply")], "use .stl, .obj, .3mf, .glb, .csv, .tum or .mcap"),
         (vec![&plan], "--format"),
         (vec![&log, "-o", &bodies.path("a.stl"), "--ros2"], "--ros2 applies only to MCAP"),
+        (vec![&log, "-o", &bodies.path("a.3mf"), "--scene", "room.toml"], "--scene applies only to GLB"),
+        (vec![&plan, "-o", &bodies.path("a.obj"), "--format", "3mf"], "use .3mf"),
         (vec![&bodies.path("empty.jsonl"), "-o", &kept], "0 mm long"),
+        (vec![&bodies.path("empty.jsonl"), "-o", &bodies.path("a.3mf")], "0 mm long"),
+        (vec![&bodies.path("empty.jsonl"), "-o", &bodies.path("a.obj")], "0 mm long"),
         (vec![&bodies.path("old.jsonl"), "-o", &kept], "growbot-run/1"),
         (vec![&kept, "-o", &bodies.path("a.glb")], "not JSON"),
         (vec![&bodies.path("missing"), "-o", &kept], "missing"),

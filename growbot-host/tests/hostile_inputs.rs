@@ -37,6 +37,7 @@ const OF_PLANS: &[&str] = &[
     "view IN -o OUT.svg",
     "view IN --plot heights,tilt -o OUT.svg",
     "export IN -o OUT.stl --segments 8 --every 20",
+    "export IN -o OUT.3mf --segments 8 --every 20",
     "export IN -o OUT.csv",
     "simulate IN --noise 5 --repeat 3",
     "grow IN --json --log OUT.jsonl",

@@ -299,6 +299,8 @@ fn the_body_file_format_follows_the_extension() {
     for (name, begin) in [
         ("body.csv", &b"laid,x_mm"[..]),
         ("body.stl", b"binary STL"),
+        ("body.obj", b"# growbot"),
+        ("body.3mf", b"PK\x03\x04"),
         ("body.glb", b"glTF"),
         ("body.html", b"<!"),
         ("body.svg", b"<svg"),
@@ -324,7 +326,7 @@ fn the_body_file_format_follows_the_extension() {
         assert!((at - number(&found["final"], name)).abs() < 1e-9, "{name}");
     }
     for (args, part) in [
-        (&["-o", "body.obj"][..], "its extension .obj is not supported here"),
+        (&["-o", "body.ply"][..], "its extension .ply is not supported here"),
         (&["-o", "body"], "unknown format of"),
         (&["--repeat", "2", "-o", "body.stl"], "--repeat simulates many growths"),
     ] {

@@ -3,7 +3,7 @@
 //!
 //! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it
 //! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
-//! - [`export`]: STL, GLB, CSV and TUM, and MCAP (feature `mcap`)
+//! - [`export`]: STL, OBJ, GLB, CSV and TUM, 3MF (feature `3mf`), and MCAP (feature `mcap`)
 //! - [`layer_table`]: the layers of a plan as CSV
 //! - [`duration`], [`clock_text`]: durations and times of day as text
 //! - [`workspace`]: goals within reach as a picture

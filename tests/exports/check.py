@@ -1,5 +1,6 @@
-"""Exports bodies with growbot and reads them back. trimesh reads STL and GLB, evo reads TUM, and Python reads CSV. The
-`mcap` package reads MCAP, and rosbags and mcap-ros2-support read its types of ROS 2.
+"""Exports bodies with growbot and reads them back. trimesh reads STL, OBJ and GLB, Python reads 3MF and CSV, and evo
+reads TUM. PrusaSlicer slices 3MF. The `mcap` package reads MCAP, and rosbags and mcap-ros2-support read its types of
+ROS 2.
 
     check.py GROWBOT
 
@@ -15,8 +16,10 @@ import subprocess
 import sys
 import tempfile
 import time
+import zipfile
 from collections import Counter
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy
 import trimesh
@@ -30,6 +33,8 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 GROWBOT = sys.argv[1]
 # Environment without growbot's settings, so that no check moves the configured robot.
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("GROWBOT_")}
+# Namespace of the core specification of 3MF.
+CORE = "{http://schemas.microsoft.com/3dmanufacturing/core/2015/02}"
 # Max error of a wall's volume, as a fraction of the filament used.
 VOLUME = 0.005
 
@@ -73,6 +78,22 @@ def check_mesh(name, mesh, volume):
     return off
 
 
+def read_3mf(name, path):
+    """Returns the only mesh of a 3MF file, mm, with its triangles as they are."""
+    with zipfile.ZipFile(path) as archive:
+        demand(archive.testzip() is None, f"{name}, 3MF: wrong checksum")
+        targets = [relation.get("Target") for relation in ElementTree.fromstring(archive.read("_rels/.rels"))]
+        demand(targets == ["/3D/3dmodel.model"], f"{name}, 3MF: models {targets}")
+        model = ElementTree.fromstring(archive.read(targets[0][1:]))
+    demand(model.get("unit") == "millimeter", f"{name}, 3MF: unit {model.get('unit')}")
+    [object_] = model.findall(f"{CORE}resources/{CORE}object")
+    items = [item.attrib for item in model.findall(f"{CORE}build/{CORE}item")]
+    demand(items == [{"objectid": object_.get("id")}], f"{name}, 3MF: the build is {items}")
+    vertices = [[float(at.get(axis)) for axis in "xyz"] for at in object_.iter(f"{CORE}vertex")]
+    faces = [[int(at.get(corner)) for corner in ("v1", "v2", "v3")] for at in object_.iter(f"{CORE}triangle")]
+    return trimesh.Trimesh(vertices, faces, process=False)
+
+
 def check_wall(name, directory, source, options, volume, parts=0):
     stl, glb = directory / "body.stl", directory / "body.glb"
     began = time.monotonic()
@@ -84,6 +105,19 @@ def check_wall(name, directory, source, options, volume, parts=0):
     in_mm = trimesh.load_mesh(stl)
     demand(len(content) == 84 + 50 * len(in_mm.faces), f"{name}: faces of the STL were dropped or merged")
     off = check_mesh(f"{name}, STL", in_mm, volume)
+    obj, three_mf = directory / "body.obj", directory / "body.3mf"
+    for path in (obj, three_mf):
+        growbot("export", source, "-o", path, *options)
+    demand(obj.read_text().split("\n")[1] == "# units mm, z up", f"{name}: the OBJ does not say mm")
+    shared = {"OBJ": trimesh.load_mesh(obj, process=False), "3MF": read_3mf(name, three_mf)}
+    for format_, mesh in shared.items():
+        check_mesh(f"{name}, {format_}", mesh, volume)
+        demand(len(mesh.vertices) == len(in_mm.vertices), f"{name}, {format_}: {len(mesh.vertices)} vertices")
+        # The same triangles, in the same order. STL has 32-bit numbers.
+        same = numpy.array_equal(mesh.triangles.astype(numpy.float32), in_mm.triangles.astype(numpy.float32))
+        demand(same, f"{name}, {format_}: not the triangles of the STL")
+        off_stl = mesh.volume / in_mm.volume - 1
+        demand(abs(off_stl) < 1e-3, f"{name}, {format_}: volume off by {100 * off_stl:.4f} % from the STL")
     scene = trimesh.load_scene(glb)
     # If a body was laid elsewhere than commanded, the GLB has the commanded body too, under its own name.
     beside = set(scene.geometry) - {"wall"}
@@ -378,7 +412,9 @@ def check_refusals(directory):
     before = sorted(directory.iterdir())
     for args in (
         [plan, "-o", directory / "a.mcap"],
-        [plan, "-o", directory / "a.obj"],
+        [plan, "-o", directory / "a.ply"],
+        [plan, "-o", directory / "a.obj", "--ros2"],
+        [plan, "-o", directory / "a.3mf", "--format", "obj"],
         [plan, "-o", directory / "a.stl", "--ros2"],
         [plan],
         [broken, "-o", kept],
@@ -435,6 +471,34 @@ def check_scene(directory):
     print(f"scene: {len(obstacles.faces)} triangles of obstacles, {clearance_mm:.2f} mm clear, volume {100 * off:+.2f} %")
 
 
+def slicer(directory, *args):
+    ran = subprocess.run(["prusa-slicer", *map(str, args)], capture_output=True, text=True, cwd=directory)
+    demand(ran.returncode == 0, f"prusa-slicer {' '.join(map(str, args))}: exit {ran.returncode}: {ran.stderr}")
+    return ran.stdout
+
+
+def check_slicer(directory):
+    """Checks that PrusaSlicer finds the wall in 3MF and OBJ manifold and of the volume of the STL, and slices 3MF."""
+    plan, files = directory / "plan.json", [directory / f"body.{ending}" for ending in ("stl", "3mf", "obj")]
+    # Rings at every 2nd layer, because a coarser body is sliced faster.
+    growbot("plan", "--to", "60,30,150,0,70", "-o", plan)
+    found = []
+    for file in files:
+        growbot("export", plan, "-o", file, "--segments", "32", "--every", "2")
+        info = dict(line.split(" = ") for line in slicer(directory, "--info", file).splitlines() if " = " in line)
+        demand(info["manifold"] == "yes", f"{file.name}: not manifold: {info}")
+        demand(info["number_of_parts"].strip() == "1", f"{file.name}: {info['number_of_parts']} parts")
+        found.append((int(info["number_of_facets"]), float(info["volume"])))
+        demand(found[-1][0] == found[0][0], f"{file.name}: {found[-1][0]} of {found[0][0]} facets")
+        off = found[-1][1] / found[0][1] - 1
+        demand(abs(off) < 1e-3, f"{file.name}: volume off by {100 * off:.3f} % from the STL")
+    gcode = directory / "body.gcode"
+    slicer(directory, "--export-gcode", files[1], "-o", gcode)
+    extruded = [line for line in gcode.read_text().splitlines() if line.startswith("G1 ") and " E" in line]
+    demand(len(extruded) > 1000, f"G-code with {len(extruded)} extrusions")
+    print(f"slicer: {found[1][0]} facets, manifold, {found[1][1]:.1f} mm^3 in 3MF, {len(extruded)} extrusions")
+
+
 def main():
     print(f"{'body':30} {'triangles':>9} {'STL, MB':>9} {'GLB, MB':>9} {'STL, s':>7} {'volume, %':>10}")
     for name, *rest in PLANS:
@@ -443,7 +507,7 @@ def main():
     for name, *rest in RUNS:
         with tempfile.TemporaryDirectory() as directory:
             check_run(name, Path(directory), *rest)
-    for check in (check_scene, check_fault, check_refusals):
+    for check in (check_scene, check_fault, check_refusals, check_slicer):
         with tempfile.TemporaryDirectory() as directory:
             check(Path(directory))
 

@@ -9,7 +9,7 @@ use growbot_pictures::export::body::ExportedBody;
 use growbot_pictures::export::mcap::Encoding;
 use growbot_pictures::export::mesh::MeshResolution;
 use growbot_pictures::export::obstacles::scene_view;
-use growbot_pictures::export::{centreline_csv, glb, mcap, stl, tum};
+use growbot_pictures::export::{centreline_csv, glb, mcap, obj, stl, three_mf, tum};
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::run_log::BodyKind;
 
@@ -17,15 +17,15 @@ use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::output_format::OutputFormat;
 
-/// Write a body in the format of another tool: STL, GLB, CSV, TUM or MCAP
+/// Write a body in the format of another tool: STL, OBJ, 3MF, GLB, CSV, TUM or MCAP
 ///
 /// A plan is exported as planned. The log of a growth is exported as built, up to its last layer. On a robot, the body
 /// follows from the steps that the board has made. On a simulated tip, the body is the plastic as it lies. It is called
 /// laid (simulated), and the commanded body is beside it.
 ///
-/// STL (binary, mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have the printed wall
-/// as a closed surface: outer and inner side and both rims. Layers of less than a few micrometres vanish between their
-/// neighbours there.
+/// STL (binary), OBJ and 3MF (all mm, z up) and GLB (glTF 2.0: metres, z up turned into y up by the node's matrix) have
+/// the printed wall as a closed surface: outer and inner side and both rims. Layers of less than a few micrometres
+/// vanish between their neighbours there.
 ///
 /// GLB also has the obstacles of a scene, translucent, and the narrowest place of the body among them. The scene is
 /// that of the plan, or --scene.
@@ -51,16 +51,16 @@ pub struct ExportArgs {
     /// Write to this file [default: standard output]
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
-    /// STL and GLB: number of chords round the tube
+    /// STL, OBJ, 3MF and GLB: number of chords round the tube
     #[arg(long, value_name = "N", default_value_t = 64, value_parser = clap::value_parser!(u32).range(8..=1024))]
     segments: u32,
-    /// STL and GLB: a ring of vertices at every Nth layer, and more rings in bends
+    /// STL, OBJ, 3MF and GLB: a ring of vertices at every Nth layer, and more rings in bends
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
     /// MCAP: messages of ROS 2 in CDR instead of JSON
     #[arg(long)]
     ros2: bool,
-    /// CSV, STL, GLB and TUM: body of a growth to export
+    /// All formats but MCAP: body of a growth to export
     #[arg(long = "body", value_enum, value_name = "BODY", default_value_t = BodyChoice::Laid)]
     which: BodyChoice,
     /// The robot: a built-in name or a TOML file [default: the one that the plan describes]
@@ -74,6 +74,7 @@ pub struct ExportArgs {
 const AFTER_HELP: &str = "\
 Examples:
   growbot export plan.json -o body.stl
+  growbot export plan.json -o body.3mf
   growbot export run.jsonl -o body.glb --segments 32 --every 4
   growbot export run.jsonl -o run.mcap
   growbot export run.jsonl -o bag.mcap --ros2
@@ -134,8 +135,8 @@ impl ExportArgs {
         let ending = self.output.as_deref().map(|output| OutputFormat::of(output, formats)).transpose()?.flatten();
         self.format.or(ending).ok_or_else(|| {
             Failure::bad_input(
-                "the export's format is not given: name a file that ends in .stl, .glb, .csv, .tum or .mcap with -o, \
-                 or pass --format",
+                "the export's format is not given: name a file that ends in .stl, .obj, .3mf, .glb, .csv, .tum or \
+                 .mcap with -o, or pass --format",
             )
         })
     }
@@ -166,6 +167,8 @@ impl ExportArgs {
         let resolution = MeshResolution { segments: self.segments, layers_per_ring: self.every };
         match format {
             OutputFormat::Stl => Ok(stl::write(name, &body, resolution)?),
+            OutputFormat::Obj => Ok(obj::write(name, &body, resolution)?.into_bytes()),
+            OutputFormat::ThreeMf => three_mf::write(name, &body, resolution).map_err(Failure::bad_input),
             OutputFormat::Glb => {
                 // Two walls in one place would only flicker.
                 let beside = beside.as_ref().filter(|beside| body.parts_from(beside, APART));

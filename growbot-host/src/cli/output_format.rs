@@ -17,6 +17,12 @@ use super::failure::Failure;
 pub enum OutputFormat {
     /// The wall: binary STL, mm
     Stl,
+    /// The wall: Wavefront OBJ, mm
+    Obj,
+    /// The wall: 3MF for slicers, mm
+    #[value(name = "3mf")]
+    #[strum(serialize = "3mf")]
+    ThreeMf,
     /// The wall: glTF 2.0 in one file, metres
     Glb,
     /// Centreline and layers
@@ -64,7 +70,7 @@ impl OutputFormat {
     /// Returns an error if the output would go to a terminal that cannot show the format. Without a file, the output
     /// goes to standard output.
     pub fn check_destination(self, file: Option<&Path>) -> Result<(), OutputError> {
-        let is_text = matches!(self, Self::Csv | Self::Tum | Self::Html | Self::Svg | Self::Json);
+        let is_text = matches!(self, Self::Csv | Self::Obj | Self::Tum | Self::Html | Self::Svg | Self::Json);
         if !is_text && file.is_none_or(is_standard_output) { refuse_terminal() } else { Ok(()) }
     }
 

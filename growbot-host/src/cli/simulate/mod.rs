@@ -89,8 +89,8 @@ pub struct SimulateArgs {
     /// the units.
     #[arg(long, value_name = "FILE")]
     samples: Option<PathBuf>,
-    /// Write the body as it was laid to this file, in the format of its extension: .csv, .stl, .glb, .html, .svg, .png,
-    /// .pdf. With .json, write the result
+    /// Write the body as it was laid to this file, in the format of its extension: .csv, .stl, .obj, .3mf, .glb, .html,
+    /// .svg, .png, .pdf. With .json, write the result
     #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     /// Print one line of JSON instead of a table
