@@ -5,7 +5,7 @@ use std::path::Path;
 
 use growbot_core::link::message::{MaintenanceTask, celsius};
 use growbot_core::robot::Robot;
-use growbot_plan::pose_text::{parse_angle, parse_length, parse_number};
+use growbot_plan::pose_text::{parse_angle, parse_length, parse_temperature};
 pub use growbot_plan::robot_file::MaterialPreset;
 use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::suggest::did_you_mean;
@@ -58,7 +58,7 @@ pub enum MaintenanceError {
 
 /// Maintenance commands: name, arguments and description of each.
 pub const COMMANDS: [(&str, &str, &str); 8] = [
-    ("preheat", "[C|MATERIAL]", "heat the nozzle to a temperature, to that of a material, or to that of growth"),
+    ("preheat", "[C|MATERIAL]", "heat the nozzle, by default to the temperature of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
     ("load", "[MM|MATERIAL]", "push filament in, by default 60 mm"),
     ("unload", "[MM|MATERIAL]", "pull filament out, by default 80 mm"),
@@ -124,8 +124,7 @@ impl MaterialPresets {
 
     fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, MaintenanceError> {
         let growth = robot.description().heater.target_c;
-        let number = text.strip_suffix(['C', 'c']).map_or(text, |number| number.trim_end().trim_end_matches('°'));
-        let celsius = match (text, parse_number(number).filter(|celsius| celsius.is_finite())) {
+        let celsius = match (text, parse_temperature(text)) {
             ("", _) => growth,
             (_, Some(celsius)) => celsius,
             (name, None) => self.find(name)?.nozzle_c.unwrap_or(growth),

@@ -3,7 +3,7 @@
 use std::process;
 use std::sync::{Mutex, PoisonError};
 
-use crate::progress;
+use crate::display;
 
 /// Exit code of a command that an interrupt has ended, as in shells.
 const INTERRUPTED: i32 = 130;
@@ -33,7 +33,7 @@ pub fn on_interrupt(action: impl FnMut() + Send + 'static) -> Result<(), ctrlc::
 pub fn exit_on_interrupt() {
     // Without a handler the signal ends the program, too.
     let _ = on_interrupt(|| {
-        progress::clear();
+        display::clear();
         process::exit(INTERRUPTED);
     });
 }

@@ -13,7 +13,7 @@ use growbot_plan::sanitize::one_line;
 use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 use log::{LevelFilter, Log, Metadata, Record};
 
-use crate::progress;
+use crate::display;
 
 /// Kind of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -123,7 +123,7 @@ impl Severity {
 /// stop controlling a robot.
 pub fn print(kind: Severity, message: fmt::Arguments) {
     if kind.is_shown() {
-        progress::end_spinner();
+        display::end_spinner();
         let text = render(kind, &one_line(&message.to_string()), COLOURED.load(Ordering::Relaxed));
         let _ = io::stderr().write_all(text.as_bytes());
     }
@@ -131,7 +131,7 @@ pub fn print(kind: Severity, message: fmt::Arguments) {
 
 /// Prints a question, or a line that belongs to one, without a label.
 pub fn print_prompt(question: fmt::Arguments) {
-    progress::end_spinner();
+    display::end_spinner();
     let _ = writeln!(io::stderr(), "{}", one_line(&question.to_string()));
 }
 

@@ -9,7 +9,7 @@ use std::path::Path;
 use growbot_plan::atomic_file::{FileError, write_atomic};
 use growbot_plan::sanitize::lines;
 
-use crate::progress;
+use crate::display;
 
 /// Errors of writing a result.
 #[derive(Debug, thiserror::Error)]
@@ -75,7 +75,7 @@ pub fn refuse_terminal() -> Result<(), OutputError> {
 /// # Errors
 /// Errors of [`print()`].
 pub fn print_bytes(bytes: &[u8]) -> Result<(), OutputError> {
-    progress::end_spinner();
+    display::end_spinner();
     let mut stdout = io::stdout().lock();
     stdout.write_all(bytes)?;
     stdout.flush()?;

@@ -250,6 +250,12 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
     Pose::from_degrees([x, y, z, if heading.is_finite() { wrapped } else { heading }, pitch])
 }
 
+/// Parses a temperature, degrees Celsius, with the unit C or without. `None` if it is not a finite number.
+pub fn parse_temperature(text: &str) -> Option<f64> {
+    let number = text.strip_suffix(['C', 'c']).map_or(text, |number| number.trim_end().trim_end_matches('°'));
+    parse_number(number).filter(|celsius| celsius.is_finite())
+}
+
 /// Parses a number with optional spaces around it. `None` if the text is not a number. `nan` and `inf` are accepted, so
 /// that later checks of the range can report them.
 pub fn parse_number(text: &str) -> Option<f64> {

@@ -77,9 +77,10 @@ mod workspace_in_scene;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use growbot_host::display;
 use growbot_host::interrupt::exit_on_interrupt;
+use growbot_host::messages::is_quiet;
 use growbot_host::output::OutputError;
-use growbot_host::progress::{self, start_spinner};
 
 use self::failure::Failure;
 
@@ -186,7 +187,9 @@ pub fn run() -> ExitCode {
     }
     if cli.command.as_ref().is_none_or(CliCommand::computes) {
         exit_on_interrupt();
-        start_spinner();
+        if !is_quiet() {
+            display::start_spinner();
+        }
     }
     let done = match cli.command {
         Some(CliCommand::Ports(args)) => ports::run(&args),
@@ -226,7 +229,7 @@ pub fn run() -> ExitCode {
         Some(CliCommand::Man(args)) => man::run(&args, Cli::command()),
         None => grow::run_main_job(),
     };
-    progress::clear();
+    display::clear();
     match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => failure.report(),

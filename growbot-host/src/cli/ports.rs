@@ -3,7 +3,6 @@
 use clap::Args;
 use growbot_host::output::print;
 use growbot_plan::sanitize::json_line;
-use growbot_plan::table::{NumberFormat, Table};
 use growbot_serve::known_ports::{KnownPort, KnownPorts, known_ports};
 
 use super::failure::Failure;
@@ -36,10 +35,11 @@ pub fn run(args: &PortsArgs) -> Result<(), Failure> {
         growbot_host::note!("no robots and no serial devices: `growbot power --help` shows how to simulate a robot");
     }
     let width = |of: fn(&KnownPort) -> usize| ports.iter().map(of).max().unwrap_or(0).max(5);
-    let widths = [width(|known| known.port.len()), width(|known| known.name.as_ref().map_or(0, String::len)), 15];
-    let table = Table::new(NumberFormat::Shortest)
-        .column("port", |known: &KnownPort| known.port.clone())
-        .column("robot", |known| known.name.clone().unwrap_or_else(|| "-".to_owned()))
-        .column("from", |known| <&str>::from(known.source));
-    Ok(print(&table.text(&ports, &widths))?)
+    let (port, name) = (width(|known| known.port.len()), width(|known| known.name.as_ref().map_or(0, String::len)));
+    let mut text = format!("{:<port$}  {:<name$}  from\n", "port", "robot");
+    for known in &ports {
+        let robot = known.name.as_deref().unwrap_or("-");
+        text += &format!("{:<port$}  {robot:<name$}  {}\n", known.port, <&str>::from(known.source));
+    }
+    Ok(print(&text)?)
 }

@@ -114,6 +114,7 @@ impl PowerArgs {
     fn switch_on(&self, place: &StateDir) -> Result<(), Failure> {
         // Errors are reported by this process, whose messages the user reads.
         place.check(&self.robot(place)?)?;
+        place.create()?;
         Ok(switch_on(place, self.robot.as_deref(), self.pace)?)
     }
 }

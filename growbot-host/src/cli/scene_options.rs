@@ -17,7 +17,7 @@ use serde::Serialize;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
 use super::remedies;
-use super::units::mm;
+use super::units::{mm, seconds};
 
 /// Greatest margin, mm, as in scene files.
 const MAX_MARGIN_MM: f64 = scene_file::MAX_LENGTH;
@@ -30,9 +30,6 @@ pub fn margin_mm(text: &str) -> Result<f64, String> {
     }
     Err(format!("the value is {number} mm: give 0 to {MAX_MARGIN_MM} mm"))
 }
-
-/// Maximum time limit, s: a day.
-const MAX_SECONDS: u64 = 86_400;
 
 /// The scene, and the effort of the search.
 #[derive(Args)]
@@ -50,7 +47,7 @@ pub struct SceneArgs {
     #[arg(long, value_name = "N", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     effort: Option<u64>,
     /// Take the best path found within this many seconds
-    #[arg(long, value_name = "S", requires = "scene", value_parser = clap::value_parser!(u64).range(1..=MAX_SECONDS))]
+    #[arg(long, value_name = "S", requires = "scene", value_parser = seconds)]
     time_limit: Option<u64>,
 }
 

@@ -8,7 +8,7 @@ use growbot_client::command_report::TuningReport;
 use growbot_client::growth::CommandQueue;
 use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
 use growbot_host::output::print;
-use growbot_plan::pose_text::parse_number;
+use growbot_plan::pose_text::parse_temperature;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::json_line;
 
@@ -48,9 +48,11 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     let robot = args.robot.load()?;
     let target = match &args.target {
         None => robot.description().heater.target_c,
-        Some(text) => parse_number(text).filter(|celsius| (-1000.0..=1000.0).contains(celsius)).ok_or_else(|| {
-            Failure::bad_input(format!("--target {text:?} is not a temperature: give degrees Celsius"))
-        })?,
+        Some(text) => {
+            parse_temperature(text).filter(|celsius| (-1000.0..=1000.0).contains(celsius)).ok_or_else(|| {
+                Failure::bad_input(format!("--target {text:?} is not a temperature: give degrees Celsius"))
+            })?
+        }
     };
     let _lent = robot_at(&port, &args.robot)?.lease("growbot tune")?;
     let mut client = port.client(&robot)?;

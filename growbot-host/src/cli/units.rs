@@ -7,6 +7,9 @@ use growbot_core::robot::Robot;
 use growbot_plan::plan::Goal;
 use growbot_plan::pose_text::{TypedGoal, parse_angle, parse_length};
 
+/// Maximum time limit, s: a day.
+const MAX_SECONDS: u64 = 86_400;
+
 /// Parses a length, mm.
 pub fn mm(text: &str) -> Result<f64, String> {
     parse_length(text).map(|length| length.value).map_err(|error| format!("the value is {text:?}, {error}"))
@@ -15,6 +18,16 @@ pub fn mm(text: &str) -> Result<f64, String> {
 /// Parses an angle, degrees.
 pub fn deg(text: &str) -> Result<f64, String> {
     parse_angle(text).map(|angle| angle.value).map_err(|error| format!("the value is {text:?}, {error}"))
+}
+
+/// Parses a number of whole seconds, with the unit s or without.
+pub fn seconds(text: &str) -> Result<u64, String> {
+    let number = text.strip_suffix('s').map_or(text, str::trim_end);
+    number
+        .parse()
+        .ok()
+        .filter(|seconds| (1..=MAX_SECONDS).contains(seconds))
+        .ok_or_else(|| format!("give whole seconds, 1 to {MAX_SECONDS}"))
 }
 
 /// Warns if all goals are so near the start that their coordinates may be metres. The caller has checked that no

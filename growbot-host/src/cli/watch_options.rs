@@ -85,9 +85,9 @@ impl WatchArgs {
     }
 }
 
-/// Parses a pace, in multiples of real time.
+/// Parses a pace, in multiples of real time, as 10 or 10x.
 pub fn parse_pace(text: &str) -> Result<f64, String> {
-    let times: f64 = text.parse().map_err(|_| format!("`{text}` is not a number"))?;
+    let times: f64 = text.strip_suffix('x').unwrap_or(text).parse().map_err(|_| format!("`{text}` is not a number"))?;
     // At a slower pace, commands would wait for long.
     if (0.1..=1e6).contains(&times) {
         Ok(times)

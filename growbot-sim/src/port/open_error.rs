@@ -12,8 +12,8 @@ use crate::sim_daemon::SimDaemonError;
 pub enum OpenError {
     /// The port's name is not valid.
     #[error(
-        "unknown port `{0}`: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, \
-         tcp:HOST:PORT or a serial device such as /dev/ttyACM0"
+        "unknown port `{0}`{near}: use sim, sim:NAME, emulator, emulator:ELF, rp2040, rp2040:ELF, rp2040:ELF,usb, \
+         tcp:HOST:PORT or a serial device such as /dev/ttyACM0", near = near(.0)
     )]
     Unknown(String),
     /// The simulated robot runs inside the program that uses it, so no second connection can be opened for the
@@ -35,4 +35,9 @@ pub enum OpenError {
     /// Error of the connection.
     #[error("{0}")]
     Port(#[from] PortError),
+}
+
+/// Returns a suggestion for the name of a serial device without its directory.
+fn near(name: &str) -> String {
+    if name.starts_with("tty") { format!(" (did you mean /dev/{name}?)") } else { String::new() }
 }

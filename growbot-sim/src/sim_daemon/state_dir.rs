@@ -72,7 +72,10 @@ impl StateDir {
     }
 
     /// Creates the directory, with access for this user only.
-    pub(super) fn create(&self) -> Result<(), SimDaemonError> {
+    ///
+    /// # Errors
+    /// [`SimDaemonError::File`].
+    pub fn create(&self) -> Result<(), SimDaemonError> {
         let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&self.directory);
         made.map_err(|error| self.failed("create", self.directory.clone(), error))
     }

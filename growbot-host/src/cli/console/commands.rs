@@ -61,18 +61,10 @@ struct CommandEntry {
 
 const COMMANDS: [CommandEntry; 12] = [
     CommandEntry { name: "status", argument: "", help: "identity and state of the board, sensor readings" },
-    CommandEntry {
-        name: "plan",
-        argument: "POSE",
-        help: "the board plans from 0,0,0,0,90 to POSE and stores the layers",
-    },
-    CommandEntry { name: "start", argument: "", help: "heat, home and grow the stored layers; continue after a pause" },
+    CommandEntry { name: "plan", argument: "POSE", help: "plan on the board to POSE, and store the layers" },
+    CommandEntry { name: "start", argument: "", help: "heat and grow the stored layers, or continue a pause" },
     CommandEntry { name: "pause", argument: "", help: "finish the current layer and wait; `start` continues" },
-    CommandEntry {
-        name: "grow",
-        argument: "GOAL",
-        help: "plan on this computer to POSE or X,Y,Z, send, grow, wait until done",
-    },
+    CommandEntry { name: "grow", argument: "GOAL", help: "plan here to POSE or X,Y,Z, heat, grow, and wait" },
     CommandEntry { name: "layers", argument: "[FROM]", help: "list up to 16 of the stored layers" },
     CommandEntry { name: "wait", argument: "[SECONDS]", help: "show events for SECONDS (1)" },
     CommandEntry { name: "stop", argument: "", help: "heater and steppers off" },
@@ -87,7 +79,7 @@ const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-
 
 /// Returns the list of commands as text.
 pub fn help() -> String {
-    let line = |name: &str, argument: &str, help: &str| format!("{:<23}{help}\n", format!("{name} {argument}"));
+    let line = |name: &str, argument: &str, help: &str| format!("{:<21}{help}\n", format!("{name} {argument}"));
     let own = COMMANDS.iter().map(|entry| line(entry.name, entry.argument, entry.help));
     let maintaining = maintenance::COMMANDS.iter().map(|(name, argument, help)| line(name, argument, help));
     own.chain(maintaining).collect()

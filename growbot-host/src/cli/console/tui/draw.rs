@@ -13,7 +13,7 @@ use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Line as Stroke, Points};
-use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
+use ratatui::widgets::{Axis, Block, Chart, Clear, Dataset, GraphType, Paragraph, Wrap};
 use time::OffsetDateTime;
 
 use super::keys::KEYS;
@@ -69,10 +69,7 @@ fn draw(frame: &mut Frame, model: &ConsoleModel) {
     if let Some(text) = problem_text(model) {
         frame.render_widget(Paragraph::new(text).style(BAD).wrap(Wrap { trim: true }), trouble);
     }
-    if let Some(sheet) = &model.popup {
-        let block = Block::bordered().title_bottom(Span::styled(" any key closes this ", DIM));
-        frame.render_widget(Paragraph::new(sheet.as_str()).block(block), pictures);
-    } else if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
+    if area.width < MIN_SIZE.0 || area.height < MIN_SIZE.1 {
         let message = format!("terminal too small for pictures: {}x{} is needed", MIN_SIZE.0, MIN_SIZE.1);
         frame.render_widget(Paragraph::new(message).style(DIM), pictures);
     } else {
@@ -80,6 +77,13 @@ fn draw(frame: &mut Frame, model: &ConsoleModel) {
     }
     draw_log(frame, log, model);
     draw_keys(frame, keys, model);
+    if let Some(sheet) = &model.popup {
+        // Head, state and problem stay visible.
+        let below = Rect { y: heater.y, height: area.bottom().saturating_sub(heater.y), ..area };
+        let block = Block::bordered().title_bottom(Span::styled(" any key closes this ", DIM));
+        frame.render_widget(Clear, below);
+        frame.render_widget(Paragraph::new(sheet.as_str()).block(block), below);
+    }
 }
 
 fn draw_pictures(frame: &mut Frame, area: Rect, model: &ConsoleModel) {
@@ -359,6 +363,7 @@ mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
+    use super::super::super::commands::help;
     use super::super::prompt::Prompt;
     use super::super::testing::{laid, model, status};
     use super::*;
@@ -484,7 +489,18 @@ mod tests {
         model.prompt = None;
         model.popup = Some("one\ntwo".to_owned());
         let lines = drawn(&model, 80, 24);
-        assert!(lines[5].contains("one") && lines[6].contains("two") && lines[18].contains("any key"), "{lines:?}");
+        assert!(lines[3].contains("one") && lines[4].contains("two") && lines[23].contains("any key"), "{lines:?}");
+    }
+
+    #[test]
+    fn the_help_fits_on_a_screen_of_80_by_24() {
+        let mut model = growing();
+        model.popup = Some(help());
+        let lines = drawn(&model, 80, 24);
+        for (row, line) in help().lines().enumerate() {
+            assert!(lines[3 + row].contains(line), "{line}: {lines:?}");
+        }
+        assert!(lines[1].starts_with("GROWING") && lines[23].contains("any key"), "{lines:?}");
     }
 
     #[test]
