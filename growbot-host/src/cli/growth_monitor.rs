@@ -6,6 +6,7 @@ use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::clock_text::local_clock_text;
+use growbot_pictures::growth_table;
 use growbot_plan::clearance_guard::Detour;
 use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::forecast::Forecast;
@@ -18,8 +19,8 @@ use growbot_serve::watch::WatchPage;
 use time::OffsetDateTime;
 
 use super::failure::Failure;
+use super::remedies;
 use super::terminal_commands::TerminalCommands;
-use super::{growth_table, remedies};
 
 /// Behaviour of the board when it loses contact with its host.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

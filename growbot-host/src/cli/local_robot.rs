@@ -8,6 +8,7 @@ use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest,
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
 use growbot_pictures::duration::duration_text;
+use growbot_pictures::growth_table::made;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
 use growbot_sim::crash::FirmwareImage;
@@ -18,7 +19,6 @@ use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
-use super::growth_table::made;
 use super::interrupt::stop_on_interrupt;
 use super::maintenance_task::maintain;
 use super::port_arg::{Connection, SelectedPort};

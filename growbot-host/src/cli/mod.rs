@@ -20,7 +20,6 @@ mod flash;
 mod global;
 mod grow;
 mod growth_monitor;
-mod growth_table;
 mod help;
 mod interrupt;
 mod json_arg;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use growbot_host::output::print;
+use growbot_pictures::growth_table::deviates;
 use growbot_plan::arrival::Arrival;
 use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::figures::{direction_text, fixed};
@@ -16,7 +17,6 @@ use growbot_plan::sanitize::json_line;
 
 use super::body_input::{robot_of, warn_of_damage};
 use super::failure::Failure;
-use super::growth_table::deviates;
 
 /// Rebuild the body from the log of its growth, bit for bit as the board has built it
 ///

@@ -4,12 +4,12 @@ use growbot_client::status::{FaultStatus, ImageStatus, RobotStatus, SensorStatus
 use growbot_core::link::message::{DriverProblem, Fault};
 use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::duration::duration_text;
+use growbot_pictures::growth_table::made;
 use growbot_plan::figures::fixed;
 use growbot_plan::robot_kind::RobotKind;
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
-use super::growth_table::made;
 use super::remedies;
 
 /// Returns the status of a robot as a few lines of text. What is not known is left out.

@@ -14,6 +14,7 @@ use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_host::output::print;
+use growbot_pictures::growth_table;
 use growbot_plan::growth_report::Outcome;
 use growbot_plan::job::JobEvent;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
@@ -35,7 +36,7 @@ use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::port_arg::SelectedPort;
-use crate::cli::{growth_monitor, growth_table, remedies};
+use crate::cli::{growth_monitor, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.
 const LOOK: Duration = Duration::from_millis(100);

@@ -2,6 +2,7 @@
 
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
+use growbot_pictures::growth_table::{arrived, deviates, row};
 use growbot_plan::figures::fixed;
 use growbot_plan::plan_deviation::PlanDeviation;
 use growbot_sim::simulation::campaign::{Campaign, ObstacleStatistics, WorstRun};
@@ -9,8 +10,6 @@ use growbot_sim::simulation::disturbance_report::DisturbanceReport;
 use growbot_sim::simulation::obstacles::{ClearancePause, Contact, ObstacleReport};
 use growbot_sim::simulation::statistics::Statistics;
 use growbot_sim::simulation::{SagResult, Simulation, SimulationResult};
-
-use super::super::growth_table::{arrived, deviates, row};
 
 /// Returns the table of a growth: target and final pose, the error between them, and the body.
 pub fn growth(

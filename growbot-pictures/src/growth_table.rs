@@ -3,7 +3,6 @@
 use growbot_core::angle::degrees;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
-use growbot_pictures::duration::duration_text;
 use growbot_plan::arrival::{Arrival, PoseDifference};
 use growbot_plan::feedback::FeedbackReport;
 use growbot_plan::figures::fixed;
@@ -12,6 +11,8 @@ use growbot_plan::plan::Plan;
 use growbot_plan::plan_deviation::{BodyClearance, PlanDeviation};
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, InterruptedLayerJson};
+
+use crate::duration::duration_text;
 
 /// Returns the table: target and final pose, the error between them and, with feedback, the estimate.
 pub fn table(plan: &Plan, robot: &Robot, grown: &GrowthReport, result: &GrowthResult) -> String {
