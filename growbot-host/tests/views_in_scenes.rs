@@ -122,15 +122,18 @@ fn a_picture_has_obstacles_labels_and_a_text_alternative() {
     let svg = String::from_utf8(fixture.made("view", "past.json", "past.svg", &[])).unwrap();
     let title = svg.split_once("<title>").unwrap().1.split_once("</title>").unwrap().0;
     assert!(title.contains("room.toml: narrowest 5.") && title.contains("obstacles: 4, all shown"), "{title}");
-    assert!(svg.contains(">narrowest: 5."), "no label");
-    assert!(svg.matches("fill-opacity=\".17\"").count() >= 4, "few faces");
+    let words: Vec<&str> = svg.split("</text>").filter_map(|text| text.rsplit('>').next()).collect();
+    assert!(words.iter().any(|line| line.starts_with("5.0") && line.contains(" mm to the ")), "{words:?}");
+    assert!(svg.matches("fill-opacity=").count() >= 4, "few faces");
     assert!(fixture.made("view", "past.json", "past.pdf", &[]).starts_with(b"%PDF"));
     let without = String::from_utf8(fixture.made("view", "straight.json", "straight.svg", &[])).unwrap();
     assert!(!without.contains("narrowest") && !without.contains("fill-opacity"));
     // Two views side by side have a label each.
     let pair = [&fixture.path("past.json"), "--scene", &fixture.path("room.toml"), "--compare"];
     let svg = String::from_utf8(fixture.made("view", "straight.json", "pair.svg", &pair.map(|it| it as &str))).unwrap();
-    assert_eq!(svg.matches(">narrowest: ").count(), 4, "two labels, each with its edge");
+    let svg = svg.split_once("</title>").unwrap().1;
+    let labels = svg.matches(" mm to").count() + svg.matches(" mm inside").count();
+    assert_eq!(labels, 4, "two labels, each with its edge");
 }
 
 #[test]

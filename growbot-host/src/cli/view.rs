@@ -183,17 +183,15 @@ impl ViewArgs {
                 subjects.iter().zip(&logs).map(|(subject, log)| PlotInput { subject, log: log.as_deref() }).collect();
             return Ok(plot::svg(&plotted, &options)?);
         }
-        let picture = picture::svg(
-            subjects,
-            &picture::PictureOptions {
-                look: self.viewpoint.unwrap_or(Viewpoint::Corner),
-                palette: self.palette.unwrap_or_default(),
-                range: self.range,
-                title: !self.no_title,
-                axes: self.axes,
-            },
-        );
-        Ok(picture?)
+        let options = picture::PictureOptions {
+            look: self.viewpoint.unwrap_or(Viewpoint::Corner),
+            palette: self.palette.unwrap_or_default(),
+            range: self.range,
+            title: !self.no_title,
+            axes: self.axes,
+            width: self.width,
+        };
+        Ok(picture::svg(subjects, &options)?)
     }
 
     /// Checks that the options are compatible.

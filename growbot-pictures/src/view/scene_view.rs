@@ -60,6 +60,13 @@ impl SceneView {
         Some(if *clearance < 0.0 { format!("{:.2} mm inside", -clearance) } else { format!("{clearance:.2} mm") })
     }
 
+    /// Returns the clearance at the closest approach and the obstacle as text. Returns `None` without obstacles.
+    pub fn narrowest_text(&self) -> Option<String> {
+        let ((found, clearance), text) = self.closest_approach.as_ref().zip(self.clearance_text())?;
+        let to = if *clearance < 0.0 { "" } else { " to" };
+        Some(format!("{text}{to} {}", found.obstacle))
+    }
+
     /// Returns the position of the closest approach and the obstacle as text. Returns `None` without obstacles.
     pub fn closest_approach_text(&self) -> Option<String> {
         let (found, _) = self.closest_approach.as_ref()?;

@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 
 use super::camera::Camera;
 
-/// Width of a drawing, units of the drawing.
-pub const WIDE: f64 = 960.0;
+/// A rectangle of the drawing: left, top, right, bottom.
+pub type Rect = [f64; 4];
 
 /// A rectangle of the camera's picture. Coordinates are to the right and up, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -130,7 +130,7 @@ pub fn round_points(place: &Projection, rounds: &[(Vector3<f64>, Vector3<f64>, f
 }
 
 /// Returns the part of a convex outline within a rectangle: left, top, right, bottom (Sutherland and Hodgman 1974).
-pub fn clip_to_rect(mut corners: Vec<[f64; 2]>, [left, top, right, bottom]: &[f64; 4]) -> Vec<[f64; 2]> {
+pub fn clip_to_rect(mut corners: Vec<[f64; 2]>, [left, top, right, bottom]: &Rect) -> Vec<[f64; 2]> {
     // Axis, limit, and 1 if the limit is a lower one.
     for (axis, limit, sign) in [(0, *left, 1.0), (0, *right, -1.0), (1, *top, 1.0), (1, *bottom, -1.0)] {
         let inside = |corner: &[f64; 2]| sign * (corner[axis] - limit);

@@ -1,14 +1,16 @@
 //! One body in the picture, with its marks.
 
 use growbot_core::layer_bytes::LayerBytes;
-use growbot_core::pose::{Frame, Pose};
+use growbot_core::pose::Pose;
+use growbot_scene::bvh::Bounds;
 use nalgebra::Vector3;
 
 use super::axes::Axes;
 use super::camera::Camera;
-use super::marks::{Arrow, Floor, LineStyle, arrow, disc, draw_axes, draw_label, word_at_free_side, word_beyond};
-use super::obstacles::{self, ClipRect, LIMITS};
-use super::projection::{Projection, ScreenBounds};
+use super::labels::{Kind, Labels};
+use super::marks::{Arrow, Floor, LineStyle, arrow, disc, tip_axes};
+use super::obstacles::{self, LIMITS};
+use super::projection::{Projection, Rect, ScreenBounds};
 use super::tube::{Detail, Tube};
 use crate::drawing::canvas::Canvas;
 use crate::drawing::chart::round_below;
@@ -51,7 +53,10 @@ pub struct Stage {
     outer: f64,
     /// Length of the arrows at start and goal.
     reach: f64,
-    /// Height of the floor, below everything.
+    /// Box of the body, of all that is built and planned. `content` also contains the scene beside it.
+    body: Bounds,
+    content: Bounds,
+    /// Height of the floor, below everything, or that of the scene's floor.
     floor: f64,
 }
 
@@ -63,12 +68,29 @@ impl Stage {
         let radii = [outer, robot.tip_radius(), outer - robot.description().wall.width_mm];
         let tube = |layers: &[LayerBytes]| Tube::new(plan.start.frame(), layers, radii, detail);
         let (shown, planned) = (tube(layers.body()), layers.built.as_ref().map(|_| tube(&layers.planned)));
-        let points = || shown.centreline().chain(planned.iter().flat_map(Tube::centreline));
-        let [min, max] =
-            points().fold([plan.goal.position(); 2], |[min, max], point| [min.inf(&point), max.sup(&point)]);
-        let reach = (3.0 * outer).max(0.06 * (max - min).norm());
-        let tail = plan.start.position() - reach * plan.start.direction();
-        let floor = min.z.min(tail.z) - outer;
+        let points = shown.centreline().chain(planned.iter().flat_map(Tube::centreline)).chain([plan.goal.position()]);
+        let [start, direction] = [plan.start.position(), plan.start.direction()];
+        let line = Bounds::of(&points.collect::<Vec<_>>());
+        let reach = (2.2 * outer).max(0.06 * (line.max - line.min).norm());
+        // A tube is as wide as its layers are tilted, so one that stands upright begins at the base's height.
+        let tilted = shown.frames().flat_map(|frame| {
+            let ahead = frame.rotation * Vector3::z();
+            let wide = ahead.map(|part| outer * libm::sqrt((1.0 - part * part).max(0.0)));
+            [frame.translation.vector - wide, frame.translation.vector + wide]
+        });
+        let body = Bounds::of(&tilted.collect::<Vec<_>>()).with(&line);
+        let around = SceneView::of(subject, layers, &LIMITS);
+        let content = around.as_ref().map_or(body, |around| obstacles::around(around, &body));
+        let below = |square: &[Vector3<f64>; 4]| {
+            let [min, max] = square
+                .iter()
+                .fold([f64::INFINITY, f64::NEG_INFINITY], |[min, max], corner| [min.min(corner.z), max.max(corner.z)]);
+            (max - min < 1e-6 && max <= body.min.z).then_some(max)
+        };
+        let squares = around.iter().flat_map(|around| &around.obstacles.squares);
+        let floor = squares.filter_map(below).fold(f64::NEG_INFINITY, f64::max);
+        let tail = start - reach * direction;
+        let floor = if floor.is_finite() { floor } else { body.min.z.min(tail.z) - 0.3 * outer };
         // A distance from the goal of less than a dot is given as text only.
         let reached = subject.run.and_then(measured_end).map(|(reached, _)| reached.position());
         let reached = reached.filter(|reached| (reached - plan.goal.position()).norm() > 0.5 * outer);
@@ -77,13 +99,15 @@ impl Stage {
             planned,
             commanded: subject.commanded(layers),
             estimated: subject.estimated(),
-            around: SceneView::of(subject, layers, &LIMITS),
+            around,
             start: plan.start,
             goal: plan.goal,
             via: plan.via(),
             reached,
             outer,
             reach,
+            body,
+            content,
             floor,
         }
     }
@@ -98,11 +122,6 @@ impl Stage {
     /// Returns the scene around the body.
     pub fn around(&self) -> Option<&SceneView> {
         self.around.as_ref()
-    }
-
-    /// Returns true if the measured position of the tip has a label.
-    pub fn has_reached(&self) -> bool {
-        self.reached.is_some()
     }
 
     /// Returns the direction of the goal.
@@ -120,58 +139,43 @@ impl Stage {
         self.start == other.start && self.goal == other.goal
     }
 
-    /// Returns the axes around the body, with ticks at least this far apart, mm.
-    pub fn axes(&self, square: f64) -> Axes {
-        let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        // The axes leave space for the labels beyond both arrows.
-        let below = Vector3::new(0.0, 0.0, 0.8 * self.reach);
-        let goal = self.goal_arrow();
-        let ends = [self.start_arrow().from - below, goal.from + 1.6 * goal.length * goal.along];
-        let around = Vector3::new(self.outer, self.outer, 0.0);
-        let [min, max] = points
-            .chain(ends)
-            .fold([ends[1]; 2], |[min, max], point| [min.inf(&(point - around)), max.sup(&(point + around))]);
-        Axes::round(min, max, square)
+    /// Returns the axes around the body and the scene beside it.
+    pub fn axes(&self) -> Axes {
+        Axes::around(self.content.min, self.content.max, self.start.position())
     }
 
-    /// Returns the bounds of the body with its marks, and with the axes or a floor of squares of this side, mm.
+    /// Returns the bounds of the body with its marks and the scene, and with the axes or a floor of squares of this
+    /// side, mm.
     pub fn bounds(&self, camera: &Camera, square: f64, axes: Option<&Axes>) -> ScreenBounds {
-        let centrelines = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        let lines = centrelines.chain(self.commanded.iter().chain(&self.estimated).flatten().copied());
-        // A part of the scene is visible next to the body.
-        let room = if self.around.is_some() { 2.0 * self.reach } else { self.outer };
-        let seen = lines.fold(ScreenBounds::NONE, |seen, point| seen.with(camera.see(&point), room));
-        let [start, goal] = [self.start_arrow(), self.goal_arrow()];
-        let marks = [start.from, goal.from + goal.length * goal.along].into_iter().chain(self.reached);
-        let seen = marks.fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
-        if let Some(axes) = axes {
-            return axes.corners().fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0));
+        let frames = self.tube.frames().chain(self.planned.iter().flat_map(Tube::frames));
+        let lines = self.commanded.iter().chain(&self.estimated).flatten().copied();
+        let lines = frames.map(|frame| frame.translation.vector).chain(lines);
+        let seen = lines.fold(ScreenBounds::NONE, |seen, point| seen.with(camera.see(&point), self.outer));
+        let arrows = [self.start_arrow(), self.goal_arrow()].map(|arrow| arrow.ends()).into_iter().flatten();
+        let seen = arrows.chain(self.reached).fold(seen, |seen, point| seen.with(camera.see(&point), 0.2 * self.outer));
+        let with = |seen: ScreenBounds, corner: Vector3<f64>| seen.with(camera.see(&corner), 0.0);
+        let planes = self.around.iter().flat_map(|around| obstacles::planes(around, &self.content));
+        let seen = planes.flatten().fold(seen, with);
+        let seen =
+            self.around.iter().flat_map(|around| obstacles::corners(around, &self.content, camera)).fold(seen, with);
+        match axes {
+            Some(axes) => axes.corners().fold(seen, with),
+            None => self.floor(square, camera).iter().flat_map(Floor::corners).fold(seen, with),
         }
-        let floor = self.floor(square).filter(|_| self.has_floor(camera));
-        floor.iter().flat_map(Floor::corners).fold(seen, |seen, corner| seen.with(camera.see(&corner), 0.0))
     }
 
-    /// Returns the floor, with squares of this side, mm.
-    fn floor(&self, square: f64) -> Option<Floor> {
-        Some(Floor::under(&self.ground()?, self.floor, square))
-    }
-
-    /// Returns the bounds of the area under the body, x and y.
-    fn ground(&self) -> Option<ScreenBounds> {
-        let points = self.tube.centreline().chain(self.planned.iter().flat_map(Tube::centreline));
-        let points = points.chain([self.goal.position()]).map(|point| [point.x, point.y]);
-        points.map(|point| ScreenBounds::NONE.with(point, self.outer)).reduce(ScreenBounds::and)
+    /// Returns the floor, with squares of this side, mm. From its edge a floor shows nothing, and from above the body
+    /// hides it. A scene that has a floor needs no other.
+    fn floor(&self, square: f64, camera: &Camera) -> Option<Floor> {
+        let has_plane = self.around.as_ref().is_some_and(|around| !around.obstacles.squares.is_empty());
+        let bounds = ScreenBounds { min: [self.body.min.x, self.body.min.y], max: [self.body.max.x, self.body.max.y] };
+        (is_oblique(camera) && !has_plane).then(|| Floor::under(&bounds, self.floor, square))
     }
 
     /// Returns a suitable side of the floor's squares, mm.
     pub fn square(&self) -> f64 {
-        let [wide, deep] = self.ground().map_or([0.0; 2], |ground| ground.size());
-        round_below(0.3 * (0.5 * libm::hypot(wide, deep)).max(200.0))
-    }
-
-    /// Returns true if the floor is drawn. From its edge a floor shows nothing, and from above the body hides it.
-    fn has_floor(&self, camera: &Camera) -> bool {
-        (0.1..0.9).contains(&camera.towards.z)
+        let size = self.body.max - self.body.min;
+        round_below(0.3 * (0.5 * libm::hypot(size.x, size.y)).max(8.0 * self.outer))
     }
 
     /// Returns the arrow that leads to the start.
@@ -181,7 +185,7 @@ impl Stage {
             from: self.start.position() - self.reach * along,
             along,
             length: 0.97 * self.reach,
-            thick: 0.035 * self.reach,
+            thick: 0.045 * self.reach,
         }
     }
 
@@ -190,12 +194,12 @@ impl Stage {
         let there = (self.tube.base_from_tip().translation.vector - self.goal.position()).norm() < self.outer;
         let along = self.goal.direction();
         let from = self.goal.position() + if there { 1.15 * self.axis() * along } else { Vector3::zeros() };
-        Arrow { from, along, length: self.reach, thick: 0.035 * self.reach }
+        Arrow { from, along, length: self.reach, thick: 0.045 * self.reach }
     }
 
     /// Returns the length with which the tip's axes are drawn, mm.
     fn axis(&self) -> f64 {
-        2.0 * self.outer
+        1.6 * self.outer
     }
 
     /// Draws the body, coloured by the heights of its layers, and the obstacles within a rectangle. The floor has
@@ -203,19 +207,17 @@ impl Stage {
     pub fn draw(
         &self,
         canvas: &mut Canvas,
-        (place, room): (&Projection, &ClipRect),
+        (place, room): (&Projection, &Rect),
         heights: &HeightScale,
         square: f64,
         axes: Option<&Axes>,
     ) {
         let camera = &place.camera;
-        let floor = self.floor(square).filter(|_| self.has_floor(camera));
-        match (axes, &floor) {
-            (Some(axes), _) => axes.draw(canvas, place),
-            (None, Some(floor)) => floor.draw(canvas, place),
-            (None, None) => {}
+        match axes {
+            Some(axes) => axes.draw(canvas, place),
+            None => self.floor(square, camera).iter().for_each(|floor| floor.draw(canvas, place)),
         }
-        if floor.is_some() {
+        if is_oblique(camera) {
             canvas.add(format_args!(
                 "<path fill=\"{SHADOW}\" stroke=\"{SHADOW}\" stroke-width=\".5\" d=\"{}\"/>",
                 self.tube.shadow(axes.map_or(self.floor, Axes::floor), place)
@@ -232,7 +234,7 @@ impl Stage {
         }
         if let Some(around) = &self.around {
             let tube: Vec<Vector3<f64>> = self.tube.centreline().collect();
-            pieces.extend(obstacles::pieces(around, &tube, place, room));
+            pieces.extend(obstacles::pieces(around, &tube, &self.content, place, room));
         }
         pieces.sort_by(|a, b| a.0.total_cmp(&b.0));
         // Edges in the colour of their face leave no seams.
@@ -252,53 +254,58 @@ impl Stage {
             PLANNED_LINE.draw(canvas, place, planned.centreline());
         }
         if let Some(around) = &self.around {
-            obstacles::mark(canvas, place, around, &self.way_past(around));
+            obstacles::mark(canvas, place, around);
         }
-        self.words(canvas, place);
-    }
-
-    /// Returns the direction of the body at its closest approach to an obstacle.
-    fn way_past(&self, around: &SceneView) -> Vector3<f64> {
-        let Some((found, _)) = &around.closest_approach else { return Vector3::z() };
-        let frames = self.tube.frames();
-        let apart = |frame: &Frame| (frame.translation.vector - found.on_body).norm_squared();
-        let nearest = frames.min_by(|a, b| apart(a).total_cmp(&apart(b)));
-        nearest.map_or_else(Vector3::z, |frame| frame.rotation * Vector3::z())
-    }
-
-    /// Draws the marks that lie over everything: the tip's axes, poses on the way, and labels.
-    fn words(&self, canvas: &mut Canvas, place: &Projection) {
-        draw_axes(canvas, place, &self.tube.base_from_tip(), self.axis());
-        let [start, goal] = [self.start_arrow(), self.goal_arrow()];
-        let tip = self.tube.base_from_tip();
-        let axes = [Vector3::x(), Vector3::y(), Vector3::z(), -Vector3::z()].map(|axis| tip.rotation * axis);
-        let ahead = self.tube.centreline().find(|point| (point - start.from).norm() > 2.0 * self.reach);
-        let ahead = ahead.map_or(start.along, |point| (point - start.from).normalize());
-        for (end, along, name, colour, taken) in [
-            (start.from, -start.along, "start", START, &[ahead][..]),
-            (goal.from + goal.length * goal.along, goal.along, "goal", GOAL, &axes[..]),
-        ] {
-            let [right, down] = place.direction(&along);
-            if libm::hypot(right, down) > 0.15 {
-                word_beyond(canvas, place, &end, &along, name, colour);
-            } else {
-                word_at_free_side(canvas, place, place.point(&end), taken, name, colour);
-            }
+        let mut axes = tip_axes(&self.tube.base_from_tip(), self.axis());
+        axes.sort_by(|(a, ..), (b, ..)| camera.depth(&a.along).total_cmp(&camera.depth(&b.along)));
+        for (axis, _, colour) in &axes {
+            canvas.add(arrow(place, axis, colour).trim_end());
         }
-        for (index, via) in self.via.iter().enumerate() {
-            let at = place.point(&via.position());
-            disc(canvas, at, 0.2 * self.outer * place.scale, GOAL);
-            draw_label(
-                canvas,
-                [at[0], at[1] - 0.2 * self.outer * place.scale - 9.0],
-                &format!("via {}", index + 1),
-                GOAL,
-            );
+        for via in &self.via {
+            disc(canvas, place.point(&via.position()), 0.2 * self.outer * place.scale, GOAL);
         }
         if let Some(reached) = &self.reached {
-            let at = place.point(reached);
-            word_at_free_side(canvas, place, at, &axes, "reached", REACHED);
-            disc(canvas, at, 0.15 * self.outer * place.scale, REACHED);
+            disc(canvas, place.point(reached), 0.15 * self.outer * place.scale, REACHED);
         }
     }
+
+    /// Returns the labels of the marks and the axes, which rather lie within a frame of the drawing.
+    pub fn labels(&self, place: &Projection, frame: Rect, max_width: f64, axes: Option<&Axes>) -> Labels {
+        let tip = tip_axes(&self.tube.base_from_tip(), self.axis());
+        let [start, goal] = [self.start_arrow(), self.goal_arrow()];
+        let body = self.tube.centreline().map(|point| (place.point(&point), self.outer * place.scale));
+        let mut labels = Labels::new(body.collect(), frame, max_width);
+        for arrow in tip.iter().map(|(arrow, ..)| arrow).chain([&start, &goal]) {
+            let [from, to] = arrow.ends().map(|end| place.point(&end));
+            labels.avoid(from, to, (2.0 * arrow.thick * place.scale).max(3.0));
+        }
+        if let Some(axes) = axes {
+            axes.label(&mut labels, place);
+        }
+        let mut add = |at: &Vector3<f64>, ahead: Vector3<f64>, name: &str, colour| {
+            labels.add(place.point(at), place.direction(&ahead), name, Kind::Mark(colour));
+        };
+        for (axis, name, colour) in &tip {
+            // The goal's arrow continues where z ends, so its name is beside it.
+            let (share, ahead) = if *name == "z" { (0.6, -tip[0].0.along) } else { (1.0, axis.along) };
+            add(&(axis.from + share * axis.length * axis.along), ahead, name, colour);
+        }
+        add(&start.from, -start.along, "start", START);
+        add(&goal.ends()[1], goal.along, "goal", GOAL);
+        for (via, number) in self.via.iter().zip(1..) {
+            add(&via.position(), place.camera.up, &format!("via {number}"), GOAL);
+        }
+        if let Some(reached) = &self.reached {
+            add(reached, -goal.along, "reached", REACHED);
+        }
+        if let Some(around) = &self.around {
+            obstacles::label(&mut labels, place, around);
+        }
+        labels
+    }
+}
+
+/// Returns true if a floor is seen neither from its edge nor from above.
+fn is_oblique(camera: &Camera) -> bool {
+    (0.1..0.9).contains(&camera.towards.z)
 }

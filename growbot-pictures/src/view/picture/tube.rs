@@ -244,7 +244,7 @@ fn on(frame: &Frame, angle: f64, radius: f64) -> Vector3<f64> {
 }
 
 /// Returns a colour as seen on a matt surface with this normal, computed in linear light like three.js.
-fn shaded(colour: [u8; 3], normal: &Vector3<f64>, camera: &Camera) -> [u8; 3] {
+pub fn shaded(colour: [u8; 3], normal: &Vector3<f64>, camera: &Camera) -> [u8; 3] {
     let light = Vector3::from(LIGHT).normalize();
     let facing = [&camera.right, &camera.up, &camera.towards].map(|axis| axis.dot(normal));
     let bright = (AROUND + SUN * light.dot(&Vector3::from(facing)).max(0.0)) / std::f64::consts::PI;
