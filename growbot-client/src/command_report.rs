@@ -1,4 +1,4 @@
-//! What commands to a robot report, as JSON.
+//! Reports of commands to a robot, as JSON.
 
 use growbot_plan::robot_kind::RobotKind;
 use serde::Serialize;

@@ -45,7 +45,8 @@ macro_rules! chapters {
 chapters! {
     answers, bag_of_parts, connect, console, describe, drive, export, feedback, files, first_growth, first_start, flash,
     install, maintain, maths_clearance, maths_layers, maths_space, maths_step, maths_two_planes, obstacles, paper,
-    paper_figures, pipe_rack, plan_goals, practise, readme, robot_file, scene_file, see_it, simulate, stop, survive
+    paper_figures, pipe_rack, plan_goals, practise, readme, robot_file, scene_file, see_it, simulate, stop, survive,
+    tutorial
 }
 
 #[test]

@@ -244,7 +244,7 @@ const OUTPUTS: [(&[&str], &str); 29] = [
     (&["workspace", "--length", "100", "--scene", "DIR/scene.toml", "--effort", "1"], "workspace"),
 ];
 
-/// These commands print the same types, and need a growth of a service or an unfinished body. They are checked in
+/// Commands with the same types of output, which need a growth of a service or an unfinished body. They are checked in
 /// `serve`.
 const OUTPUTS_OF_GROWTHS: [&str; 4] = ["attach", "continue", "pause", "resume"];
 

@@ -11,15 +11,15 @@ import { environment } from "./environment.js";
 import { Service } from "./service.js";
 
 /**
- * Starts a service with simulated robots of these names, `pace` times as fast as real time. Its directory is removed by
- * `remove()`.
+ * Starts a service with simulated robots of these names and of this kind, `pace` times as fast as real time. Its
+ * directory is removed by `remove()`.
  */
-export async function startLab(growbot, robots, pace) {
+export async function startLab(growbot, robots, pace, robot = "growbot-a2") {
   const directory = await mkdtemp(join(tmpdir(), "growbot-robots-"));
   const directories = { XDG_STATE_HOME: join(directory, "state"), XDG_RUNTIME_DIR: join(directory, "run") };
   for (const path of Object.values(directories)) await mkdir(path, { mode: 0o700 });
   const spawnOptions = { env: { ...environment, ...directories }, cwd: directory };
-  const rest = `robot = "growbot-a2"\npace = ${pace.toFixed(1)}\n`;
+  const rest = `robot = "${robot}"\npace = ${pace.toFixed(1)}\n`;
   const entries = robots.map((name) => `[robots.${name}]\nport = "sim:${name}"\n${rest}`);
   await writeFile(join(directory, "growbot.toml"), entries.join(""));
   const service = new Service(growbot, spawnOptions);

@@ -56,29 +56,29 @@ enum SchemaKind {
     Result,
     /// The status of a robot, as `status` prints it, and as the service reports it
     Status,
-    /// What `stop`, `pause`, `continue`, `cancel`, `clear`, `maintain` and `power` print
+    /// Output of `stop`, `pause`, `continue`, `cancel`, `clear`, `maintain` and `power`
     Command,
-    /// What `configure` prints
+    /// Output of `configure`
     Configure,
-    /// What `doctor` prints, and its report
+    /// Output of `doctor`, and its report
     Doctor,
-    /// What `ports` prints
+    /// Output of `ports`
     Ports,
-    /// What `reproduce` prints
+    /// Output of `reproduce`
     Reproduce,
-    /// What `rmin` prints
+    /// Output of `rmin`
     Rmin,
-    /// What `robots` prints
+    /// Output of `robots`
     Robots,
-    /// What `scene` prints
+    /// Output of `scene`
     SceneSummary,
-    /// What `settings` prints
+    /// Output of `settings`
     SettingsList,
-    /// What `simulate` prints
+    /// Output of `simulate`
     Simulate,
-    /// What `tune` prints
+    /// Output of `tune`
     Tune,
-    /// What `workspace` prints
+    /// Output of `workspace`
     Workspace,
 }
 
