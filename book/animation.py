@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws the animation of README.md: a simulated robot grows, seen by `growbot view` after every few layers.
 
-    docs/animation.py GROWBOT [FILE]
+    book/animation.py GROWBOT [FILE]
 
 FILE is book/src/pictures/growing.webp unless given. Needs Pillow.
 """
