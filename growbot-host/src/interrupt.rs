@@ -1,5 +1,6 @@
 //! Handling of Ctrl-C, of SIGTERM and of the end of the terminal.
 
+use std::io::{self, IsTerminal};
 use std::process;
 use std::sync::{Mutex, PoisonError};
 
@@ -29,8 +30,13 @@ pub fn on_interrupt(action: impl FnMut() + Send + 'static) -> Result<(), ctrlc::
     })
 }
 
-/// Removes the display of progress and ends the program at an interrupt. Unfinished files have no name, so none is left.
+/// Lets an interrupt remove the display of progress and end the program, if standard error is a terminal. Unfinished
+/// files have no name, so none is left.
 pub fn exit_on_interrupt() {
+    // Without a display there is nothing to remove, and signals that `nohup` ignores must stay ignored.
+    if !io::stderr().is_terminal() {
+        return;
+    }
     // Without a handler the signal ends the program, too.
     let _ = on_interrupt(|| {
         display::clear();

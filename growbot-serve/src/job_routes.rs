@@ -18,7 +18,7 @@ use growbot_client::growth::{GrowthRefusal, GrowthRequest, Override};
 use growbot_client::stop_signal::Permit;
 use growbot_core::robot::Robot;
 use growbot_pictures::view::page::PageAccess;
-use growbot_pictures::view::{Subject, page};
+use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
 use growbot_plan::run_log::{RecordedRun, utc_now};
@@ -35,6 +35,7 @@ use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blockin
 use super::job::{Job, JobState};
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, StreamPermit, holding};
+use super::plan_routes::scene_name;
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
 use super::robot_request::{Claim, NewJob, RobotRequest};
@@ -347,7 +348,10 @@ async fn page_of(
         let robot = record.own_robot().map_err(Problem::conflict)?;
         let plan = record.plan(&robot).map_err(Problem::conflict)?;
         let name = format!("{} on {}", job.name, job.robot);
-        let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene: None };
+        // A body can be shown without its scene.
+        let scene = record.scene(&plan, &robot, None).ok().flatten();
+        let scene = scene.as_ref().map(|loaded| NamedScene { file: scene_name(&plan), scene: &loaded.scene });
+        let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene };
         let page = match access {
             Some(access) => page::render_live(&of(None), access),
             None => page::render(&of(Some(&record))),

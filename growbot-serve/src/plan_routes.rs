@@ -7,6 +7,7 @@ use axum::extract::{Path, Query, State};
 use axum::response::Html;
 use axum::{Extension, Json};
 use growbot_pictures::view::{NamedScene, Subject, page};
+use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
 use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
@@ -20,6 +21,11 @@ use super::json_body::JsonBody;
 use super::limits::RoleLimits;
 use super::problem::Problem;
 use super::scene_store;
+
+/// Returns the name of the file of a plan's scene, without its directory. Empty for a plan without a scene.
+pub fn scene_name(plan: &Plan) -> &str {
+    plan.scene.as_ref().map_or("", |scene| scene.file.rsplit('/').next().unwrap_or_default())
+}
 
 /// The robot to plan for.
 #[derive(Debug, Deserialize, JsonSchema)]
@@ -49,8 +55,7 @@ pub async fn new_plan(
     let computed = limits.compute(move |computation| {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access, computation)?;
-        let file = plan.scene.as_ref().map_or("", |scene| scene.file.rsplit('/').next().unwrap_or_default());
-        let scene = scene.as_ref().map(|loaded| NamedScene { file, scene: &loaded.scene });
+        let scene = scene.as_ref().map(|loaded| NamedScene { file: scene_name(&plan), scene: &loaded.scene });
         let subject = Subject { name: "preview", robot: &robot, plan: &plan, run: None, laid: None, scene };
         let page = page::render(&subject).map_err(Problem::bad)?;
         let view = format!("plans/{}/view", service.shared.keep_preview(page.into()));

@@ -39,6 +39,10 @@ try {
   const waitForState = (name) => robot.locator(".state", { hasText: new RegExp(`^(${name})$`) }).waitFor();
   const picture = (name) => pictures && page.screenshot({ path: join(pictures, `tutorial-${name}.png`) });
   const body = page.frameLocator("#body-frame").locator("canvas").first();
+  const checkShowsPipe = async () => {
+    await body.waitFor();
+    assert.ok(await page.frameLocator("#body-frame").getByLabel("Obstacles").isChecked());
+  };
 
   await waitForState("idle");
   await use("Grow a body", robot.locator("summary", { hasText: "Grow a body" }));
@@ -46,13 +50,13 @@ try {
   await robot.getByLabel(/Scene to avoid/).setInputFiles(join(lab.directory, "pipe.toml"));
   await press("Preview");
   await robot.locator(".preview", { hasText: /mm/ }).waitFor();
-  await body.waitFor();
+  await checkShowsPipe();
   await picture("preview");
   await page.keyboard.press("Escape");
   await press("Grow");
   await waitForState("growing");
   await press("Show body");
-  await body.waitFor();
+  await checkShowsPipe();
   await picture("growing");
   await page.keyboard.press("Escape");
   await press("Pause");
@@ -66,7 +70,7 @@ try {
   await waitForState("heating|homing|growing");
   await page.locator("#job-rows tr", { hasText: "done" }).first().waitFor();
   await use("3D", page.locator("#job-rows tr", { hasText: "done" }).first().getByRole("link", { name: "3D" }));
-  await body.waitFor();
+  await checkShowsPipe();
   await picture("done");
   assert.deepEqual(used, names);
   assert.deepEqual(errors, []);

@@ -46,11 +46,11 @@ enum SchemaKind {
     Plan,
     /// Scene files, as `growbot plan --scene` reads them
     Scene,
-    /// A line of a run log, as `growbot grow --log` writes it
+    /// A line of a run log, as `growbot grow --log` writes it. Readers skip events and fields that they do not know
     Run,
     /// Settings, growbot.toml
     Settings,
-    /// A notice, as `growbot serve` sends it to webhooks and commands
+    /// A notice, as `growbot serve` sends it to webhooks and commands. Receivers skip fields that they do not know
     Notification,
     /// A result, as `grow`, `resume`, `attach` and `replay` print it
     Result,
@@ -114,9 +114,7 @@ impl SchemaKind {
         let shown = self.to_possible_value().unwrap_or_default();
         let help = shown.get_help().map(ToString::to_string).unwrap_or_default();
         schema["title"] = format!("growbot {}", shown.get_name()).into();
-        schema["description"] =
-            format!("{help}. Lengths are in mm: names carry the unit. Readers skip fields that they do not know.")
-                .into();
+        schema["description"] = format!("{help}. Lengths are in mm: names carry the unit.").into();
         schema
     }
 }
