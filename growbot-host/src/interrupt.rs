@@ -1,17 +1,16 @@
 //! Handling of Ctrl-C, of SIGTERM and of the end of the terminal.
 
 use std::io::{self, IsTerminal};
-use std::process;
 use std::sync::{Mutex, PoisonError};
+
+use signal_hook::consts::SIGINT;
+use signal_hook::low_level::emulate_default_handler;
 
 use crate::display;
 
-/// Exit code of a command that an interrupt has ended, as in shells.
-const INTERRUPTED: i32 = 130;
-
 type Action = Box<dyn FnMut() + Send>;
 
-/// Reaction to an interrupt. `None` before the first call of [`on_interrupt`].
+/// Reaction to an interrupt. `None` while no signal is handled.
 static ACTION: Mutex<Option<Action>> = Mutex::new(None);
 
 /// Sets the reaction to an interrupt, in place of an earlier one.
@@ -19,27 +18,35 @@ static ACTION: Mutex<Option<Action>> = Mutex::new(None);
 /// # Errors
 /// The signals cannot be handled.
 pub fn on_interrupt(action: impl FnMut() + Send + 'static) -> Result<(), ctrlc::Error> {
-    let earlier = ACTION.lock().unwrap_or_else(PoisonError::into_inner).replace(Box::new(action));
-    if earlier.is_some() {
-        return Ok(());
-    }
-    ctrlc::set_handler(|| {
-        if let Some(action) = &mut *ACTION.lock().unwrap_or_else(PoisonError::into_inner) {
-            action();
-        }
-    })
+    set_action(Box::new(action), |handler| ctrlc::set_handler(handler))
 }
 
-/// Lets an interrupt remove the display of progress and end the program, if standard error is a terminal. Unfinished
-/// files have no name, so none is left.
+/// Lets an interrupt remove the display of progress before it ends the program, if standard error is a terminal.
+/// Unfinished files have no name, so none is left.
 pub fn exit_on_interrupt() {
-    // Without a display there is nothing to remove, and signals that `nohup` ignores must stay ignored.
     if !io::stderr().is_terminal() {
         return;
     }
-    // Without a handler the signal ends the program, too.
-    let _ = on_interrupt(|| {
+    let action = || {
         display::clear();
-        process::exit(INTERRUPTED);
-    });
+        // The shell learns that a signal has ended the program, so that a script or a loop ends, too.
+        let _ = emulate_default_handler(SIGINT);
+    };
+    // Signals that the parent ignores, as `nohup` does, stay ignored. Without a handler the signal ends the program.
+    let _ = set_action(Box::new(action), |handler| ctrlc::try_set_handler(handler));
+}
+
+/// Sets the reaction, and installs the handler if there was none.
+fn set_action(action: Action, install: fn(fn()) -> Result<(), ctrlc::Error>) -> Result<(), ctrlc::Error> {
+    let lock = || ACTION.lock().unwrap_or_else(PoisonError::into_inner);
+    if lock().replace(action).is_some() {
+        return Ok(());
+    }
+    install(react).inspect_err(|_| *lock() = None)
+}
+
+fn react() {
+    if let Some(action) = &mut *ACTION.lock().unwrap_or_else(PoisonError::into_inner) {
+        action();
+    }
 }

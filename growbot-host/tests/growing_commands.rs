@@ -499,10 +499,11 @@ fn tests_ignore_the_users_settings() {
         ("exports/check.py", "env=ENVIRONMENT"),
     ] {
         let text = std::fs::read_to_string(format!("{checks}/{file}")).unwrap();
-        // The file imports a function that starts programs, and calls it in one place.
+        // Each start of a program has the environment.
         let starts: usize =
             ["spawn(", "execFileSync(", "subprocess.run("].iter().map(|start| text.matches(start).count()).sum();
-        assert_eq!((starts, text.matches(way).count()), (1, 1), "{file}");
+        assert!(starts > 0, "{file}");
+        assert_eq!(starts, text.matches(way).count(), "{file}");
     }
 }
 

@@ -22,7 +22,7 @@ const scene = [...chapter.matchAll(/^printf '(.*)' >+ pipe\.toml$/gm)].map(([, t
 const [, goal] = /As the goal, type `(.*?)`/.exec(chapter);
 
 // Faster than in the tutorial, where a person watches.
-const lab = await startLab(growbot, ["practice"], 600, "growbot-a");
+const lab = await startLab(growbot, ["practice"], 200, "growbot-a");
 const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
 try {
   await writeFile(join(lab.directory, "pipe.toml"), scene.join(""));

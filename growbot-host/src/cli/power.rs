@@ -36,7 +36,7 @@ pub struct PowerArgs {
     #[arg(long, value_name = "TIMES", default_value = "1", value_parser = parse_pace)]
     pace: f64,
     /// Run the robot in this process, until it is switched off
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     foreground: bool,
     #[command(flatten)]
     json: JsonArg,

@@ -87,7 +87,8 @@ impl WatchArgs {
 
 /// Parses a pace, in multiples of real time, as 10 or 10x.
 pub fn parse_pace(text: &str) -> Result<f64, String> {
-    let times: f64 = text.strip_suffix('x').unwrap_or(text).parse().map_err(|_| format!("`{text}` is not a number"))?;
+    let times: f64 =
+        text.strip_suffix('x').map_or(text, str::trim_end).parse().map_err(|_| format!("`{text}` is not a number"))?;
     // At a slower pace, commands would wait for long.
     if (0.1..=1e6).contains(&times) {
         Ok(times)

@@ -21,7 +21,7 @@ struct QueryJson {
     radius_mm: f64,
     /// Start pose of the body.
     start: PoseJson,
-    /// Heading of the tip at the end, degrees. Null for any direction.
+    /// Heading of the tip at the end, degrees, -180 to 180. Null for any direction.
     heading_deg: Option<f64>,
     /// Pitch of the tip at the end, degrees. Null for any direction.
     pitch_deg: Option<f64>,

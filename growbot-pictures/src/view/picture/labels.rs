@@ -59,6 +59,11 @@ impl Labels {
         Self { placed: Vec::new(), body, frame, max_width }
     }
 
+    /// Returns the rectangle that labels rather do not leave.
+    pub fn frame(&self) -> &Rect {
+        &self.frame
+    }
+
     /// Lets labels leave free a line between two points of the drawing, rather than cover it.
     pub fn avoid(&mut self, from: [f64; 2], to: [f64; 2], radius: f64) {
         let shares = (0..=32).map(|part| f64::from(part) / 32.0);

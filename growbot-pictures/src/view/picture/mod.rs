@@ -446,6 +446,32 @@ mod tests {
     }
 
     #[test]
+    fn an_obstacle_far_away_leaves_the_body_its_place() {
+        let near = picture(&["100,0,400,0,60"], None, &PictureOptions::default());
+        // Length of the scale bar.
+        let bar = |svg: &str| {
+            let line = svg.lines().find(|line| line.contains(" mm</text>")).unwrap();
+            line.rsplit_once('>').and_then(|(start, _)| start.rsplit_once('>')).map(|(_, text)| text.to_owned())
+        };
+        for far in [
+            "[[ball]]\ncenter_mm = [1600, 0, 200]\nradius_mm = 100\n",
+            "[[ball]]\ncenter_mm = [6000, 3000, 200]\nradius_mm = 100\n",
+            "[[halfspace]]\npoint_mm = [0, 0, -1500]\nnormal = [0, 0, 1]\n",
+            "[[halfspace]]\npoint_mm = [2000, 0, 0]\nnormal = [-1, 0, 0]\n",
+        ] {
+            for axes in [false, true] {
+                let options = PictureOptions { axes, ..PictureOptions::default() };
+                let scene = format!("format = \"growbot-scene/1\"\n{far}");
+                let svg = picture(&["100,0,400,0,60"], Some(&scene), &options);
+                assert!(!svg.contains("NaN") && !svg.contains("inf"), "{far}");
+                if !axes {
+                    assert_eq!(bar(&svg), bar(&near), "{far}");
+                }
+            }
+        }
+    }
+
+    #[test]
     fn the_obstacle_at_the_narrowest_place_is_named_and_coloured() {
         let svg = picture(&["0,0,300,0,90"], Some(ROOM), &PictureOptions::default());
         let words: Vec<&str> = svg.split("</text>").filter_map(|text| text.rsplit('>').next()).collect();

@@ -272,10 +272,11 @@ fn dot(place: &Projection, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
     (0..6).map(corner).collect()
 }
 
-/// Draws the mark at the closest approach, over everything.
-pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView) {
+/// Draws the mark at the closest approach, over everything, as far as it lies in this rectangle.
+pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView, room: &Rect) {
     let Some((found, _)) = &around.closest_approach else { return };
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));
+    let to = end_within(from, to, room);
     for (colour, width) in [("#fff", 4.0), (NARROWEST, 2.0)] {
         canvas.line([from.into(), to.into()], format_args!("stroke=\"{colour}\" stroke-width=\"{width}\""));
     }
@@ -283,11 +284,23 @@ pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView) {
     disc(canvas, to, 3.0, NARROWEST);
 }
 
+/// Returns the end of a line from a point in a rectangle to another point, or the place where it leaves the rectangle.
+fn end_within(from: [f64; 2], to: [f64; 2], rect: &Rect) -> [f64; 2] {
+    let share = (0..2).fold(1.0_f64, |share, axis| {
+        let step = to[axis] - from[axis];
+        let side = if step > 0.0 { rect[axis + 2] } else { rect[axis] };
+        if step.abs() < 1e-9 { share } else { share.min(((side - from[axis]) / step).max(0.0)) }
+    });
+    [0, 1].map(|axis| from[axis] + share * (to[axis] - from[axis]))
+}
+
 /// Adds the label of the closest approach: the clearance and the obstacle.
 pub fn label(labels: &mut Labels, place: &Projection, around: &SceneView) {
     let (Some((found, _)), Some(text)) = (&around.closest_approach, around.narrowest_text()) else { return };
     let out = place.direction(&(found.on_obstacle - found.on_body));
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));
+    // An obstacle far away is outside the frame, and so would be its label.
+    let to = end_within(from, to, labels.frame());
     labels.avoid(from, to, 4.0);
     labels.add(to, out, &text, Kind::Mark(NARROWEST));
 }

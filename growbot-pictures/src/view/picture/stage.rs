@@ -254,7 +254,7 @@ impl Stage {
             PLANNED_LINE.draw(canvas, place, planned.centreline());
         }
         if let Some(around) = &self.around {
-            obstacles::mark(canvas, place, around);
+            obstacles::mark(canvas, place, around, room);
         }
         let mut axes = tip_axes(&self.tube.base_from_tip(), self.axis());
         axes.sort_by(|(a, ..), (b, ..)| camera.depth(&a.along).total_cmp(&camera.depth(&b.along)));
