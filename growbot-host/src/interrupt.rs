@@ -18,7 +18,7 @@ static ACTION: Mutex<Option<Action>> = Mutex::new(None);
 /// # Errors
 /// The signals cannot be handled.
 pub fn on_interrupt(action: impl FnMut() + Send + 'static) -> Result<(), ctrlc::Error> {
-    set_action(Box::new(action), |handler| ctrlc::set_handler(handler))
+    set_action(Box::new(action), ctrlc::set_handler)
 }
 
 /// Lets an interrupt remove the display of progress before it ends the program, if standard error is a terminal.
@@ -33,7 +33,7 @@ pub fn exit_on_interrupt() {
         let _ = emulate_default_handler(SIGINT);
     };
     // Signals that the parent ignores, as `nohup` does, stay ignored. Without a handler the signal ends the program.
-    let _ = set_action(Box::new(action), |handler| ctrlc::try_set_handler(handler));
+    let _ = set_action(Box::new(action), ctrlc::try_set_handler);
 }
 
 /// Sets the reaction, and installs the handler if there was none.
