@@ -19,11 +19,24 @@ impl fmt::Display for CompactNumber<'_> {
     }
 }
 
+/// Returns a minimum rounded up to hundredths, so that a user who types the displayed number is not below it.
+pub fn rounded_up(minimum: &f64) -> f64 {
+    // Numbers such as 98.2 have no exact form and must not become 98.21.
+    libm::ceil(minimum * 100.0 - 1e-6) / 100.0
+}
+
 #[cfg(test)]
 mod tests {
     use std::string::ToString;
 
     use super::*;
+
+    #[test]
+    fn minima_are_rounded_up() {
+        for (minimum, text) in [(98.2, "98.2"), (594.1071428571429, "594.11"), (38.0, "38"), (0.001, "0.01")] {
+            assert_eq!(CompactNumber(&rounded_up(&minimum)).to_string(), text);
+        }
+    }
 
     #[test]
     fn numbers_are_formatted_compactly() {

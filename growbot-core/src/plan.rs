@@ -6,7 +6,7 @@ use postcard_schema::Schema;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr};
 
-use crate::compact_number::CompactNumber;
+use crate::compact_number::{CompactNumber, rounded_up};
 use crate::path::{self, Path, PathFull, Segment};
 use crate::pose::{Frame, Pose, angle_between, tip_direction};
 use crate::robot::Robot;
@@ -47,8 +47,8 @@ pub struct PlannedPath {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PlanError {
     /// The radius is below R_min.
-    #[error("the radius of the bends is {} mm, below R_min = {limit} mm of this robot: give a radius of at least \
-             R_min", CompactNumber(.radius))]
+    #[error("the radius of the bends is {} mm, below R_min = {} mm of this robot: give a radius of at least \
+             R_min", CompactNumber(.radius), CompactNumber(&rounded_up(.limit)))]
     RadiusTooSmall {
         /// Requested radius, mm.
         radius: f64,

@@ -472,7 +472,8 @@ def check_scene(directory):
 
 
 def slicer(directory, *args):
-    ran = subprocess.run(["prusa-slicer", *map(str, args)], capture_output=True, text=True, cwd=directory, env=ENVIRONMENT)
+    command = ["prusa-slicer", *map(str, args)]
+    ran = subprocess.run(command, capture_output=True, text=True, cwd=directory, env=ENVIRONMENT)
     demand(ran.returncode == 0, f"prusa-slicer {' '.join(map(str, args))}: exit {ran.returncode}: {ran.stderr}")
     return ran.stdout
 

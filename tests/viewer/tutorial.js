@@ -23,7 +23,8 @@ const [, goal] = /As the goal, type `(.*?)`/.exec(chapter);
 
 // Faster than in the tutorial, where a person watches.
 const lab = await startLab(growbot, ["practice"], 200, "growbot-a");
-const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"] });
+const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
+const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 try {
   await writeFile(join(lab.directory, "pipe.toml"), scene.join(""));
   const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });

@@ -1,6 +1,6 @@
 //! Errors of the checks of a plan file.
 
-use growbot_core::compact_number::CompactNumber;
+use growbot_core::compact_number::{CompactNumber, rounded_up};
 use growbot_core::plan::GoalError;
 use growbot_core::pose::PoseError;
 
@@ -54,8 +54,9 @@ pub enum PlanCheckError {
     },
     /// An arc has a smaller radius than the robot can bend.
     #[error(
-        "segment {segment} has a radius of {} mm, below R_min = {limit} mm of this robot: plan again",
-        CompactNumber(.radius)
+        "segment {segment} has a radius of {} mm, below R_min = {} mm of this robot: plan again",
+        CompactNumber(.radius),
+        CompactNumber(&rounded_up(.limit))
     )]
     TooTight {
         /// Index of the segment, from 0.

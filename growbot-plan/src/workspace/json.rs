@@ -63,7 +63,8 @@ pub struct WorkspaceJson {
     volume_error_mm3: f64,
     /// Number of positions from which the volume is estimated. Null if it is integrated.
     volume_positions: Option<usize>,
-    /// Distance to the furthest position ahead, mm. Null if not even the nearest position that was tried is within reach.
+    /// Distance to the furthest position ahead, mm. Null if not even the nearest position that was tried is within
+    /// reach.
     ahead_mm: Option<f64>,
     /// Distance to the side, along the start's x axis, mm.
     aside_towards_x_mm: Option<f64>,

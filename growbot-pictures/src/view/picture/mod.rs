@@ -21,10 +21,10 @@
 //! - **Colours of heights** end at percentiles 1 and 99 of all heights shown, so that a few layers do not take the
 //!   contrast from all others. The legend names the percentiles if there are heights beyond them. Colour-blind readers
 //!   can distinguish the scales and series. Viridis and cividis suit print in grey.
-//! - **Axes** x and y are edges of a box around the body, those that hide least of it. z is at the left, at the depth of
-//!   the base, so the base reads its own height.
-//! - **Labels** do not grow with the body. The scale is found in steps, so that body and labels together fill the frame.
-//!   Each label takes the free place that is nearest to its point.
+//! - **Axes** x and y are edges of a box around the body, those that hide least of it. z is at the left, at the depth
+//!   of the base, so the base reads its own height.
+//! - **Labels** do not grow with the body. The scale is found in steps, so that body and labels together fill the
+//!   frame. Each label takes the free place that is nearest to its point.
 //! - **Obstacles** are shaded by their normals. Those between the viewer and the body are translucent.
 //! - **Several bodies** have one camera and one scale. If start and goal are the same, they also have one frame, so
 //!   that equal positions are drawn at equal positions.

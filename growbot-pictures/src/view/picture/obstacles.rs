@@ -276,12 +276,15 @@ fn dot(place: &Projection, at: &Vector3<f64>, radius: f64) -> Vec<[f64; 2]> {
 pub fn mark(canvas: &mut Canvas, place: &Projection, around: &SceneView, room: &Rect) {
     let Some((found, _)) = &around.closest_approach else { return };
     let [from, to] = [&found.on_body, &found.on_obstacle].map(|point| place.point(point));
-    let to = end_within(from, to, room);
+    let end = end_within(from, to, room);
     for (colour, width) in [("#fff", 4.0), (NARROWEST, 2.0)] {
-        canvas.line([from.into(), to.into()], format_args!("stroke=\"{colour}\" stroke-width=\"{width}\""));
+        canvas.line([from.into(), end.into()], format_args!("stroke=\"{colour}\" stroke-width=\"{width}\""));
     }
     disc(canvas, from, 3.0, NARROWEST);
-    disc(canvas, to, 3.0, NARROWEST);
+    let cut = libm::hypot(to[0] - end[0], to[1] - end[1]);
+    if cut < 0.5 {
+        disc(canvas, to, 3.0, NARROWEST);
+    }
 }
 
 /// Returns the end of a line from a point in a rectangle to another point, or the place where it leaves the rectangle.
