@@ -7,7 +7,8 @@
 //! - [`stop_signal`]: stops of a robot, and the permits to heat or move that a stop makes invalid;
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
 //!   really laid;
-//! - [`status`]: the status of a robot, for every program; [`maintenance`]: presets of materials, and maintenance
+//! - [`status`]: the status of a robot, for every program; [`recovery`]: the steps by which a person brings a robot out
+//!   of a fault, a stop, a pause or a runout; [`maintenance`]: presets of materials, and maintenance
 //!   commands; [`command_report`]: the reports of commands; [`commissioning_report`]: the findings about a new robot.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
@@ -20,5 +21,6 @@ pub mod ground_truth;
 pub mod growth;
 pub mod maintenance;
 pub mod port;
+pub mod recovery;
 pub mod status;
 pub mod stop_signal;

@@ -8,6 +8,7 @@ use std::fs;
 use std::path::Path;
 
 use running::{PROGRAM, command, growbot, growbot_reading, in_lines};
+use serde_json::Value;
 use tempfile::TempDir;
 
 /// A directory in which commands run.
@@ -192,6 +193,7 @@ fn layers_are_written_in_the_format_of_the_file() {
     assert_eq!(fs::read_to_string(place.path("layers.csv")).unwrap(), place.run(&["layers", "plan.json"]).1);
     for (args, listed) in [
         (&["layers", "plan.json", "-o", "layers.json"][..], ".csv"),
+        (&["layers", "plan.json", "--json", "-o", "layers.csv"], ".json"),
         (&["plan", "--to", "0,0,50,0,90", "-o", "plan.txt"], ".json"),
         (&["view", "plan.json", "-o", "plan.doc"], ".html, .svg, .png or .pdf"),
         (&["grow", "plan.json", "--log", "run.log"], ".jsonl or .json"),
@@ -204,4 +206,59 @@ fn layers_are_written_in_the_format_of_the_file() {
         );
     }
     assert_eq!(growbot(&["layers", &place.path("plan.json"), "-o", "/dev/null"]).code, Some(0));
+}
+
+#[test]
+fn a_plan_with_its_layers_is_read_like_a_plan() {
+    let place = Place::new();
+    assert_eq!(place.run(&["plan", "--to", "60,20,80,0,60", "-o", "plan.json"]).0, Some(0));
+    let (code, _, err) = place.run(&["layers", "plan.json", "--json", "-o", "layers.json"]);
+    assert_eq!(code, Some(0), "{err}");
+    assert_eq!(place.run(&["layers", "layers.json"]).1, place.run(&["layers", "plan.json"]).1);
+    let grown = |plan: &str| -> Value { serde_json::from_str(&place.run(&["grow", plan, "--json"]).1).unwrap() };
+    assert_eq!(grown("layers.json")["as_built_hash"], grown("plan.json")["as_built_hash"]);
+    assert_eq!(place.run(&["view", "layers.json", "-o", "view.svg"]).0, Some(0));
+
+    let text = fs::read_to_string(place.path("layers.json")).unwrap();
+    let whole: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(whole["layer_table"].as_array().unwrap().len() as u64, whole["layers"].as_u64().unwrap());
+    type Change = fn(&mut Vec<Value>);
+    let changes: [(Change, &str); 3] = [
+        (|rows| rows[3]["height_mm"] = 0.5.into(), "row 3 of layer_table"),
+        (|rows| drop(rows.pop()), "of layer_table"),
+        (|rows| rows.push(rows[0].clone()), "of layer_table"),
+    ];
+    for (change, refusal) in changes {
+        let mut changed = whole.clone();
+        change(changed["layer_table"].as_array_mut().unwrap());
+        fs::write(place.path("changed.json"), changed.to_string()).unwrap();
+        for command in ["grow", "view", "layers"] {
+            let (code, out, err) = place.run(&[command, "changed.json"]);
+            assert!(code == Some(2) && out.is_empty() && err.contains(refusal), "{command}: {err}");
+        }
+    }
+    assert_eq!(place.run(&["layers", "plan.json", "-o", "layers.csv"]).0, Some(0));
+    for command in ["grow", "view", "layers"] {
+        let (code, _, err) = place.run(&[command, "layers.csv"]);
+        assert!(code == Some(2) && err.contains("growbot layers --json"), "{command}: {err}");
+    }
+}
+
+#[test]
+fn json_of_a_written_file_needs_a_file() {
+    let place = Place::new();
+    assert_eq!(place.run(&["plan", "--to", "0,0,50,0,90", "-o", "plan.json"]).0, Some(0));
+    let (code, out, err) = place.run(&["export", "plan.json", "-o", "body.stl", "--json"]);
+    assert_eq!((code, err.as_str()), (Some(0), ""), "{out}");
+    let report: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((&report["file"], &report["format"]), (&"body.stl".into(), &"stl".into()));
+    assert_eq!(report["bytes"].as_u64(), Some(fs::metadata(place.path("body.stl")).unwrap().len()));
+    assert_eq!(report["simulated"], false);
+    for args in [
+        &["export", "plan.json", "--format", "csv", "-o", "-", "--json"][..],
+        &["view", "plan.json", "--svg", "-o", "-", "--json"],
+    ] {
+        let (code, out, err) = place.run(args);
+        assert!(code == Some(2) && out.is_empty() && err.contains("name a file with -o"), "{args:?}: {err}");
+    }
 }

@@ -17,6 +17,8 @@ const AROUND: [[f64; 2]; 4] = [[62.83, 0.0], [-62.83, 0.0], [0.0, 62.83], [0.0, 
 struct Refused<'a> {
     /// Part of the reason that every door gives.
     reason: &'a str,
+    /// Code of the reason, for programs.
+    code: &'a str,
     robot: &'a str,
     /// Arguments of `grow`, and the same request for the API.
     args: Vec<&'a str>,
@@ -58,6 +60,7 @@ fn each_refusal_has_the_same_reason_through_each_door() {
     let rows = [
         Refused {
             reason: "not grown because of filament-short",
+            code: "plan-warnings",
             robot: "bare",
             args: vec!["--to", far],
             job: json!({ "to": far }),
@@ -65,6 +68,7 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         },
         Refused {
             reason: "not grown because of self-collision",
+            code: "plan-warnings",
             robot: "sensed",
             args: vec![&warning],
             job: json!({ "plan": warns }),
@@ -72,6 +76,7 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         },
         Refused {
             reason: "has no sensor that measures layers",
+            code: "no-sensor",
             robot: "bare",
             args: vec!["--to", "0,0,60,0,90", "--feedback"],
             job: json!({ "to": "0,0,60,0,90", "feedback": true }),
@@ -79,6 +84,7 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         },
         Refused {
             reason: "into the ball",
+            code: "scene-not-clear",
             robot: "sensed",
             args: vec![&straight, "--scene", &in_the_way],
             job: json!({ "plan": plain, "scene": in_the_way }),
@@ -86,13 +92,14 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         },
         Refused {
             reason: "the body must keep a distance of",
+            code: "too-near",
             robot: "sensed",
             args: vec!["--to", "0,0,60,0,90", "--scene", &narrow, "--margin", "0", "--feedback"],
             job: json!({ "to": "0,0,60,0,90", "scene": narrow, "margin_mm": 0.0, "feedback": true }),
             line: None,
         },
     ];
-    for Refused { reason, robot, args, job, line } in &rows {
+    for Refused { reason, code: refusal, robot, args, job, line } in &rows {
         let description = if *robot == "bare" { "growbot-a2" } else { "growbot-a" };
         let options = ["--robot", description];
         let ran = growbot(&[&["grow", "--port", "sim"], &args[..], &options].concat());
@@ -104,6 +111,12 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         let (status, problem) = lab.ask("POST", &format!("/robots/{robot}/jobs"), &job.to_string());
         let detail = problem["detail"].as_str().unwrap_or_default();
         assert!(matches!(status, 409 | 422) && detail.contains(reason), "{reason}: {status} {problem}");
+        assert_eq!(problem["code"], *refusal, "{problem}");
+        let json = growbot(&[&["grow", "--json", "--port", "sim"], &args[..], &options].concat());
+        if json.code == Some(1) {
+            let result: Value = serde_json::from_str(json.out.lines().last().unwrap()).unwrap();
+            assert_eq!((&result["outcome"], &result["refusal"]), (&json!("refused"), &json!(refusal)), "{result}");
+        }
         if let Some(line) = line {
             let ran = growbot_reading(&["console", "--port", "sim", "--robot", description], line);
             let words = ran.err.split_whitespace().collect::<Vec<_>>().join(" ");

@@ -59,6 +59,14 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     }
 }
 
+/// A plan names the file of its scene, so standard input cannot be one.
+#[test]
+fn standard_input_is_no_scene() {
+    let ran = command(PROGRAM).args(["plan", "--to", "0,0,300", "--scene", "-"]).output().unwrap();
+    let answer = String::from_utf8(ran.stderr).unwrap();
+    assert!(ran.status.code() == Some(2) && answer.contains("cannot be read from standard input"), "{answer}");
+}
+
 /// Plans a path in this scene of the directory. Checks that a refusal is one message, and returns the exit code.
 fn plan(directory: &Path, scene: &str) -> i32 {
     let limited = format!("ulimit -v {MEMORY}; exec \"$0\" \"$@\"");

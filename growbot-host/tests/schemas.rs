@@ -212,18 +212,23 @@ fn a_refused_growth_has_a_valid_result() {
 }
 
 /// Commands with `--json`, and the kind of schema that their output fits. `DIR` is a directory with files.
-const OUTPUTS: [(&[&str], &str); 29] = [
+const OUTPUTS: [(&[&str], &str); 34] = [
     (&["power", "on", "--port", "sim:DIR/robot"], "command"),
     (&["cancel", "--port", "sim:DIR/robot"], "command"),
     (&["clear", "--port", "sim:DIR/robot"], "command"),
     (&["maintain", "cooldown", "--port", "sim:DIR/robot"], "command"),
     (&["power", "status", "--port", "sim:DIR/robot"], "command"),
     (&["stop", "--port", "sim:DIR/robot"], "command"),
+    (&["estop", "--port", "sim:DIR/robot"], "command"),
+    (&["recover", "--port", "sim:DIR/robot"], "recovery"),
     (&["power", "off", "--port", "sim:DIR/robot"], "command"),
     (&["configure", "growbot-b", "--port", "sim"], "configure"),
     (&["doctor", "--port", "sim"], "doctor"),
     (&["grow", "--to", "0,0,12,0,90", "--log", "DIR/run.jsonl"], "result"),
     (&["replay", "DIR/run.jsonl"], "result"),
+    (&["export", "DIR/run.jsonl", "-o", "DIR/body.stl"], "file"),
+    (&["view", "DIR/run.jsonl"], "file"),
+    (&["layers", "DIR/plan.json"], "plan"),
     (&["plan", "--to", "200,100,600,0,45"], "plan"),
     (&["ports"], "ports"),
     (&["reproduce", "--figure", "7", "--repeat", "2"], "reproduce"),
@@ -257,6 +262,8 @@ fn the_output_of_each_command_fits_its_schema() {
         "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [400, 0, 0]\nradius_mm = 50\n",
     )
     .unwrap();
+    let plan = directory.path().join("plan.json");
+    assert_eq!(growbot(&["plan", "--to", "0,0,12,0,90", "-o", plan.to_str().unwrap()]).code, Some(0));
     for (args, kind) in OUTPUTS {
         let args: Vec<String> = args.iter().map(|arg| arg.replace("DIR", dir)).collect();
         let args: Vec<&str> = args.iter().map(String::as_str).chain(["--json"]).collect();

@@ -136,8 +136,21 @@ fn commands_go_through_the_service_that_owns_the_robot() {
     report(&["pause", "--json"]);
     let paused = state("paused");
     assert!(paused["pause_cause"] == "requested" && paused["laid"].as_u64() > Some(0), "{paused}");
+    let recovery = || -> Value { serde_json::from_str(&lab.run(&["recover", "--json"]).1).unwrap() };
+    assert_eq!(
+        (recovery()["situation"].as_str(), recovery()["steps"][1]["action"].as_str()),
+        (Some("paused"), Some("continue"))
+    );
+    assert_eq!(lab.ask("GET", "/robots/lab/recovery", "").1, recovery());
+    // The growth moves filament in its pause, by the amounts of the board.
+    assert_eq!(lab.run(&["maintain", "preheat"]).0, Some(0));
+    let (code, answer) = lab.run(&["maintain", "load", "5"]);
+    assert!(code == Some(1) && answer.contains("has an active job"), "{answer}");
     report(&["continue", "--json"]);
     state("growing");
+    assert_eq!(recovery(), Value::Null);
+    let (code, answer) = lab.run(&["maintain", "preheat"]);
+    assert!(code == Some(1) && answer.contains("has an active job"), "{answer}");
     let (code, answer) = lab.run(&["estop"]);
     assert!(code == Some(0) && answer.starts_with("emergency stop"), "{answer}");
     assert_eq!(growth.wait().unwrap().code(), Some(1));

@@ -70,3 +70,37 @@ fn long_commands_show_that_they_work_and_ctrl_c_leaves_nothing() {
     }
     assert_eq!(silent, [""; 0]);
 }
+
+#[test]
+fn recover_asks_before_each_step() {
+    let directory = tempfile::tempdir().unwrap();
+    let directory = directory.path();
+    let run = |arguments: &[&str]| {
+        let ran = command(PROGRAM).args(arguments).current_dir(directory).stdin(Stdio::null()).output().unwrap();
+        assert!(ran.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&ran.stderr));
+        String::from_utf8(ran.stdout).unwrap()
+    };
+    run(&["power", "on", "--port", "sim:./robot", "--pace", "100"]);
+    run(&["estop", "--port", "sim:./robot"]);
+    // Without a terminal the steps are only shown.
+    let shown = run(&["recover", "sim:./robot"]);
+    assert!(shown.contains("emergency-stop of the simulated robot") && shown.contains("2. Clear it."), "{shown}");
+    let state = || run(&["status", "--port", "sim:./robot"]);
+    for (answers, left) in [(&["n"][..], "emergency-stop"), (&["y", "n"], "emergency-stop"), (&["y", "y"], "idle")] {
+        let mut child = on_terminal("recover sim:./robot", directory);
+        let mut input = child.stdin.take().unwrap();
+        for (answer, question) in answers.iter().zip(["Done? [y/N]", "Do it? [y/N]"]) {
+            let text = read_until(&mut child, question);
+            assert!(text.contains(question), "{text}");
+            input.write_all(format!("{answer}\n").as_bytes()).unwrap();
+        }
+        let mut rest = String::new();
+        child.stdout.as_mut().unwrap().read_to_string(&mut rest).unwrap();
+        assert_eq!(child.wait().unwrap().code(), Some(0), "{rest}");
+        let end = if left == "idle" { "the robot needs nothing else" } else { "left. Heater and motors are off" };
+        assert!(rest.contains(end), "{rest}");
+        assert!(state().contains(&format!("state        {left}\n")), "{answers:?}: {}", state());
+    }
+    assert!(run(&["recover", "sim:./robot"]).contains("the simulated robot needs nothing"));
+    run(&["power", "off", "--port", "sim:./robot"]);
+}

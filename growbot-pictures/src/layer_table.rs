@@ -2,20 +2,16 @@
 
 use std::io::{self, Write};
 
-use growbot_core::angle::degrees;
 use growbot_core::layer::Layer;
 use growbot_core::path::Segment;
 use growbot_core::robot::Robot;
 use growbot_core::slicing::{SlicedLayer, Slicing, layers};
-use growbot_plan::degrees::degrees_below_turn;
+use growbot_plan::plan_file::{LAYER_CSV_BEGIN, layer_values};
 use growbot_plan::table::{NumberFormat, Table};
 
 /// Adds the columns of a layer's values. `alpha_deg` is in `[0, 360)`, and 0 if the layer is straight.
 pub fn layer_columns<'a, R>(table: Table<'a, R>, layer: impl Fn(&R) -> Layer + 'a) -> Table<'a, R> {
-    table.columns(["alpha_deg", "height_mm", "tilt_deg"], move |row| {
-        let Layer { alpha, height, tilt } = layer(row);
-        [if tilt > 0.0 { degrees_below_turn(alpha) } else { 0.0 }, height, degrees(tilt)]
-    })
+    table.columns(["alpha_deg", "height_mm", "tilt_deg"], move |row| layer_values(layer(row)))
 }
 
 /// Writes the layers of a path, by exact slicing, in full precision. Layers and segments count from 0. `alpha_deg` is
@@ -25,7 +21,7 @@ pub fn layer_columns<'a, R>(table: Table<'a, R>, layer: impl Fn(&R) -> Layer + '
 /// Errors of `out`.
 pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io::Result<()> {
     let table = layer_columns(Table::new(NumberFormat::Shortest), |layer: &Layer| *layer);
-    write!(out, "layer,segment,{}", table.csv_header())?;
+    write!(out, "{LAYER_CSV_BEGIN}{}", table.csv_header())?;
     // The layers of a segment are equal, so each text is formatted once.
     let mut last = Layer::default();
     let mut row = String::new();
@@ -43,6 +39,7 @@ pub fn write_layers(out: &mut impl Write, path: &[Segment], robot: &Robot) -> io
 mod tests {
     use std::f64::consts::TAU;
 
+    use growbot_core::angle::degrees;
     use growbot_plan::robot_file;
 
     use super::*;

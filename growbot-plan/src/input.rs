@@ -9,8 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::atomic_file::{FileError, note_input};
 
-/// Maximum length of a plan or a robot description, bytes (1 MiB).
-pub const MAX_TEXT_BYTES: u64 = 1 << 20;
+/// Maximum length of a plan or a robot description, bytes (16 MiB).
+pub const MAX_TEXT_BYTES: u64 = 16 << 20;
 /// Maximum length of a run log, bytes (256 MiB). A growth of weeks with frequent status requests has a shorter log.
 pub const MAX_LOG_BYTES: u64 = 256 << 20;
 

@@ -21,6 +21,7 @@
 //!   [`tracked_body`]: the body that a board reports; [`run_clock`]: the time since a growth began; [`forecast`]: the
 //!   expected finish time of a growth;
 //! - [`table`]: tables as CSV, JSON, text and HTML; [`figures`]: numbers as text; [`text_wrap`]: line breaks in texts;
+//! - [`file_report`]: reports of written files, as JSON;
 //! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`], [`remedy`], [`parallel`]: bounded reading,
 //!   atomic writing, text without control characters, suggestions for mistyped names, the user's directories, texts of
 //!   errors with remedies, and work on all cores.
@@ -42,6 +43,7 @@ pub mod crash;
 pub mod degrees;
 pub mod feedback;
 pub mod figures;
+pub mod file_report;
 pub mod forecast;
 pub mod growth_report;
 pub mod input;

@@ -250,10 +250,15 @@ pub fn pose_of_numbers([x, y, z, heading, pitch]: [f64; 5]) -> Result<Pose, Pose
     Pose::from_degrees([x, y, z, if heading.is_finite() { wrapped } else { heading }, pitch])
 }
 
-/// Parses a temperature, degrees Celsius, with the unit C or without. `None` if it is not a finite number.
+/// Parses a temperature in degrees Celsius, or with its unit: `C` or `F`, with or without `°`. Returns degrees Celsius,
+/// or `None` if it is not a finite number.
 pub fn parse_temperature(text: &str) -> Option<f64> {
-    let number = text.strip_suffix(['C', 'c']).map_or(text, |number| number.trim_end().trim_end_matches('°'));
-    parse_number(number).filter(|celsius| celsius.is_finite())
+    let number = |text: &str| parse_number(text.trim_end().trim_end_matches('°'));
+    let celsius = match text.strip_suffix(['F', 'f']) {
+        Some(fahrenheit) => number(fahrenheit).map(|fahrenheit| (fahrenheit - 32.0) / 1.8),
+        None => number(text.strip_suffix(['C', 'c']).unwrap_or(text)),
+    };
+    celsius.filter(|celsius| celsius.is_finite())
 }
 
 /// Parses a number with optional spaces around it. `None` if the text is not a number. `nan` and `inf` are accepted, so
@@ -265,8 +270,40 @@ pub fn parse_number(text: &str) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
     use crate::degrees::shortest_heading;
+
+    proptest! {
+        #[test]
+        fn each_spelling_of_a_number_has_the_same_value(hundredths in -1_000_000_i32..1_000_000) {
+            let value = f64::from(hundredths) / 100.0;
+            let lengths = [
+                (format!("{value}mm"), 0.0),
+                (format!(" {value} mm "), 0.0),
+                (format!("{hundredths}e-3cm"), 1e-15),
+                (format!("{hundredths}e-5 m"), 1e-15),
+                (format!("{}in", value / 25.4), 1e-15),
+                (format!("{}ft", value / 304.8), 1e-15),
+            ];
+            for (text, tolerance) in lengths {
+                let typed = parse_length(&text).unwrap().value;
+                prop_assert!((typed - value).abs() <= tolerance * value.abs(), "{text}: {typed}, not {value}");
+            }
+            let angles = [
+                (format!("{value}deg"), 0.0), (format!("{value}°"), 0.0), (format!("{}rad", value.to_radians()), 1e-15),
+            ];
+            for (text, tolerance) in angles {
+                let typed = parse_angle(&text).unwrap().value;
+                prop_assert!((typed - value).abs() <= tolerance * value.abs(), "{text}: {typed}, not {value}");
+            }
+            for text in [format!("{value}C"), format!("{value} °C"), format!("{}F", value * 1.8 + 32.0)] {
+                let typed = parse_temperature(&text).unwrap();
+                prop_assert!((typed - value).abs() <= 1e-10, "{text}: {typed}, not {value}");
+            }
+        }
+    }
 
     #[test]
     fn spaces_signs_and_exponents_are_parsed() {

@@ -77,6 +77,7 @@ impl<'a> ReplayedBody<'a> {
             outcome: record.outcome(),
             simulated: record.is_simulated(),
             error: logged.and_then(|logged| logged.error.clone()),
+            refusal: None,
             fault: logged.and_then(|logged| logged.fault.clone()),
             clock_drift: record.clock_drift(),
             arrival: Some((&arrivals.body).into()),

@@ -139,6 +139,12 @@ pub enum SceneError {
     /// A file cannot be read, or its content does not match its extension.
     #[error(transparent)]
     Read(#[from] ReadError),
+    /// Standard input (`-`) is given instead of a file.
+    #[error(
+        "a scene cannot be read from standard input, because plans and run logs name the file of their scene: give a \
+         file"
+    )]
+    StandardInput,
     /// The file is not TOML, or has other fields than a scene.
     #[error("{file}, line {line}: {}", read::one_line(error.message()))]
     Toml {
@@ -263,6 +269,9 @@ impl LoadedScene {
 /// # Errors
 /// Any fault of a file. The message contains the value, the limit and a remedy.
 pub fn load(path: &Path) -> Result<LoadedScene, SceneError> {
+    if path.as_os_str() == "-" {
+        return Err(SceneError::StandardInput);
+    }
     let name = path.display().to_string();
     if read::is_geometry(path) {
         return load_geometry(path, &name);

@@ -11,6 +11,7 @@ use axum::extract::{DefaultBodyLimit, Path, State};
 use axum::http::{Method, Uri};
 use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
+use growbot_client::recovery::RecoverySequence;
 use growbot_client::status::RobotStatus;
 use schemars::JsonSchema;
 use serde::Serialize;
@@ -50,6 +51,16 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .api_route("/access", get_with(access, describe("Permissions of this URL.")))
         .api_route("/robots", get_with(robots, describe("All robots.")))
         .api_route("/robots/{robot}", get_with(robot, describe("One robot.")))
+        .api_route(
+            "/robots/{robot}/recovery",
+            get_with(
+                recovery,
+                describe(
+                    "The steps by which a person brings the robot out of a fault, a stop, a pause or a runout. Null if \
+                     the robot needs nothing. Each step that is not safe needs a confirmation.",
+                ),
+            ),
+        )
         .api_route(
             "/robots/{robot}/jobs",
             post_with(
@@ -158,4 +169,8 @@ async fn robots(State(service): ServiceState) -> Json<Vec<RobotStatus>> {
 
 async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotStatus> {
     Ok(Json(find_robot(&service, &name)?.status()))
+}
+
+async fn recovery(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<Option<RecoverySequence>> {
+    Ok(Json(RecoverySequence::of(&find_robot(&service, &name)?.status())))
 }

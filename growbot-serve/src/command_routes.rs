@@ -105,7 +105,10 @@ pub async fn maintain(
                 )));
             }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
+            (Some(Ok(_)), Some(_)) => match filament_command(&task, &value) {
+                Some(command) if keeper.is_paused() && keeper.send_command(command, &permit) => Ok(()),
+                _ => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
+            },
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, &outcome);
@@ -113,6 +116,13 @@ pub async fn maintain(
         Ok(Json(keeper.status()))
     })
     .await
+}
+
+/// Returns the command by which an active growth runs a maintenance task in its pause. `None` for other tasks, and for a
+/// task with a value.
+fn filament_command(task: &str, value: &str) -> Option<Command> {
+    let filament = [Command::Preheat, Command::Unload, Command::Load, Command::Purge];
+    filament.into_iter().find(|command| command.name() == task && value.is_empty())
 }
 
 pub async fn send_live_command(

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use growbot_client::growth::GrowthRefusal;
 use growbot_core::hash::Hasher;
 use growbot_core::job::MAX_JOB_LAYERS;
 use growbot_core::plan::Planner;
@@ -190,9 +191,9 @@ impl GrowRequest {
             Ok(()) => {}
             Err(_) if self.ignore_scene => {}
             Err(unclear) => {
-                return Err(Problem::bad(format!(
-                    "{unclear}; or set \"ignore_scene\" to grow without checking the scene"
-                )));
+                let detail = format!("{unclear}; or set \"ignore_scene\" to grow without checking the scene");
+                let code = Some(GrowthRefusal::Scene(&unclear).code());
+                return Err(Problem { code, ..Problem::bad(detail) });
             }
         }
         Ok(PlanInScene { plan, scene: Some(loaded) })

@@ -176,16 +176,15 @@ fn refused(refusal: &GrowthRefusal, plan: &Plan) -> Problem {
             let blocking = plan.warnings.iter().filter(|warning| BLOCKING.contains(&warning.code.as_str()));
             let messages: Vec<&str> = blocking.map(|warning| warning.message.as_str()).collect();
             let messages = messages.join("; ");
-            return Problem::conflict(format!(
-                "{refusal}: {messages}; change the plan, or set \"force\" to ignore the warnings"
-            ));
+            let detail = format!("{refusal}: {messages}; change the plan, or set \"force\" to ignore the warnings");
+            return Problem { code: Some(refusal.code()), ..Problem::conflict(detail) };
         }
         GrowthRefusal::Scene(_) => "plan through the scene, or set ignore_scene",
         GrowthRefusal::Clearance(_) => "set a larger margin_mm or another radius for the plan, or set ignore_scene",
         GrowthRefusal::NoSensor { .. } => "give it sensors.filament_motion or sensors.orientation, or remove feedback",
         GrowthRefusal::Disturbance | GrowthRefusal::SensorNoise => "remove them",
     };
-    Problem::conflict(format!("{refusal}: {remedy}"))
+    Problem { code: Some(refusal.code()), ..Problem::conflict(format!("{refusal}: {remedy}")) }
 }
 
 pub async fn resume(

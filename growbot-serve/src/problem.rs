@@ -29,12 +29,15 @@ pub struct Problem {
     pub status: u16,
     /// Explanation: what failed, the value, the limit and the remedy.
     pub detail: String,
+    /// Code of the reason why a growth was refused. Omitted for other problems.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub code: Option<&'static str>,
 }
 
 impl Problem {
     #[expect(clippy::needless_pass_by_value, reason = "errors are mapped by its callers")]
     fn new(status: StatusCode, title: &'static str, detail: impl ToString) -> Self {
-        Self { title, status: status.as_u16(), detail: detail.to_string() }
+        Self { title, status: status.as_u16(), detail: detail.to_string(), code: None }
     }
 
     /// Returns the error 404: the requested object does not exist.

@@ -81,7 +81,7 @@ pub enum RobotRequestError {
     #[error("robot {robot} has an active job: stop the job first")]
     CancelDuringJob { robot: String },
     #[error(
-        "robot {robot} has an active job: to preheat, load, unload or purge, pause the job and use its page; for other \
+        "robot {robot} has an active job: to preheat, load, unload or purge without a value, pause the job first; for other \
          maintenance, stop the job first"
     )]
     MaintenanceDuringJob { robot: String },

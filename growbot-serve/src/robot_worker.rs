@@ -13,7 +13,7 @@ use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
 use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{BoardInfo, Cancel, PassiveRequest, Status};
+use growbot_core::link::message::{BoardInfo, Cancel, PassiveRequest, State, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file::{self, RobotFileError};
@@ -271,6 +271,11 @@ impl RobotWorker {
     pub fn live(&self, job: &str) -> Option<Arc<LiveGrowth>> {
         let known = self.lock_state();
         known.live_growth.clone().filter(|_| known.job.as_deref() == Some(job))
+    }
+
+    /// Returns true if the board pauses.
+    pub(super) fn is_paused(&self) -> bool {
+        self.lock_state().status.as_ref().is_some_and(|status| status.state == State::Paused)
     }
 
     /// Queues a command for the active growth. Returns false if no growth is active.

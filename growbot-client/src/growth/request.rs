@@ -303,10 +303,10 @@ impl<'a> GrowthRequest<'a> {
         GrowthResult { error: Some(error), ..nothing }
     }
 
-    /// Returns the result of a growth that was refused before it began.
-    pub fn refused(&self, why: String) -> GrowthResult {
+    /// Returns the result of a growth that was refused before it began. `why` is the reason with its remedy.
+    pub fn refused(&self, refusal: &GrowthRefusal, why: String) -> GrowthResult {
         let nothing = GrowthResult::nothing_grown(OutcomeKind::Refused, self.plan, None, self.kind);
-        GrowthResult { error: Some(why), ..nothing }
+        GrowthResult { error: Some(why), refusal: Some(refusal.code().to_owned()), ..nothing }
     }
 
     /// Returns the seed of the random errors of a simulated robot. `None` if nothing is random.

@@ -48,6 +48,11 @@ impl BodyInput {
         self.run.as_ref().map(|(record, _)| record)
     }
 
+    /// Returns true if the body was grown by a simulated robot.
+    pub fn is_simulated(&self) -> bool {
+        self.record().is_some_and(RecordedRun::is_simulated)
+    }
+
     /// Returns the scene. `None` without a scene.
     pub fn scene(&self) -> Option<&LoadedScene> {
         self.scene.as_ref().map(|(_, loaded)| loaded)

@@ -13,6 +13,7 @@ use growbot_serve::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
 use super::failure::Failure;
+use super::json_arg::JsonArg;
 use super::port_arg::{RequiredPortArg, SelectedPort};
 use super::robot_arg::RobotArg;
 use super::service_lookup::robots_in_emergency;
@@ -38,6 +39,8 @@ pub struct EstopArgs {
     #[command(flatten)]
     /// Accepted, because the other commands on a board have it. No stop depends on it.
     _robot: RobotArg,
+    #[command(flatten)]
+    json: JsonArg,
 }
 
 /// Runs the command. On any failure its exit code is 1, and its message advises to cut the power.
@@ -58,7 +61,7 @@ pub fn run(args: &EstopArgs) -> Result<(), Failure> {
             Ok(()) => {
                 let done =
                     format!("emergency stop: heater and steppers of the {}robot{at} are off\n", port.kind().prefix());
-                if print(&done).is_err() {
+                if print(&args.json.report(port, &done)).is_err() {
                     // The board has stopped, even if the result cannot be printed.
                     growbot_host::warning!("{}", done.trim_end());
                 }

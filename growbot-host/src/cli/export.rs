@@ -15,7 +15,7 @@ use growbot_plan::run_log::BodyKind;
 
 use super::body_input::BodyInput;
 use super::failure::Failure;
-use super::output_format::OutputFormat;
+use super::output_format::{OutputFormat, print_file_report};
 
 /// Write a body in the format of another tool: STL, OBJ, 3MF, GLB, CSV, TUM or MCAP
 ///
@@ -69,6 +69,9 @@ pub struct ExportArgs {
     /// GLB: scene file with the obstacles [default: the scene of the plan]
     #[arg(long, value_name = "FILE")]
     scene: Option<PathBuf>,
+    /// Print one line of JSON about the written file
+    #[arg(long, requires = "output")]
+    json: bool,
 }
 
 const AFTER_HELP: &str = "\
@@ -105,6 +108,11 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
             format.ending()
         )));
     }
+    if args.json && to.is_none() {
+        return Err(Failure::bad_input(
+            "--json reports a file, and the body goes to standard output: name a file with -o",
+        ));
+    }
     if args.scene.is_some() && format != OutputFormat::Glb {
         return Err(Failure::bad_input(format_args!(
             "--scene applies only to GLB files, and {} holds only the body: remove --scene, or name a file that ends \
@@ -123,6 +131,9 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
         return Ok(print_bytes(&bytes)?);
     };
     write_atomic(path, &bytes)?;
+    if args.json {
+        return print_file_report(path, format, bytes.len(), subject.is_simulated());
+    }
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
     growbot_host::note!("body{kind} written to {}, {} bytes", path.display(), bytes.len());
     Ok(())

@@ -217,7 +217,7 @@ impl GrowArgs {
             return Failure::bad_input(words);
         }
         if self.json {
-            print_refusal(&request.refused(words.clone()));
+            print_refusal(&request.refused(refusal, words.clone()));
         }
         Failure::request_failed(words)
     }

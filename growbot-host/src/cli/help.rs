@@ -7,7 +7,7 @@ use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
 const GROUPS: [(&str, &[&str]); 6] = [
     ("Plan a body", &["plan", "scene", "workspace", "rmin", "simulate"]),
     ("Grow it", &["grow", "resume", "pause", "continue", "attach", "serve", "console", "maintain"]),
-    ("Stop it", &["stop", "estop", "cancel", "clear"]),
+    ("Stop it", &["stop", "estop", "cancel", "clear", "recover"]),
     ("Look at it", &["status", "view", "layers", "replay", "export"]),
     ("Set up a robot", &["ports", "robots", "new-robot", "doctor", "tune", "configure", "flash", "power", "settings"]),
     ("Other", &["reproduce", "schema", "completions", "man", "help"]),

@@ -19,7 +19,11 @@ pub struct JsonArg {
 impl JsonArg {
     /// Prints the message of a command that has succeeded at a port.
     pub fn print(&self, port: &SelectedPort, message: &str) -> Result<(), Failure> {
-        let report = CommandReport::new(port.text(), port.kind(), message);
-        Ok(print(&if self.json { json_line(&report) } else { message.to_owned() })?)
+        Ok(print(&self.report(port, message))?)
+    }
+
+    /// Returns the message of a command that has succeeded at a port, as text or as JSON.
+    pub fn report(&self, port: &SelectedPort, message: &str) -> String {
+        if self.json { json_line(&CommandReport::new(port.text(), port.kind(), message)) } else { message.to_owned() }
     }
 }

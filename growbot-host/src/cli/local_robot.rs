@@ -19,13 +19,13 @@ use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
-use super::interrupt::stop_on_interrupt;
 use super::maintenance_task::maintain;
 use super::port_arg::{Connection, SelectedPort};
 use super::port_lease::PortLeaseGuard;
 use super::remedies;
 use super::robot_arg::RobotArg;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
+use super::stop_on_interrupt::stop_on_interrupt;
 use super::terminal_commands::TerminalCommands;
 use super::typed_answer::read_answer;
 
@@ -101,6 +101,10 @@ impl RobotHandle for LocalRobot<'_> {
         client.open_session_for(&robot)?;
         let done = maintain(&mut client, &robot, &presets, task, value, &Permit::standalone())?;
         Ok(format!("{}{done}", if self.port.is_simulated() { "simulated robot: " } else { "" }))
+    }
+
+    fn withdraw_stop(&self) -> Result<String, Failure> {
+        Err(self.no_service("withdraw the stop of"))
     }
 
     fn pause(&self) -> Result<String, Failure> {

@@ -21,7 +21,6 @@ mod global;
 mod grow;
 mod growth_monitor;
 mod help;
-mod interrupt;
 mod json_arg;
 mod known_robots;
 mod layers;
@@ -39,6 +38,7 @@ mod port_arg;
 mod port_lease;
 mod ports;
 mod power;
+mod recover;
 mod remedies;
 mod replay;
 mod reproduce;
@@ -60,6 +60,7 @@ mod simulate;
 mod status;
 mod status_text;
 mod stop;
+mod stop_on_interrupt;
 mod terminal_commands;
 #[cfg(test)]
 mod tests;
@@ -132,6 +133,7 @@ enum CliCommand {
     Cancel(cancel::CancelArgs),
     Estop(estop::EstopArgs),
     Clear(clear::ClearArgs),
+    Recover(recover::RecoverArgs),
     Doctor(doctor::DoctorArgs),
     Tune(tune::TuneArgs),
     Maintain(maintain::MaintainArgs),
@@ -212,6 +214,7 @@ pub fn run() -> ExitCode {
         Some(CliCommand::Cancel(args)) => cancel::run(&args),
         Some(CliCommand::Estop(args)) => estop::run(&args),
         Some(CliCommand::Clear(args)) => clear::run(&args),
+        Some(CliCommand::Recover(args)) => recover::run(&args),
         Some(CliCommand::Doctor(args)) => doctor::run(&args),
         Some(CliCommand::Tune(args)) => tune::run(&args),
         Some(CliCommand::Maintain(args)) => maintain::run(&args),

@@ -3,10 +3,12 @@
 use std::path::Path;
 
 use clap::ValueEnum;
-use growbot_host::output::{OutputError, is_standard_output, refuse_terminal};
+use growbot_host::output::{OutputError, is_standard_output, print, refuse_terminal};
 use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
 use growbot_plan::atomic_file::{FileError, format_from_extension};
+use growbot_plan::file_report::FileReport;
+use growbot_plan::sanitize::json_line;
 use strum::IntoStaticStr;
 
 use super::failure::Failure;
@@ -46,6 +48,12 @@ pub enum OutputFormat {
     /// A result
     #[value(skip)]
     Json,
+}
+
+/// Prints the report of a written file as one line of JSON. `simulated` is true if the file shows a simulated robot.
+pub fn print_file_report(path: &Path, format: OutputFormat, bytes: usize, simulated: bool) -> Result<(), Failure> {
+    let report = FileReport { file: path.display().to_string(), format: format.ending(), bytes, simulated };
+    Ok(print(&json_line(&report))?)
 }
 
 impl OutputFormat {

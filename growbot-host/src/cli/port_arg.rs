@@ -1,10 +1,14 @@
 //! `--port` of commands, and the port that it selects.
 
+use std::path::Path;
+
 use clap::Args;
 use growbot_client::client::Client;
 use growbot_client::port::faulty::FaultSpec;
 use growbot_core::robot::Robot;
+use growbot_plan::input::display_name;
 use growbot_plan::robot_kind::RobotKind;
+use growbot_plan::run_log::RecordedRun;
 use growbot_serve::settings::{InvalidFiles, Key, Setting, SettingOrigin};
 use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
 use growbot_sim::sim_daemon::StateDir;
@@ -74,6 +78,18 @@ impl PortArg {
             }
         };
         self.link.at(text)
+    }
+
+    /// Like [`PortArg::resolve`], but the port in a run log comes before the files of settings.
+    pub fn resolve_for_log(&self, log: Option<(&Path, &RecordedRun)>) -> Result<SelectedPort, Failure> {
+        if let (None, Some((file, record))) = (&self.port, log) {
+            let is_set = matches!(Setting::load(Key::Port)?.origin, SettingOrigin::Environment(_));
+            if !is_set && !record.port.is_empty() {
+                growbot_host::detail!("port {}, from: {}", record.port, display_name(file));
+                return self.link.at(record.port.clone());
+            }
+        }
+        self.resolve()
     }
 }
 

@@ -204,6 +204,9 @@ fn of_picture(error: &PngError) -> &'static str {
 fn of_plan_file(error: &PlanFileError) -> &'static str {
     match error {
         PlanFileError::NotJson { .. } | PlanFileError::NoPlan { .. } => ": give a file that `growbot plan -o` wrote",
+        PlanFileError::LayerCsv { .. } => {
+            ": give that plan, or the table with its plan, as `growbot layers --json` prints it"
+        }
         PlanFileError::UnknownRobot { .. } => " with --robot",
         _ => "",
     }

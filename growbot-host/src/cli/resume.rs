@@ -23,6 +23,8 @@ use super::watch_options::WatchArgs;
 /// growth (`grow --log`), which it then continues. A growth with feedback is resumed with feedback, and only from its
 /// log. In a scene its corrections also stay clear of the obstacles.
 ///
+/// Without --port and GROWBOT_PORT the robot is the one at the port that the log names.
+///
 /// The command prints how much of an interrupted layer was made. By default that layer is laid again.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
@@ -56,6 +58,7 @@ pub struct ResumeArgs {
 
 const AFTER_HELP: &str = "\
 Examples:
+  growbot resume run.jsonl                # at the port that the log names
   growbot resume run.jsonl --port /dev/ttyACM0
   growbot resume --port /dev/ttyACM0      # its latest job, where a service owns it
   growbot resume plan.json --port /dev/ttyACM0 --interrupted-layer keep --yes
@@ -74,10 +77,11 @@ enum InterruptedLayerChoice {
 
 /// Runs the command.
 pub fn run(args: &ResumeArgs) -> Result<(), Failure> {
-    let port = args.port.resolve()?;
+    let opened = args.file.as_ref().map(|file| Ok::<_, Failure>((file, args.opened(file)?))).transpose()?;
+    let log = opened.as_ref().and_then(|(file, opened)| Some((file.as_path(), opened.record()?)));
+    let port = args.port.resolve_for_log(log)?;
     let robot_arg = RobotArg::default();
     let robot = robot_at(&port, &robot_arg)?;
-    let opened = args.file.as_ref().map(|file| Ok::<_, Failure>((file, args.opened(file)?))).transpose()?;
     robot.resume(ResumedGrowth {
         opened,
         scene: args.scene.as_ref(),

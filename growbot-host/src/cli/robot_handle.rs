@@ -29,6 +29,9 @@ pub trait RobotHandle {
     /// Discards the body that the board stores. Returns a message.
     fn cancel(&self) -> Result<String, Failure>;
 
+    /// Drops a stop that the board has not confirmed. Returns a message.
+    fn withdraw_stop(&self) -> Result<String, Failure>;
+
     /// Clears a fault or an emergency stop. Returns a message.
     fn clear(&self) -> Result<String, Failure>;
 

@@ -6,9 +6,11 @@
 use clap::{Args, ValueEnum};
 use growbot_client::command_report::{CommandReport, ConfigurationReport, TuningReport};
 use growbot_client::commissioning_report::CommissioningReport;
+use growbot_client::recovery::RecoverySequence;
 use growbot_client::status::RobotStatus;
 use growbot_host::output::print;
 use growbot_paper::tables::ReproductionJson;
+use growbot_plan::file_report::FileReport;
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::robot_json::{MinRadius, RobotDetails, RobotOverview};
 use growbot_plan::robot_schema::{plain, robot_file_schema};
@@ -56,14 +58,18 @@ enum SchemaKind {
     Result,
     /// The status of a robot, as `status` prints it, and as the service reports it
     Status,
-    /// Output of `stop`, `pause`, `continue`, `cancel`, `clear`, `maintain` and `power`
+    /// Output of `stop`, `estop`, `pause`, `continue`, `cancel`, `clear`, `maintain` and `power`
     Command,
     /// Output of `configure`
     Configure,
     /// Output of `doctor`, and its report
     Doctor,
+    /// Output of `export` and `view`
+    File,
     /// Output of `ports`
     Ports,
+    /// Output of `recover`: null, or a guided sequence
+    Recovery,
     /// Output of `reproduce`
     Reproduce,
     /// Output of `rmin`
@@ -101,7 +107,9 @@ impl SchemaKind {
             Self::Command => written::<CommandReport>(),
             Self::Configure => written::<ConfigurationReport>(),
             Self::Doctor => written::<CommissioningReport>(),
+            Self::File => written::<FileReport>(),
             Self::Ports => written::<KnownPorts>(),
+            Self::Recovery => written::<Option<RecoverySequence>>(),
             Self::Reproduce => written::<ReproductionJson>(),
             Self::Rmin => written::<MinRadius>(),
             Self::Robots => either(written::<Vec<RobotOverview>>(), written::<RobotDetails>()),

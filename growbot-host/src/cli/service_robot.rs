@@ -223,6 +223,11 @@ impl RobotHandle for ServiceRobot {
         Ok(format!("the {}board stores no body any more\n", self.kind().prefix()))
     }
 
+    fn withdraw_stop(&self) -> Result<String, Failure> {
+        self.send_command(RobotCommand::WithdrawStop)?;
+        Ok(format!("the stop of the {}robot {} is withdrawn\n", self.kind().prefix(), self.name))
+    }
+
     fn clear(&self) -> Result<String, Failure> {
         self.send_command(RobotCommand::ClearFault)?;
         Ok(clear_message(self.kind(), self.robot.state.as_deref().unwrap_or("unknown")))

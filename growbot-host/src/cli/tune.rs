@@ -15,10 +15,10 @@ use growbot_plan::sanitize::json_line;
 use super::failure::Failure;
 use super::find_robot::robot_at;
 use super::growth_monitor::clock_drift_failure;
-use super::interrupt::stop_on_interrupt;
 use super::port_arg::RequiredPortArg;
 use super::remedies;
 use super::robot_arg::RobotArg;
+use super::stop_on_interrupt::stop_on_interrupt;
 
 /// Time without an event after which the board gets a status request.
 const QUIET: Duration = Duration::from_secs(2);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::slice;
 
 use clap::Args;
-use growbot_host::output::write_to;
+use growbot_host::output::{is_standard_output, write_to};
 use growbot_pictures::drawing::colours::Palette;
 use growbot_pictures::view::picture::Viewpoint;
 use growbot_pictures::view::plot::{PlotInput, PlotKind, XAxis};
@@ -14,7 +14,7 @@ use growbot_plan::input::{display_name, is_standard_input};
 
 use super::body_input::BodyInput;
 use super::failure::Failure;
-use super::output_format::OutputFormat;
+use super::output_format::{OutputFormat, print_file_report};
 use super::units::mm;
 
 /// Show a plan or the log of a growth: a page, a picture, or plots
@@ -91,6 +91,9 @@ pub struct ViewArgs {
     /// A plan that leads through a scene is shown only in that scene, whose file may be elsewhere.
     #[arg(long, value_name = "FILE", conflicts_with = "plot")]
     scene: Option<PathBuf>,
+    /// Print one line of JSON about the written file
+    #[arg(long)]
+    json: bool,
 }
 
 /// Parses two heights, mm.
@@ -135,6 +138,9 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
     };
     if !write_to(&output, &contents)? {
         return Ok(());
+    }
+    if args.json {
+        return print_file_report(&output, format, contents.len(), opened.iter().any(BodyInput::is_simulated));
     }
     let hint = if format == OutputFormat::Html { ": open it in a browser" } else { "" };
     growbot_host::note!("view written to {}{hint}", output.display());
@@ -210,6 +216,11 @@ impl ViewArgs {
                 ));
             }
             _ => {}
+        }
+        if self.json && self.output.as_deref().is_some_and(is_standard_output) {
+            return Err(Failure::bad_input(
+                "--json reports a file, and the view goes to standard output: name a file with -o",
+            ));
         }
         let of_pictures = [
             (self.range.is_some(), "--range"),

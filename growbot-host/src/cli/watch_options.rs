@@ -17,7 +17,7 @@ use super::failure::Failure;
 const WATCHED_PACE: f64 = 60.0;
 
 /// Options for watching a growth.
-#[derive(Args)]
+#[derive(Args, Default)]
 pub struct WatchArgs {
     /// Serve a page that follows the growth, only on this machine
     ///

@@ -14,7 +14,7 @@ use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
 use super::check_error::MAX_SEGMENTS;
-use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, format_hash};
+use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, format_hash, layer_rows};
 use crate::plan::{Plan, PlanLegs, SearchSummary, path_type};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -64,6 +64,7 @@ impl PlanFile {
         plan.warnings.extend(standing);
         self.check_totals(&plan, robot)?;
         self.check_description(&plan)?;
+        self.check_layer_table(&plan, robot)?;
         Ok(plan)
     }
 
@@ -171,6 +172,20 @@ impl PlanFile {
         }
         // The percentage is a difference of two lengths, so its tolerance is absolute.
         check_total("two_plane_longer_percent", self.two_plane_longer_percent.unwrap_or(percent), percent, 1e-6)
+    }
+
+    /// Checks that the table of layers, if there is one, is that of the plan.
+    fn check_layer_table(&self, plan: &Plan, robot: &Robot) -> Result<(), PlanCheckError> {
+        if self.layer_table.is_empty() {
+            return Ok(());
+        }
+        let mut written = self.layer_table.iter();
+        let mut rows = layer_rows(&plan.path, robot);
+        let first_wrong = (0..).find_map(|row| match (written.next(), rows.next()) {
+            (None, None) => Some(None),
+            (written, row_of_plan) => (written != row_of_plan.as_ref()).then_some(Some(row)),
+        });
+        first_wrong.flatten().map_or(Ok(()), |row| Err(PlanCheckError::LayerRow { row }))
     }
 
     /// Checks length, number of layers, duration and filament against the segments. A mismatch shows that segments were

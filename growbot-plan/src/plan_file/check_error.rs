@@ -31,6 +31,15 @@ pub enum PlanCheckError {
         /// Hash of the description of the robot that is used now, 16 hexadecimal digits.
         here: String,
     },
+    /// The table of layers is not that of the segments.
+    #[error(
+        "row {row} of layer_table (from 0) is not the layer that the segments give: remove layer_table, or make the \
+         table again from the plan"
+    )]
+    LayerRow {
+        /// Index of the first row that is different, missing or surplus.
+        row: usize,
+    },
     /// The start, the goal or a waypoint is not a valid pose.
     #[error("{which}: {error}")]
     Pose {

@@ -8,6 +8,7 @@ use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::{Robot, RobotDescription};
 use serde::{Deserialize, Serialize};
 
+use super::layer_row::{LayerRow, layer_rows};
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
 use crate::plan::{Plan, SearchSummary, path_type};
 use crate::sanitize;
@@ -87,6 +88,10 @@ pub struct PlanFile {
     /// The scene that the plan leads through. Omitted if the path was planned in empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<SceneRefJson>,
+    /// Layers of the path in order. Omitted if empty. The segments determine the layers, so a reader checks the table,
+    /// but does not need it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub layer_table: Vec<LayerRow>,
 }
 
 /// The scene of a plan in JSON form.
@@ -369,6 +374,7 @@ impl From<&Plan> for PlanFile {
             segments: SegmentJson::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
             robot_description: None,
+            layer_table: Vec::new(),
             scene: plan.scene.as_ref().map(|scene| SceneRefJson {
                 file: scene.file.clone(),
                 hash: format_hash(scene.hash),
@@ -383,6 +389,12 @@ impl PlanFile {
     /// Converts a plan to JSON form and adds the description of its robot, so that a reader needs no other file.
     pub fn with_robot(plan: &Plan, robot: &Robot) -> Self {
         Self { robot_description: Some(Box::new(robot.description().clone())), ..Self::from(plan) }
+    }
+
+    /// Adds the table of the layers.
+    #[must_use]
+    pub fn with_layer_table(self, plan: &Plan, robot: &Robot) -> Self {
+        Self { layer_table: layer_rows(&plan.path, robot).collect(), ..self }
     }
 
     /// Returns the JSON of the plan in one line that ends with a newline, for pipes.

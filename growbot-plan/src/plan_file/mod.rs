@@ -6,6 +6,7 @@
 mod check;
 mod check_error;
 pub(crate) mod json;
+mod layer_row;
 
 use std::path::Path as FilePath;
 
@@ -18,6 +19,7 @@ pub use self::check_error::PlanCheckError;
 pub use self::json::{
     FORMAT, GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash,
 };
+pub use self::layer_row::{LayerRow, layer_rows, layer_values};
 use crate::input::{self, InputError};
 use crate::margin::near_obstacle;
 use crate::plan::Plan;
@@ -48,6 +50,12 @@ pub enum PlanFileError {
         file: String,
         /// Error of the JSON parser with its position.
         error: serde_json::Error,
+    },
+    /// The file is the CSV table of the layers of a plan.
+    #[error("{file} is a table of layers in CSV, which does not contain the plan")]
+    LayerCsv {
+        /// Name of the file.
+        file: String,
     },
     /// The plan has another version of the format.
     #[error("{file} has format {found:?}, but this version of growbot reads {FORMAT:?}: plan again with this version")]
@@ -93,6 +101,9 @@ pub enum PlanFileError {
     },
 }
 
+/// First columns of the CSV table of layers.
+pub const LAYER_CSV_BEGIN: &str = "layer,segment,";
+
 /// The field `format` of a plan file. It is parsed alone first, to distinguish a plan of another version from an
 /// invalid file.
 #[derive(Deserialize)]
@@ -114,6 +125,7 @@ impl PlanFile {
             _ if text.ends_with(['.', '-', '+', 'e', 'E']) && error.to_string().starts_with("invalid number") => {
                 PlanFileError::Truncated { file: file(), line: error.line() }
             }
+            _ if text.starts_with(LAYER_CSV_BEGIN) => PlanFileError::LayerCsv { file: file() },
             _ => PlanFileError::NotJson { file: file(), error },
         };
         let Version { format } = serde_json::from_str(text).map_err(classify)?;

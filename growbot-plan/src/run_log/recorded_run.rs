@@ -86,6 +86,8 @@ impl BodyKind {
 pub struct RecordedRun {
     /// Name and hash of the robot that has grown the body.
     pub robot: RobotId,
+    /// Port of the robot, as the user gave it. Empty if the log does not contain it.
+    pub port: String,
     /// Kind of tip that laid the body.
     pub tip: TipKind,
     /// True if the body was grown without regard to its scene.
@@ -381,6 +383,7 @@ impl RecordedRun {
         Self {
             feedback: header.feedback.and_then(SensorNoiseJson::checked),
             robot: RobotId { name: header.robot, hash: header.robot_hash },
+            port: header.port,
             tip: header.tip,
             ignore_scene: header.ignore_scene,
             plan: header.plan,

@@ -34,6 +34,9 @@ pub struct GrowthResult {
     /// Reason of a refusal or of a lost connection.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
+    /// Code of the reason why the growth was refused before it began. Omitted otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub refusal: Option<String>,
     /// Code of the fault that ended the growth. Null if none did.
     pub fault: Option<String>,
     /// Error of the board's clock, if the growth was stopped because of this error.
@@ -257,6 +260,7 @@ impl GrowthResult {
             outcome,
             simulated: kind.is_simulated(),
             error: None,
+            refusal: None,
             fault: None,
             clock_drift: None,
             arrival: Some((&arrival).into()),

@@ -34,8 +34,8 @@ use super::history;
 use super::script::{SkippedCommands, StdinLines, is_active, lines_of_stdin, still_active_text};
 use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
-use crate::cli::interrupt::stop_on_interrupt;
 use crate::cli::port_arg::SelectedPort;
+use crate::cli::stop_on_interrupt::stop_on_interrupt;
 use crate::cli::{growth_monitor, remedies};
 
 /// Interval of the checks for Ctrl-C while the console waits for a line.

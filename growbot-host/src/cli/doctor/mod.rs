@@ -29,9 +29,9 @@ use self::session::DoctorSession;
 use self::summary::{Summary, line};
 use super::failure::Failure;
 use super::find_robot::robot_at;
-use super::interrupt::stop_on_interrupt;
 use super::port_arg::{Connection, RequiredPortArg, SelectedPort};
 use super::robot_arg::RobotArg;
+use super::stop_on_interrupt::stop_on_interrupt;
 
 /// Commission a new robot step by step: link, sensors, motors, heater
 ///
