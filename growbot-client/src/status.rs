@@ -1,6 +1,8 @@
 //! Status of a robot: of its board, of the connection to the board, and of its job. The command line, the console, the
 //! service and its page show this one type.
 
+use std::time::Duration;
+
 use growbot_core::link::message::{
     BoardInfo, DriverReport, Fault, FaultRecord, ImageCheck, SensorReadings, State, Status, celsius,
 };
@@ -10,6 +12,9 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 
 use crate::stop_signal::StopLevel;
+
+/// Age of the board's latest status beyond which the status is stale.
+const STALE_AFTER: Duration = Duration::from_secs(5);
 
 /// State of the connection to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -148,6 +153,20 @@ impl RobotStatus {
             status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer));
         self.journal = Some(status.is_resumable);
         self.uptime_s = Some(status.uptime_ms as f64 / 1000.0);
+    }
+
+    /// Sets the state of the board after an event. The status that follows has the cause of a fault or of a pause, and
+    /// the finish time.
+    pub fn set_state(&mut self, state: State) {
+        self.state = Some(state.name().to_owned());
+        (self.left_s, self.finish_utc) = (None, None);
+        (self.fault, self.fault_explanation, self.pause_cause, self.pause_explanation) = (None, None, None, None);
+    }
+
+    /// Sets the time since the board's latest report, s. `None` before the first report.
+    pub fn set_age(&mut self, age_s: Option<f64>) {
+        self.status_age_s = age_s;
+        self.stale = age_s.is_none_or(|age_s| age_s > STALE_AFTER.as_secs_f64());
     }
 
     /// Sets the expected date and time of the last layer. `now` is the current date and time.

@@ -1,5 +1,7 @@
 //! Rights of a client of the service.
 
+use growbot_pictures::view::page::PageAccess;
+
 use super::audit::CommandSource;
 use super::problem::Problem;
 
@@ -10,6 +12,18 @@ pub enum Access {
     View,
     /// The client can read and send commands.
     Control(CommandSource),
+}
+
+impl Access {
+    /// Returns the first part of the path of the pages for clients with these rights, in addresses without a token.
+    pub fn path(self) -> &'static str {
+        if self == Self::View { "view" } else { "control" }
+    }
+
+    /// Returns the kind of page for clients with these rights.
+    pub fn page(self) -> PageAccess {
+        if self == Self::View { PageAccess::View } else { PageAccess::Control }
+    }
 }
 
 /// Returns the source of the client's commands if the client can send commands, otherwise an error.

@@ -1,56 +1,31 @@
-//! The HTTP API of the service: its routes, from which the OpenAPI document is generated, and the rights of its
-//! clients.
+//! The HTTP API of the service: the routes of pages, and those for jobs, plans and commands to robots.
 
 use std::sync::Arc;
 
 use aide::axum::ApiRouter;
 use aide::axum::routing::{get_with, post_with};
-use aide::openapi::{Info, OpenApi};
-use aide::transform::TransformOperation;
-use axum::extract::{DefaultBodyLimit, Path, State};
-use axum::http::{Method, Uri};
+use axum::extract::{Path, State};
 use axum::routing::{get, post};
-use axum::{Extension, Json, Router};
+use axum::{Extension, Json};
 use growbot_client::recovery::RecoverySequence;
-use growbot_client::status::RobotStatus;
-use schemars::JsonSchema;
-use serde::Serialize;
-use serde_json::Value;
 
+use super::access::Access;
 use super::audit::CommandSource;
 pub use super::command_routes::MaintenanceRequest;
-use super::command_routes::{emergency_stop, maintain, send_command, send_live_command, stop};
+use super::command_routes::{emergency_stop, maintain, robot_commands, send_command, stop};
 use super::handler::{ApiResult, ServiceState, find_robot};
-use super::job_routes::{job, job_log, job_view, jobs, live, live_update_socket, live_updates, new_job, resume};
+use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
+use super::live_routes;
+use super::openapi::describe;
+use super::page_urls::PageUrls;
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
-use super::request_kind::MAX_BODY;
 use super::service::Service;
-use super::{command_socket, event_routes, openapi};
-use crate::access::Access;
-use crate::page_urls::PageUrls;
 
-/// Returns the router of the API, and the OpenAPI document of its main routes.
-pub fn routes() -> (Router<Arc<Service>>, Value) {
-    let mut document = OpenApi {
-        info: Info {
-            title: "growbot serve".to_owned(),
-            description: Some(
-                "Robots, their jobs, and commands to them. Lengths are in mm, angles in degrees, temperatures in C: \
-                 names carry the unit. Requests carry the access token of the URLs that `growbot serve` prints, as \
-                 `Authorization: Bearer TOKEN`; requests on the Unix socket in the user's runtime directory need none."
-                    .to_owned(),
-            ),
-            version: "1".to_owned(),
-            ..Info::default()
-        },
-        ..OpenApi::default()
-    };
-    let router = ApiRouter::new()
-        .api_route("/access", get_with(access, describe("Permissions of this URL.")))
-        .api_route("/robots", get_with(robots, describe("All robots.")))
-        .api_route("/robots/{robot}", get_with(robot, describe("One robot.")))
+/// Returns the routes of the service's API.
+pub fn routes() -> ApiRouter<Arc<Service>> {
+    live_routes::routes()
         .api_route(
             "/robots/{robot}/recovery",
             get_with(
@@ -119,41 +94,9 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         .route("/plans/{number}/view", get(view_plan))
         .route("/jobs/{job}/log", get(job_log))
         .route("/jobs/{job}/view", get(job_view))
-        .route("/jobs/{job}/live/", get(live))
-        .route("/jobs/{job}/live/updates", get(live_updates))
-        .route("/jobs/{job}/live/updates/ws", get(live_update_socket))
-        .route("/jobs/{job}/live/commands/ws", get(command_socket::job_commands))
-        .route("/jobs/{job}/live/commands/{command}", post(send_live_command))
-        .route("/jobs/{job}/events", get(event_routes::job_stream))
-        .route("/jobs/{job}/events/ws", get(event_routes::job_socket))
-        .route("/events", get(event_routes::robot_stream))
-        .route("/events/ws", get(event_routes::robot_socket))
-        .route("/commands/ws", get(command_socket::robot_commands))
-        .layer(DefaultBodyLimit::max(MAX_BODY))
-        .finish_api(&mut document);
-    (router, openapi::complete(&document))
-}
-
-/// Returns a function that sets the description of an operation in the OpenAPI document, and problem details as its
-/// default response.
-fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
-    move |operation| operation.description(words).default_response::<Problem>()
-}
-
-/// Rejects a request for a path that this release does not have.
-pub async fn unknown_route(method: Method, uri: Uri) -> Problem {
-    Problem::unknown_route(&method, uri.path())
-}
-
-/// Rights of an address.
-#[derive(Debug, Serialize, JsonSchema)]
-struct AccessInfo {
-    /// True if the address can send commands. False if it is read-only.
-    can_control: bool,
-}
-
-async fn access(Extension(access): Extension<Access>) -> Json<AccessInfo> {
-    Json(AccessInfo { can_control: access != Access::View })
+        .route("/jobs/{job}/events", get(job_log_lines))
+        .route("/jobs/{job}/events/ws", get(job_log_lines))
+        .route("/commands/ws", get(robot_commands))
 }
 
 async fn addresses(State(service): ServiceState, Extension(access): Extension<Access>) -> ApiResult<PageUrls> {
@@ -161,14 +104,6 @@ async fn addresses(State(service): ServiceState, Extension(access): Extension<Ac
         Access::Control(CommandSource::Socket) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
         _ => Err(Problem::forbidden("only commands on the service's machine may read the URLs")),
     }
-}
-
-async fn robots(State(service): ServiceState) -> Json<Vec<RobotStatus>> {
-    Json(service.robots())
-}
-
-async fn robot(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<RobotStatus> {
-    Ok(Json(find_robot(&service, &name)?.status()))
 }
 
 async fn recovery(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<Option<RecoverySequence>> {

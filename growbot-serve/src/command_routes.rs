@@ -3,62 +3,70 @@
 
 use std::sync::Arc;
 
+use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, State};
-use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
 use super::access::{Access, require_control};
 use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
-use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
+use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
+use super::page_source::{ArrivalPermits, PageSource as _};
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
-use super::robot_worker::RobotWorker;
-use super::service::{ArrivalPermits, Service};
-use crate::watch::server as watch;
+use crate::watch::sockets::{CommandMessage, command_socket};
 
 /// Name of the maintenance task that switches the heater off.
 const COOL_DOWN: &str = "cooldown";
 
-pub async fn send_command(
-    state: ServiceState,
-    access: Extension<Access>,
-    permits: Extension<ArrivalPermits>,
-    name: Path<String>,
-    Json(CommandRequest { command }): Json<CommandRequest>,
-) -> ApiResult<RobotStatus> {
-    command_robot(state, access, permits, name, command).await
+/// Parts of a request for an order to a robot.
+type Order = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
+
+pub async fn send_command(order: Order, Json(request): Json<CommandRequest>) -> ApiResult<RobotStatus> {
+    command_robot(order, request.command).await
 }
 
-pub async fn stop(
-    state: ServiceState,
-    access: Extension<Access>,
-    permits: Extension<ArrivalPermits>,
-    name: Path<String>,
-) -> ApiResult<RobotStatus> {
-    command_robot(state, access, permits, name, RobotCommand::Stop).await
+pub async fn stop(order: Order) -> ApiResult<RobotStatus> {
+    command_robot(order, RobotCommand::Stop).await
 }
 
-pub async fn emergency_stop(
-    state: ServiceState,
-    access: Extension<Access>,
-    permits: Extension<ArrivalPermits>,
-    name: Path<String>,
-) -> ApiResult<RobotStatus> {
-    command_robot(state, access, permits, name, RobotCommand::EmergencyStop).await
+pub async fn emergency_stop(order: Order) -> ApiResult<RobotStatus> {
+    command_robot(order, RobotCommand::EmergencyStop).await
+}
+
+/// Opens a WebSocket, and carries out the commands to any robot that arrive on it. A browser opens few connections to a
+/// host and queues further requests, so a stop by HTTP may wait for other requests of any tab. A message on an open
+/// WebSocket does not wait for other requests.
+pub async fn robot_commands(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    upgrade: WebSocketUpgrade,
+) -> Result<Response, Problem> {
+    command_socket(upgrade, access, move |message: CommandMessage| {
+        // The permits are those of the moment at which the message arrived.
+        let permits = service.permits(message.age());
+        let order = (State(Arc::clone(&service)), Extension(access), Extension(permits), Path(message.robot));
+        let command = serde_json::from_value(Value::String(message.command));
+        async move {
+            match command {
+                Ok(command) => command_robot(order, command).await.into_response(),
+                Err(error) => {
+                    Problem::bad(format!("the message is invalid ({error}): correct the message")).into_response()
+                }
+            }
+        }
+    })
 }
 
 /// Sends a command to a robot, and returns the robot's status after the command.
 async fn command_robot(
-    State(service): ServiceState,
-    Extension(access): Extension<Access>,
-    Extension(permits): Extension<ArrivalPermits>,
-    Path(name): Path<String>,
+    (State(service), Extension(access), Extension(permits), Path(name)): Order,
     command: RobotCommand,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
@@ -85,10 +93,7 @@ pub struct MaintenanceRequest {
 }
 
 pub async fn maintain(
-    State(service): ServiceState,
-    Extension(access): Extension<Access>,
-    Extension(permits): Extension<ArrivalPermits>,
-    Path(name): Path<String>,
+    (State(service), Extension(access), Extension(permits), Path(name)): Order,
     Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
@@ -105,8 +110,8 @@ pub async fn maintain(
                 )));
             }
             (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(_)) => match filament_command(&task, &value) {
-                Some(command) if keeper.is_paused() && keeper.send_command(command, &permit) => Ok(()),
+            (Some(Ok(_)), Some(job)) => match filament_command(&task, &value) {
+                Some(command) if keeper.is_paused() => keeper.send_command(command, Some(&job), &permit),
                 _ => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
             },
             (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
@@ -123,47 +128,4 @@ pub async fn maintain(
 fn filament_command(task: &str, value: &str) -> Option<Command> {
     let filament = [Command::Preheat, Command::Unload, Command::Load, Command::Purge];
     filament.into_iter().find(|command| command.name() == task && value.is_empty())
-}
-
-pub async fn send_live_command(
-    State(service): ServiceState,
-    Extension(access): Extension<Access>,
-    Extension(permits): Extension<ArrivalPermits>,
-    Path((id, order)): Path<(String, String)>,
-) -> Result<Response, Problem> {
-    let by = require_control(access)?;
-    let keeper = find_robot_of_job(&service, &id).await?;
-    let stops = [(Command::Stop, RobotCommand::Stop), (Command::EmergencyStop, RobotCommand::EmergencyStop)];
-    let Some((_, stop)) = stops.into_iter().find(|(command, _)| command.name() == order) else {
-        let live = keeper.live(&id).ok_or_else(|| {
-            Problem::conflict(format!(
-                "job {id} accepts no commands, because it is not active or its robot is not connected: check the \
-                 robot's state"
-            ))
-        })?;
-        let answer = watch::send_command(&live, &order, &permits.age).await;
-        if answer.status().is_success() {
-            service.shared.audit.note(by, &keeper.name, &order, &Ok::<_, Problem>(()));
-        }
-        return Ok(answer);
-    };
-    let permit = permits.of(&keeper.name)?.clone();
-    run_blocking(move || {
-        let given = run_command(&keeper, stop, &permit);
-        service.shared.audit.note(by, &keeper.name, &order, &given);
-        Ok(given?)
-    })
-    .await?;
-    Ok(StatusCode::ACCEPTED.into_response())
-}
-
-/// Returns the robot of a job. The robot of an active job is found without the list of jobs, so that a stop does not
-/// wait for the database.
-async fn find_robot_of_job(service: &Arc<Service>, id: &str) -> Result<Arc<RobotWorker>, Problem> {
-    if let Some(worker) = service.robots.values().find(|worker| worker.lock_state().job.as_deref() == Some(id)) {
-        return Ok(Arc::clone(worker));
-    }
-    let (list, id) = (Arc::clone(service), id.to_owned());
-    let job = run_blocking(move || found_job(&list, &id)).await?;
-    find_robot(service, &job.robot).cloned()
 }

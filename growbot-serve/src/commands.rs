@@ -78,11 +78,8 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
             keeper.signal().void();
             keeper.request(RobotRequest::Cancel, COMMAND_TIMEOUT)
         }
-        RobotCommand::Pause if keeper.send_command(Command::Pause, permit) => Ok(()),
-        RobotCommand::Continue if keeper.send_command(Command::Continue, permit) => Ok(()),
-        RobotCommand::Pause | RobotCommand::Continue => {
-            Err(RobotRequestError::NoGrowth { command: order.name(), robot: robot() })
-        }
+        RobotCommand::Pause => keeper.send_command(Command::Pause, None, permit),
+        RobotCommand::Continue => keeper.send_command(Command::Continue, None, permit),
     }
 }
 

@@ -126,6 +126,11 @@ impl ConnectionLimiter {
         self.request
     }
 
+    /// Returns true if a connection is open.
+    pub fn has_connections(&self) -> bool {
+        !self.open().is_empty()
+    }
+
     fn open(&self) -> MutexGuard<'_, BTreeMap<u64, OpenConnection>> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner)
     }

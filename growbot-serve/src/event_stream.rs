@@ -1,29 +1,24 @@
-//! Streams of events: the lines of a job's run log, each once, and the state of all robots. The streams are sent as
-//! server-sent events or on a WebSocket.
+//! Streams of events: the lines of a job's run log, each once, and the state of all robots.
 
 use std::collections::BTreeMap;
-use std::convert::Infallible;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
+use std::ops::ControlFlow::Continue;
 use std::path::PathBuf;
-use std::pin::pin;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::Bytes;
-use axum::extract::ws::{Message, WebSocket};
-use axum::response::sse::{Event, KeepAlive, Sse};
-use axum::response::{IntoResponse, Response};
-use futures_util::stream::{Stream, StreamExt, unfold};
+use futures_util::stream::{Stream, unfold};
 use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
-use tokio::time::{sleep, timeout};
+use tokio::time::timeout;
 
 use super::job::JobState;
+use super::page_source::PageSource;
 use super::service::Service;
-use crate::watch::heartbeat::{Heartbeat, HeartbeatTimer};
+use super::stream_event::{StreamEvent, state_events};
 
 /// Minimum time between two events about the robots.
 const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
@@ -31,73 +26,6 @@ const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
 const LOG_POLL_INTERVAL: Duration = Duration::from_secs(1);
 /// Maximum number of bytes that are read from a log at a time.
 const CHUNK: u64 = 64 << 10;
-
-/// Version of the messages on a WebSocket.
-const VERSION: u32 = 1;
-/// Interval of pings to a silent client on a WebSocket. It is also the timeout for sending a message.
-const PING: Duration = Duration::from_secs(15);
-/// Number of unanswered pings after which the connection is closed.
-const UNANSWERED: u32 = 2;
-
-/// An event of a stream.
-pub struct StreamEvent {
-    event: &'static str,
-    /// Number of the log line, after which a client can resume the stream. `None` for an event about robots.
-    id: Option<u64>,
-    /// Content of the event, a line of JSON.
-    data: String,
-}
-
-impl StreamEvent {
-    /// Converts the event to a server-sent event.
-    fn into_sse(self) -> Event {
-        let event = Event::default().event(self.event).data(self.data);
-        match self.id {
-            Some(id) => event.id(id.to_string()),
-            None => event,
-        }
-    }
-
-    /// Converts the event to a message on a WebSocket, with the version of the messages.
-    fn message(&self) -> Message {
-        let Self { event, id, data } = self;
-        let id = id.map_or_else(String::new, |id| format!(r#""id":{id},"#));
-        Message::text(format!(r#"{{"version":{VERSION},"event":"{event}",{id}"data":{data}}}"#))
-    }
-}
-
-/// Sends a stream as server-sent events.
-pub fn sse_response(events: impl Stream<Item = StreamEvent> + Send + 'static) -> Response {
-    let events = events.map(|event| Ok::<_, Infallible>(event.into_sse()));
-    Sse::new(events).keep_alive(KeepAlive::default()).into_response()
-}
-
-/// Sends a stream on a WebSocket until it ends or the client closes the connection. Messages of the client are ignored.
-pub async fn on_socket(mut socket: WebSocket, events: impl Stream<Item = StreamEvent> + Send + 'static) {
-    let mut events = pin!(events);
-    let mut unanswered = 0;
-    loop {
-        let sent = tokio::select! {
-            next = events.next() => match next {
-                Some(event) => timeout(PING, socket.send(event.message())).await.is_ok_and(|sent| sent.is_ok()),
-                None => break,
-            },
-            heard = socket.recv() => {
-                unanswered = 0;
-                matches!(heard, Some(Ok(_)))
-            }
-            () = sleep(PING) => {
-                unanswered += 1;
-                unanswered <= UNANSWERED && socket.send(Message::Ping(Bytes::new())).await.is_ok()
-            }
-        };
-        if !sent {
-            return;
-        }
-    }
-    // The client may be gone and not receive this.
-    let _ = socket.send(Message::Close(None)).await;
-}
 
 /// Returns the lines of a job's run log after line `after`, then new lines as they are written, until the job ends. The
 /// identifier of an event is the number of its line. A client that was disconnected resumes after the latest event that
@@ -179,32 +107,19 @@ impl LogTail {
 
 /// Returns a stream with the status of all robots now and after each change, and with heartbeats that contain the age
 /// of each status.
-pub fn robot_events(service: Arc<Service>) -> impl Stream<Item = StreamEvent> {
-    let changes = service.shared.changes.subscribe();
-    let start = (service, changes, String::new(), HeartbeatTimer::new());
-    unfold(start, |(service, mut changes, mut sent, mut heartbeats)| async move {
-        loop {
-            changes.mark_unchanged();
-            let robots = service.robots();
-            // The age of a status is not a change.
-            let now = json_line(&robots.iter().map(RobotStatus::without_times).collect::<Vec<_>>());
-            // Heartbeats come first, because the robots may change all the time.
-            let next = if heartbeats.remaining().is_zero() {
-                heartbeats.restart();
-                let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
-                Some(("heartbeat", Heartbeat::json(ages.collect::<BTreeMap<_, _>>())))
-            } else if now != sent {
-                sent = now;
-                Some(("robots", json_line(&robots).trim_end().to_owned()))
-            } else {
-                None
-            };
-            if let Some((event, data)) = next {
-                return Some((StreamEvent { event, id: None, data }, (service, changes, sent, heartbeats)));
-            }
-            let _ = timeout(heartbeats.remaining().min(LOG_POLL_INTERVAL), changes.changed()).await;
-            sleep(MIN_EVENT_INTERVAL).await;
+pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamEvent> {
+    let mut sent = String::new();
+    state_events(source.changes(), MIN_EVENT_INTERVAL, move |is_heartbeat_due| {
+        let robots = source.robots();
+        if is_heartbeat_due {
+            let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
+            return Continue(Some(StreamEvent::heartbeat(ages.collect::<BTreeMap<_, _>>())));
         }
+        // The age of a status is not a change.
+        let now = json_line(&robots.iter().map(RobotStatus::without_times).collect::<Vec<_>>());
+        let is_new = now != sent;
+        sent = now;
+        Continue(is_new.then(|| StreamEvent::new("robots", &json_line(&robots))))
     })
 }
 

@@ -1,53 +1,43 @@
 //! Routes of the API for jobs: start, list, run logs and pages.
 
 use std::fs::File;
-use std::future::ready;
 use std::io::{self, Read};
 use std::sync::Arc;
-use std::time::Duration;
 
-use axum::body::Body;
-use axum::extract::ws::WebSocketUpgrade;
+use axum::body::{Body, Bytes};
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
 use axum::http::header::{CONTENT_TYPE, HeaderMap};
 use axum::response::{Html, IntoResponse, Response};
 use axum::{Extension, Json};
-use futures_util::stream::{BoxStream, StreamExt, once, unfold};
-use growbot_client::growth::{GrowthRefusal, GrowthRequest, Override};
+use futures_util::stream::unfold;
+use growbot_client::growth::{GrowthRefusal, Override};
 use growbot_client::stop_signal::Permit;
 use growbot_core::robot::Robot;
-use growbot_pictures::view::page::PageAccess;
-use growbot_pictures::view::{NamedScene, Subject, page};
-use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
-use growbot_plan::run_log::{RecordedRun, utc_now};
+use growbot_plan::run_log::utc_now;
 use growbot_plan::warning::BLOCKING;
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::task::spawn_blocking;
-use tokio::time::sleep;
 
 use super::access::{Access, require_control};
 use super::commands::COMMAND_TIMEOUT;
+use super::event_stream::job_events;
 use super::grow_request::{GrowRequest, PlanInScene};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::job::{Job, JobState};
+use super::job_pages::page_of;
 use super::json_body::JsonBody;
-use super::limits::{RoleLimits, StreamPermit, holding};
-use super::plan_routes::scene_name;
+use super::limits::{RoleLimits, holding};
+use super::page_source::ArrivalPermits;
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
-use super::robot_request::{Claim, NewJob, RobotRequest};
+use super::robot_request::{Claim, NewBody, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
-use super::service::{ArrivalPermits, Service};
-use crate::watch::LiveGrowth;
-use crate::watch::server::{self as watch, LiveEvent, updates_of};
-use crate::watch::sockets::{limited, send_texts};
+use super::service::Service;
+use crate::watch::sockets::EventSink;
 
-/// Time after which the stream of updates of an active job ends if its robot is disconnected. The page then requests
-/// the updates again.
-const AWAY: Duration = Duration::from_secs(2);
 /// Maximum number of jobs in a response.
 const MAX_JOBS: u32 = 1000;
 /// Length of the parts in which a run log is sent, bytes.
@@ -125,14 +115,9 @@ pub(super) fn make_job(
     let robot = keeper.description().map_err(Problem::conflict)?;
     let PlanInScene { plan, scene } = plan(&robot)?;
     let overrides = Override::given([(wanted.force, Override::Warnings), (wanted.ignore_scene, Override::Scene)]);
-    let request = GrowthRequest {
-        scene: scene.as_ref(),
-        overrides: &overrides,
-        feedback: wanted.feedback.then(|| assumed_noise(keeper.is_simulated().into())),
-        kind: keeper.is_simulated().into(),
-        ..GrowthRequest::new(&robot, &plan)
-    };
-    request.check().map_err(|refusal| refused(&refusal, &plan))?;
+    let body = NewBody { plan, robot, scene, overrides, feedback: wanted.feedback };
+    let request = body.request(keeper.is_simulated().into());
+    request.check().map_err(|refusal| refused(&refusal, &body.plan))?;
     let (ignore_scene, board_job) = (request.ignores_scene(), request.job());
     let _begins = keeper.lock_job_start();
     // Another request with the same key may have created the job in the meantime.
@@ -148,7 +133,7 @@ pub(super) fn make_job(
         plan_id: format!("{:016x}", board_job.plan_id),
         layers: u32::try_from(board_job.layers.len()).unwrap_or(u32::MAX),
         laid: 0,
-        length_mm: plan.requirements.length,
+        length_mm: body.plan.requirements.length,
         simulated: keeper.is_simulated(),
         ignore_scene,
         created_utc: utc_now(),
@@ -157,7 +142,7 @@ pub(super) fn make_job(
         id,
     };
     service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
-    let new = NewJob { job: job.clone(), plan, robot, scene, feedback: wanted.feedback, permit: order.permit };
+    let new = NewJob { job: job.clone(), body, permit: order.permit };
     let grow = RobotRequest::Grow(Box::new(new));
     if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
@@ -258,6 +243,31 @@ pub async fn job_log(
     Ok(holding(permit, ([(CONTENT_TYPE, "application/jsonl")], body).into_response()))
 }
 
+/// Query of a request for the events of a job. `after` is the number of the log line after which the stream starts.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EventQuery {
+    after: Option<u64>,
+}
+
+/// Returns the number of the log line after which the stream starts: from the header `Last-Event-ID`, otherwise from
+/// the query, otherwise 0.
+fn start_line(headers: &HeaderMap, EventQuery { after }: EventQuery) -> u64 {
+    let last = headers.get("last-event-id").and_then(|id| id.to_str().ok()?.parse().ok());
+    last.or(after).unwrap_or(0)
+}
+
+pub async fn job_log_lines(
+    State(service): ServiceState,
+    Path(id): Path<String>,
+    Query(query): Query<EventQuery>,
+    headers: HeaderMap,
+    sink: EventSink,
+) -> Result<Response, Problem> {
+    let job = found_job(&service, &id)?;
+    Ok(sink.send(job_events(service, job.id, start_line(&headers, query))))
+}
+
 /// Reads the next part of a file. Returns the part, and the file unless reading has failed. `None` at the end of the
 /// file.
 async fn next_part(mut file: File) -> Option<(io::Result<Vec<u8>>, Option<File>)> {
@@ -273,89 +283,10 @@ async fn next_part(mut file: File) -> Option<(io::Result<Vec<u8>>, Option<File>)
     }
 }
 
-/// Returns the live page of an active job. For a job that is not active, returns the page of its run log.
-pub async fn live(
-    State(service): ServiceState,
-    Extension(access): Extension<Access>,
-    Extension(limits): Extension<Arc<RoleLimits>>,
-    Path(id): Path<String>,
-) -> Result<Html<String>, Problem> {
-    let job = found_job(&service, &id)?;
-    let is_live = find_robot(&service, &job.robot).is_ok_and(|keeper| keeper.live(&id).is_some());
-    let on_page = if access == Access::View { PageAccess::View } else { PageAccess::Control };
-    page_of(&service, &limits, job, is_live.then_some(on_page)).await
-}
-
-fn live_of(service: &Service, job: &Job) -> Result<Arc<LiveGrowth>, Problem> {
-    let live = find_robot(service, &job.robot)?.live(&job.id);
-    live.ok_or_else(|| Problem::conflict(format!("job {} is {}", job.id, job.state.name())))
-}
-
-pub async fn live_updates(State(service): ServiceState, Path(id): Path<String>) -> Result<Response, Problem> {
-    Ok(watch::sse_response(live_events(&service, &found_job(&service, &id)?)))
-}
-
-pub async fn live_update_socket(
-    State(service): ServiceState,
-    Extension(permit): Extension<StreamPermit>,
-    Path(id): Path<String>,
-    upgrade: WebSocketUpgrade,
-) -> Result<Response, Problem> {
-    let events = live_events(&service, &found_job(&service, &id)?);
-    Ok(limited(upgrade).on_upgrade(|socket| async move {
-        send_texts(socket, events.map(|event| event.text())).await;
-        drop(permit);
-    }))
-}
-
-/// Returns the stream of events for the live page of a job. If the robot of an active job is disconnected, the stream
-/// ends after one heartbeat and a pause, and the page connects again. For a job that is not active, the stream contains
-/// only the event that the job has ended.
-fn live_events(service: &Service, job: &Job) -> BoxStream<'static, LiveEvent> {
-    match live_of(service, job) {
-        Ok(live) => updates_of(live).boxed(),
-        Err(_) if job.state == JobState::Active => {
-            let age = service.robot(&job.robot).and_then(|robot| robot.status().status_age_s);
-            let pause = unfold((), |()| async {
-                sleep(AWAY).await;
-                None
-            });
-            once(ready(LiveEvent::heartbeat(age))).chain(pause).boxed()
-        }
-        Err(problem) => once(ready(LiveEvent::end(&problem.detail))).boxed(),
-    }
-}
-
 pub async fn job_view(
     State(service): ServiceState,
     Extension(limits): Extension<Arc<RoleLimits>>,
     Path(id): Path<String>,
-) -> Result<Html<String>, Problem> {
+) -> Result<Html<Bytes>, Problem> {
     page_of(&service, &limits, found_job(&service, &id)?, None).await
-}
-
-/// Returns the page of a job: a live page with this access, or the page of its run log if `access` is `None`.
-async fn page_of(
-    service: &Service,
-    limits: &RoleLimits,
-    job: Job,
-    access: Option<PageAccess>,
-) -> Result<Html<String>, Problem> {
-    let path = service.shared.jobs_to_read().log_path(&job.id);
-    let computed = limits.compute(move |_| {
-        let record = RecordedRun::open(&path).map_err(Problem::conflict)?;
-        let robot = record.own_robot().map_err(Problem::conflict)?;
-        let plan = record.plan(&robot).map_err(Problem::conflict)?;
-        let name = format!("{} on {}", job.name, job.robot);
-        // A body can be shown without its scene.
-        let scene = record.scene(&plan, &robot, None).ok().flatten();
-        let scene = scene.as_ref().map(|loaded| NamedScene { file: scene_name(&plan), scene: &loaded.scene });
-        let of = |run| Subject { name: &name, robot: &robot, plan: &plan, run, laid: None, scene };
-        let page = match access {
-            Some(access) => page::render_live(&of(None), access),
-            None => page::render(&of(Some(&record))),
-        };
-        page.map(Html).map_err(Problem::bad)
-    });
-    computed.await
 }

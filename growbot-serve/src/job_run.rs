@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use growbot_client::growth::{
-    Beginning, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted, OnParked, Override,
+    Beginning, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted, OnParked,
 };
 use growbot_client::port::time_since_boot;
+use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{HostSilencePolicy, State, Status};
 use growbot_core::robot::Robot;
-use growbot_plan::feedback::assumed_noise;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::growth_report::Outcome;
 use growbot_plan::job::{Command, Job as BoardJob, JobEvent};
@@ -31,18 +31,12 @@ use crate::watch::LiveGrowth;
 impl RobotWorker {
     /// Starts a new job, and follows it until it ends or the connection is lost.
     pub(super) fn start_job(&self, connection: &mut BoardConnection, new: NewJob, reply: Reply) -> LinkState {
-        let NewJob { job, plan, robot, scene, feedback, permit } = new;
+        let NewJob { job, body, permit } = new;
         if !permit.is_valid() {
             return refuse(&reply, RobotRequestError::Voided);
         }
         let commands = self.announce_growth(&job, permit);
-        let request = GrowthRequest {
-            scene: scene.as_ref(),
-            overrides: if job.ignore_scene { &[Override::Scene] } else { &[] },
-            feedback: feedback.then(|| assumed_noise(self.is_simulated().into())),
-            kind: self.is_simulated().into(),
-            ..GrowthRequest::new(&robot, &plan)
-        };
+        let request = body.request(self.is_simulated().into());
         let board_job = request.job();
         let path = self.shared.jobs().log_path(&job.id);
         let log = match request.open_log(&LogTarget::File(path), &board_job, &self.entry.port) {
@@ -236,8 +230,8 @@ impl<'a> RunningJob<'a> {
         mut log: RunLog,
         commands: &Arc<CommandQueue>,
     ) -> Self {
-        let live_growth = LiveGrowth::new(board_job, known, Some(Arc::clone(commands)));
-        live_growth.set_pace(keeper.pace());
+        let robot = RobotStatus { pace: keeper.pace(), ..RobotStatus::default() };
+        let live_growth = LiveGrowth::new(board_job, known, robot);
         let period_s = board_job.robot.description().layer.period_s;
         let forecast = keeper.pace().map(|pace| Forecast { period_s, pace });
         log.set_forecast(forecast);

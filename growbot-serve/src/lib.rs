@@ -8,12 +8,15 @@
 //!   `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends the notices about it. `stopper`
 //!   sends emergency stops, and `stop_file` stores an unconfirmed stop on disk. `job_run` carries out a job on the
 //!   board.
-//! - `job_store` is a database of all [`job`]s that can be rebuilt from their run logs. `job_updates` are the changes of
-//!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
+//! - `job_store` is a database of all [`job`]s that can be rebuilt from their run logs. `job_updates` are the changes
+//!   of the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
 //!   commands.
-//! - [`api`] is the HTTP interface: `job_routes`, `plan_routes`, `command_routes` and `event_stream`s. `handler` has what
-//!   they share, and `openapi` completes its OpenAPI document.
-//! - `page` has the files of the page, and `command_socket` receives its commands.
+//! - [`api`] is the HTTP interface: `live_routes`, `job_routes`, `plan_routes` and `command_routes`. `handler` has what
+//!   they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are the streams of
+//!   events.
+//! - `page_source` is the source of the robots and growths that pages show, and `job_pages` makes the service one.
+//!   `site` serves such a source to clients, after the checks of their requests.
+//! - `page` has the files of the page.
 //! - [`server`] listens on the loopback interface, behind `tokens`, and on a socket of the user. `page_access` checks
 //!   the tokens, and [`page_listener`] takes a socket from the service manager. `access` are the rights of a client,
 //!   `connections` bounds the connections, and `limits` the other resources that clients of each role can use.
@@ -22,7 +25,7 @@
 //! - [`notification`] are notifications for users who do not watch a page. `alert` are the conditions that cause them,
 //!   `notification_queue` stores them, and `notifier` sends them.
 //! - [`client`] is the client of the user's socket.
-//! - [`watch`] is the live page of one growth, which also a program without a service shows.
+//! - [`watch`] is the live page of one growth. A program without a service shows it for its own growth.
 //! - [`settings`] reads the settings files, `growbot.toml`, of which one part is for all commands and the other for the
 //!   service. [`ownership`] finds files and folders that another user can change, and [`settings_paths`] resolves the
 //!   paths of a settings file. [`known_ports`] lists the ports at which robots are, or may be.
@@ -36,12 +39,10 @@ pub mod api;
 mod audit;
 pub mod client;
 mod command_routes;
-mod command_socket;
 pub mod commands;
 pub mod config;
 mod connections;
 mod connector;
-mod event_routes;
 mod event_stream;
 #[cfg(test)]
 mod fake_board;
@@ -51,6 +52,7 @@ mod handler;
 mod history_tests;
 pub mod job;
 mod job_history;
+mod job_pages;
 mod job_routes;
 mod job_run;
 pub mod job_store;
@@ -58,6 +60,7 @@ mod job_updates;
 mod json_body;
 pub mod known_ports;
 mod limits;
+mod live_routes;
 pub mod notification;
 mod notification_queue;
 mod notifier;
@@ -66,6 +69,7 @@ pub mod ownership;
 mod page;
 mod page_access;
 pub mod page_listener;
+mod page_source;
 pub mod page_urls;
 mod paths;
 mod plan_routes;
@@ -85,6 +89,7 @@ mod service;
 mod service_context;
 pub mod settings;
 pub mod settings_paths;
+mod site;
 mod state_lock;
 mod stop_file;
 #[cfg(test)]
@@ -92,6 +97,7 @@ mod stop_model;
 #[cfg(test)]
 mod stop_tests;
 mod stopper;
+mod stream_event;
 mod tokens;
 pub mod watch;
 mod workers;

@@ -1,11 +1,42 @@
-//! Completes the generated OpenAPI document with details of the API that the Rust types do not contain.
+//! The OpenAPI document of an API: generated from the routes, and completed with details that the Rust types do not
+//! contain.
 
-use aide::openapi::OpenApi;
+use aide::axum::ApiRouter;
+use aide::openapi::{Info, OpenApi};
+use aide::transform::TransformOperation;
+use axum::Router;
 use serde_json::{Map, Value, json};
 
-/// Returns the document, completed with the parameters of all paths. Problem details are the only error response of
-/// each operation.
-pub fn complete(document: &OpenApi) -> Value {
+use super::problem::Problem;
+
+/// Returns a function that sets the description of an operation in the OpenAPI document, and problem details as its
+/// default response.
+pub fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+    move |operation| operation.description(words).default_response::<Problem>()
+}
+
+/// Returns the router of an API, and its OpenAPI document with the parameters of all paths. Problem details are the
+/// only error response of each operation.
+pub fn documented<S: Clone + Send + Sync + 'static>(api: ApiRouter<S>) -> (Router<S>, Value) {
+    let mut document = OpenApi {
+        info: Info {
+            title: "growbot serve".to_owned(),
+            description: Some(
+                "Robots, their jobs, and commands to them. Lengths are in mm, angles in degrees, temperatures in C: \
+                 names carry the unit. Requests carry the access token of the URLs that `growbot serve` prints, as \
+                 `Authorization: Bearer TOKEN`; requests on the Unix socket in the user's runtime directory need none."
+                    .to_owned(),
+            ),
+            version: "1".to_owned(),
+            ..Info::default()
+        },
+        ..OpenApi::default()
+    };
+    let router = api.finish_api(&mut document);
+    (router, complete(&document))
+}
+
+fn complete(document: &OpenApi) -> Value {
     let mut document = serde_json::to_value(document).unwrap_or_default();
     let paths = document.get_mut("paths").and_then(Value::as_object_mut);
     for (path, item) in paths.into_iter().flatten() {

@@ -13,6 +13,7 @@ use base64::Engine;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use ring::digest::{SHA256, digest};
 
+use super::access::Access;
 use super::problem::Problem;
 use crate::watch::allowed_origins::AllowedOrigins;
 
@@ -22,7 +23,7 @@ const NAME_BYTES: usize = 6;
 /// A token, with the cookie that contains it and the path of the pages that it opens.
 pub struct TokenAccess {
     token: String,
-    /// First part of the path of these pages in addresses without the token: `control` or `view`.
+    /// First part of the path of these pages in addresses without the token.
     path: &'static str,
     /// Name of the cookie. Browsers send cookies to all ports of a machine, so each token has a name of its own.
     cookie: String,
@@ -30,11 +31,11 @@ pub struct TokenAccess {
 }
 
 impl TokenAccess {
-    /// Creates the access by this token to the pages below `/path/`.
-    pub fn new(token: &str, path: &'static str, origins: &AllowedOrigins) -> Arc<Self> {
+    /// Creates the access by this token to the pages for clients with these rights.
+    pub fn new(token: &str, access: Access, origins: &AllowedOrigins) -> Arc<Self> {
         let hash = digest(&SHA256, token.as_bytes());
         let cookie = format!("growbot-{}", URL_SAFE_NO_PAD.encode(&hash.as_ref()[..NAME_BYTES]));
-        Arc::new(Self { token: token.to_owned(), path, cookie, origins: origins.clone() })
+        Arc::new(Self { token: token.to_owned(), path: access.path(), cookie, origins: origins.clone() })
     }
 
     /// Returns true if the headers of a request contain the token, as a cookie or as a bearer token.
@@ -62,8 +63,8 @@ pub async fn require_token(State(access): State<Arc<TokenAccess>>, request: Requ
     if access.is_in(request.headers()) {
         return next.run(request).await;
     }
-    let detail = "this request has no access token, or the token of an earlier service: open the address that `growbot \
-                  serve` prints, or send the token in that address as `Authorization: Bearer TOKEN`";
+    let detail = "this request has no access token, or the token of an earlier program: open the address that growbot \
+                  prints, or send the token in that address as `Authorization: Bearer TOKEN`";
     Problem::from_status(StatusCode::UNAUTHORIZED, detail).into_response()
 }
 

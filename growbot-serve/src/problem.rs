@@ -67,7 +67,7 @@ impl Problem {
         Self::new(
             StatusCode::FORBIDDEN,
             "read-only",
-            "this URL is read-only: use the control URL that `growbot serve` prints",
+            "this URL is read-only: use the URL for control that growbot prints",
         )
     }
 

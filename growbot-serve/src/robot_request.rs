@@ -4,10 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
+use growbot_client::growth::{GrowthRequest, Override};
 use growbot_client::stop_signal::{Generation, Permit};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
+use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_scene::scene_file::LoadedScene;
 
 use super::job::Job;
@@ -16,15 +19,34 @@ use super::robot_error::RobotRequestError;
 /// Channel on which the response to a request is sent.
 pub(super) type Reply = Sender<Result<(), RobotRequestError>>;
 
+/// A body to grow, with the choices of the client.
+pub struct NewBody {
+    pub plan: Plan,
+    pub robot: Robot,
+    /// Scene with whose obstacles corrections of the path must not collide. `None` without a scene.
+    pub scene: Option<LoadedScene>,
+    /// Checks that the client ignores.
+    pub overrides: Vec<Override>,
+    pub feedback: bool,
+}
+
+impl NewBody {
+    /// Returns the request to grow the body on a robot of this kind.
+    pub fn request(&self, kind: RobotKind) -> GrowthRequest<'_> {
+        GrowthRequest {
+            scene: self.scene.as_ref(),
+            overrides: &self.overrides,
+            feedback: self.feedback.then(|| assumed_noise(kind)),
+            kind,
+            ..GrowthRequest::new(&self.robot, &self.plan)
+        }
+    }
+}
+
 /// A job to start.
 pub struct NewJob {
     pub job: Job,
-    pub plan: Plan,
-    pub robot: Robot,
-    /// Scene with whose obstacles corrections of the path must not collide. `None` if there is none or if it is
-    /// ignored.
-    pub scene: Option<LoadedScene>,
-    pub feedback: bool,
+    pub body: NewBody,
     /// Permit that was issued when the order to grow arrived.
     pub permit: Permit,
 }

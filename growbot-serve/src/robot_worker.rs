@@ -34,7 +34,7 @@ use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
 use crate::watch::LiveGrowth;
-use crate::watch::heartbeat::{STALE_AFTER, status_age_s};
+use crate::watch::heartbeat::status_age_s;
 
 /// Time between two status requests to a board without a job. A request to the robot's thread waits at most this time
 /// before it is handled.
@@ -232,13 +232,12 @@ impl RobotWorker {
                 (None, None) => ConnectionState::Ready,
             },
             connection_error: known.connection_error.as_ref().map(ToString::to_string),
-            status_age_s: age_s,
-            stale: age_s.is_none_or(|age_s| age_s > STALE_AFTER.as_secs_f64()),
             job: known.job.clone(),
             command_error: known.command_error.clone(),
             pending_stop: self.signal.level(),
             ..RobotStatus::default()
         };
+        view.set_age(age_s);
         let now = OffsetDateTime::now_utc();
         if let (Some(board), None) = (&known.board, &known.connection_error) {
             view.set_board(board);
@@ -278,19 +277,26 @@ impl RobotWorker {
         self.lock_state().status.as_ref().is_some_and(|status| status.state == State::Paused)
     }
 
-    /// Queues a command for the active growth. Returns false if no growth is active.
-    pub(super) fn send_command(&self, command: Command, permit: &Permit) -> bool {
+    /// Queues a command for the active growth. Returns an error if no growth is active, or if the active growth does
+    /// not belong to this job.
+    pub(super) fn send_command(
+        &self,
+        command: Command,
+        job: Option<&str>,
+        permit: &Permit,
+    ) -> Result<(), RobotRequestError> {
         {
             // Under the lock, because the queue is dropped when the growth ends or its connection is lost.
             let known = self.lock_state();
-            let Some(commands) = &known.commands else { return false };
-            commands.push_with(command, permit.clone());
+            let commands = known.commands.as_ref().filter(|_| job.is_none() || job == known.job.as_deref());
+            let no_growth = || RobotRequestError::NoGrowth { command: command.name(), robot: self.name.clone() };
+            commands.ok_or_else(no_growth)?.push_with(command, permit.clone());
         }
         if command == Command::Pause {
             // The growth removes it once the board has accepted the pause.
             self.pause_file.set(true);
         }
-        true
+        Ok(())
     }
 
     /// Sends a request to the robot's thread without waiting for the response.

@@ -3,8 +3,6 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
 
-use growbot_client::status::RobotStatus;
-use growbot_client::stop_signal::Permit;
 use tokio::sync::watch;
 
 use super::audit::Audit;
@@ -14,10 +12,8 @@ use super::job_store::{JobStore, JobStoreError};
 use super::notifier::{Notifier, NotifyError};
 use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
-use super::problem::Problem;
 use super::robot_worker::RobotWorker;
 use super::service_context::ServiceContext;
-use crate::watch::heartbeat::OrderAge;
 
 /// The service of this user: its robots with their threads, their jobs, and the state that all connections share.
 pub struct Service {
@@ -37,35 +33,6 @@ pub enum StartError {
     /// The settings of notifications cannot be used.
     #[error(transparent)]
     Notify(#[from] NotifyError),
-}
-
-/// Permits for an order to each robot, issued when the head of an HTTP request arrived. A later stop of a robot voids
-/// its permit, also while the body of the request is still being received.
-#[derive(Debug, Clone)]
-pub struct ArrivalPermits {
-    pub(super) permits: BTreeMap<String, Permit>,
-    /// Result of the check of the order's age when the request arrived.
-    pub(super) age: OrderAge,
-}
-
-impl ArrivalPermits {
-    /// Replaces the result of the check of the order's age.
-    pub(super) fn with_age(self, age: OrderAge) -> Self {
-        Self { age, ..self }
-    }
-
-    /// Returns the permit for this robot without a check of the order's age: for orders that stop, pause or cool down
-    /// the robot.
-    pub(super) fn of(&self, robot: &str) -> Result<&Permit, Problem> {
-        self.permits.get(robot).ok_or_else(|| Problem::not_found("robot", robot))
-    }
-
-    /// Returns the permit for this robot, or an error if the order is too old: for all orders that do not stop, pause
-    /// or cool down the robot.
-    pub(super) fn recent(&self, robot: &str) -> Result<&Permit, Problem> {
-        self.age.check().map_err(Problem::conflict)?;
-        self.of(robot)
-    }
 }
 
 impl Service {
@@ -102,17 +69,6 @@ impl Service {
     /// Returns the paths of the service's files.
     pub fn places(&self) -> &ServicePaths {
         &self.places
-    }
-
-    /// Returns the status of all robots, sorted by the names of the robots.
-    pub fn robots(&self) -> Vec<RobotStatus> {
-        self.robots.values().map(|robot| robot.status()).collect()
-    }
-
-    /// Returns a permit for each robot, for a command that arrives now.
-    pub(super) fn permits(&self) -> ArrivalPermits {
-        let permits = self.robots.iter().map(|(name, robot)| (name.clone(), robot.signal().permit())).collect();
-        ArrivalPermits { permits, age: OrderAge::default() }
     }
 
     pub(super) fn robot(&self, name: &str) -> Option<&Arc<RobotWorker>> {

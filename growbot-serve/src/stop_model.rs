@@ -30,13 +30,15 @@ use super::job_store::JobStore;
 use super::json_body::JsonBody;
 use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
+use super::page_source::PageSource as _;
 use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
-use super::robot_request::{Claim, NewJob, RobotRequest};
+use super::robot_request::{Claim, NewBody, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::Service;
 use super::service_context::ServiceContext;
+use crate::watch::heartbeat::OrderAge;
 
 /// Number of test cases that run at the same time.
 const PARALLEL: usize = 96;
@@ -395,7 +397,8 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
         reason: None,
     };
     let permit = worker.signal().permit();
-    let new = NewJob { job, plan, robot, scene: None, feedback: false, permit: permit.clone() };
+    let body = NewBody { plan, robot, scene: None, overrides: Vec::new(), feedback: false };
+    let new = NewJob { job, body, permit: permit.clone() };
     thread::scope(|scope| {
         // The preparation needs the list of jobs, which this test holds.
         let jobs = service.shared.jobs();
@@ -463,7 +466,7 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
         let _begins = worker.lock_job_start();
         let mut order = Box::pin(new_job(
             State(Arc::clone(&service)),
-            Extension(service.permits()),
+            Extension(service.permits(OrderAge::default())),
             Extension(RoleLimits::new(Access::Control(CommandSource::Socket))),
             Path("lab".to_owned()),
             HeaderMap::new(),

@@ -12,7 +12,6 @@ use std::path::Path;
 use rustix::net::sockopt::socket_cookie;
 
 use super::secret_file::write_secret;
-use crate::watch::random_token;
 
 /// File with the random identifier that the kernel gives to each start of the machine.
 const BOOT_ID: &str = "/proc/sys/kernel/random/boot_id";
@@ -58,8 +57,14 @@ fn socket_identity(socket: impl AsFd) -> io::Result<String> {
     Ok(format!("socket {} of boot {}", socket_cookie(socket)?, boot.trim()))
 }
 
-fn new_token() -> io::Result<String> {
-    random_token().map_err(io::Error::other)
+/// Returns 128 random bits as 32 hexadecimal digits.
+///
+/// # Errors
+/// The system has no random numbers.
+pub fn new_token() -> io::Result<String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(io::Error::other)?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
 }
 
 #[cfg(test)]

@@ -21,7 +21,7 @@ TEXTS = 1
 TEXTS_OF_SERVICE = 0
 # Texts with options or commands: those of the service, of pages and files that state the command that made them, and
 # of other programs. This number may only fall.
-OPTIONS = 12
+OPTIONS = 10
 
 CRATES = ("core", "scene", "plan", "client", "sim", "pictures", "serve", "paper", "host")
 TEXT = r"(?:String|&(?:'static )?str|Box<dyn [\w:]*Error\b[^;{]*?>|anyhow::Error|Cow<'static, str>)"

@@ -18,6 +18,7 @@ import { join, resolve } from "node:path";
 import { createInterface } from "node:readline";
 import { chromium } from "playwright-core";
 import { environment } from "./environment.js";
+import { watchRequests } from "./service.js";
 
 const growbot = resolve(process.argv[2]);
 const TIMEOUT_MS = 600_000;
@@ -47,18 +48,18 @@ async function grow(...args) {
   throw new Error(`growbot ended with ${await ended} and printed no address`);
 }
 
-/** Opens the page. With `update`, the page gets this update instead of growbot's. */
-async function open(browser, address, update) {
+/**
+ * Opens the page below the path of its rights, `view` or `control`. With `update`, the page gets this update instead of
+ * growbot's.
+ */
+async function open(browser, address, path, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
   const message = JSON.stringify({ event: "update", data: update });
   if (update) await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
   page.setDefaultTimeout(TIMEOUT_MS);
   page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));
-  page.on("request", (request) => {
-    const url = request.url();
-    if (!url.startsWith(address) && !url.startsWith("data:")) errors.push(`requested ${url}`);
-  });
+  watchRequests(page, address, path, errors);
   await page.goto(address);
   await page.waitForSelector(".stage[data-drawn]");
   return page;
@@ -76,12 +77,12 @@ const browser = await chromium.launch({
 });
 try {
   const watched = await grow("--pace", "100");
-  const readOnly = await open(browser, watched.address);
+  const readOnly = await open(browser, watched.address, "view");
   await waitForState(readOnly, "growing");
   assert.ok(await readOnly.isHidden("#commands"), "a read-only page has command buttons");
 
   const controlled = await grow("--control", "--pace", "60");
-  const page = await open(browser, controlled.address);
+  const page = await open(browser, controlled.address, "control");
   await waitForState(page, "growing");
   await waitForLayers(page, 5);
   assert.match(await page.textContent("#remaining"), /left, done at (tomorrow )?\d\d:\d\d$/);
@@ -97,13 +98,13 @@ try {
   await waitForLayers(page, pausedAt + 3);
   if (process.env.PICTURES) await page.screenshot({ path: `${process.env.PICTURES}/live.png` });
   // A page that is opened later shows everything too.
-  const second = await open(browser, controlled.address);
+  const second = await open(browser, controlled.address, "control");
   await waitForLayers(second, pausedAt + 3);
   await second.waitForFunction((min) => Number(document.querySelector("#slider").max) >= min, pausedAt + 3);
   await second.close();
   // A board that was stopped because of its clock, as reported at the end.
   const drift = { message: "the board's clock is 5.0 % slow (limit 2 %)", remedy: "check the board's crystal" };
-  const drifted = await open(browser, controlled.address, {
+  const drifted = await open(browser, controlled.address, "control", {
     state: "stopped",
     board_responding: true,
     total_layers: 10,

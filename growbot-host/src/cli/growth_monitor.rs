@@ -90,9 +90,6 @@ impl GrowthMonitor<'_> {
         let period_s = self.request.robot.description().layer.period_s;
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
         self.log.set_forecast(forecast);
-        if let Some(watch) = &self.watch {
-            watch.set_pace(self.pace);
-        }
         let mut show = GrowthProgress::new(self.request.plan.requirements.layers, self.laid as u64, forecast);
         let mut logging = LogHealth::default();
         let grown = self.request.run(job, board, &mut |event| {
@@ -104,7 +101,7 @@ impl GrowthMonitor<'_> {
                 }
             }
             if let Some(watch) = &self.watch {
-                watch.ingest(event);
+                watch.growth().ingest(event);
             }
             let written = self.log.record(event);
             logging.update(written, self.log.missing_lines(), self.watch.as_ref(), |words| show.warn(words));
@@ -262,7 +259,7 @@ impl LogHealth {
         let Some(words) = words else { return };
         say(&words);
         if let Some(watch) = watch {
-            watch.set_warning(self.fails.then_some(words));
+            watch.growth().set_warning(self.fails.then_some(words));
         }
     }
 }

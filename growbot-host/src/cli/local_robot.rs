@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget};
+use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
 use growbot_pictures::duration::duration_text;
@@ -46,6 +47,40 @@ impl LocalRobot<'_> {
             self.port.kind().prefix(),
             self.port.text()
         ))
+    }
+
+    /// Runs a growth on the connected board, shows it, and prints its result. `laid` is the number of layers that were
+    /// laid before.
+    fn run(&self, growth: NewGrowth, connection: Connection, laid: usize) -> Result<(), Failure> {
+        let NewGrowth { request, opened, name, log, silence, watching, print, .. } = growth;
+        let Connection { mut client, mut simulation } = connection;
+        let orders = stop_on_interrupt(&mut client, self.port);
+        let job = request.job();
+        let (known, truth) = match request.beginning {
+            Beginning::FirstLayer => (Vec::new(), ground_truth(&mut simulation)),
+            Beginning::Resume { record, .. } => (record.map(RecordedRun::known_layers).unwrap_or_default(), None),
+        };
+        let (kind, pace) = (self.port.kind(), self.port.pace(watching.pace(self.port.name())?));
+        let status = RobotStatus {
+            port: self.port.text().to_owned(),
+            simulated: kind.is_simulated(),
+            pace,
+            ..RobotStatus::default()
+        };
+        let name = format!("{name}{}", kind.suffix());
+        let watch = watching.begin(&opened.subject(&name), &job, &known, status, &orders)?;
+        let following = GrowthMonitor {
+            request,
+            log: request.open_log(&log, &job, self.port.text())?,
+            watch,
+            print,
+            laid,
+            pace,
+            keyboard: TerminalCommands::of_terminal(&orders),
+            page_controls: watching.can_control(),
+        };
+        let parked = following.when_parked();
+        following.follow(&job, GrowthBoard { client: &mut client, truth, commands: &orders, silence, parked })
     }
 }
 
@@ -120,38 +155,15 @@ impl RobotHandle for LocalRobot<'_> {
     }
 
     fn grow(&self, growth: NewGrowth) -> Result<(), Failure> {
-        let NewGrowth { request, opened, name, log, silence, watching, print, .. } = growth;
-        let GrowthRequest { robot, plan, imperfection, .. } = request;
-        let pace = watching.pace(self.port.name())?;
+        let GrowthRequest { robot, plan, imperfection, .. } = growth.request;
+        let pace = growth.watching.pace(self.port.name())?;
         if matches!(self.port.name(), PortName::Emulator(_)) {
             let time = duration_text(plan.requirements.duration);
             growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
         }
         let settings = TipSettings { start: Some(plan.start), imperfection, pace };
-        let Connection { mut client, mut simulation } = self.port.connect(robot, &settings)?;
-        let orders = stop_on_interrupt(&mut client, self.port);
-        let job = request.job();
-        let name = format!("{name}{}", self.port.kind().suffix());
-        let watch = watching.begin(&opened.subject(&name), &job, &[], &orders)?;
-        let log = request.open_log(&log, &job, self.port.text())?;
-        let following = GrowthMonitor {
-            request,
-            log,
-            watch,
-            print,
-            laid: 0,
-            pace: self.port.pace(pace),
-            keyboard: TerminalCommands::of_terminal(&orders),
-            page_controls: watching.can_control(),
-        };
-        let board = GrowthBoard {
-            client: &mut client,
-            truth: ground_truth(&mut simulation),
-            commands: &orders,
-            silence,
-            parked: following.when_parked(),
-        };
-        following.follow(&job, board)
+        let connection = self.port.connect(robot, &settings)?;
+        self.run(growth, connection, 0)
     }
 
     fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure> {
@@ -174,8 +186,8 @@ impl RobotHandle for LocalRobot<'_> {
         }
         let BodyInput { robot, plan, .. } = &opened;
         let pace = watching.pace(self.port.name())?;
-        let mut client = self.port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?.client;
-        let board = client.identify()?;
+        let mut connection = self.port.connect(robot, &TipSettings { pace, ..TipSettings::default() })?;
+        let board = connection.client.identify()?;
         Client::check_robot(&board, robot)?;
         if let Some(record) = &mut record {
             record.sync_to_board(board.status.plan_id);
@@ -186,39 +198,24 @@ impl RobotHandle for LocalRobot<'_> {
             kind: self.port.kind(),
             ..GrowthRequest::new(robot, plan)
         };
-        let job = request.job();
-        show(&board, job.plan_id, self.port)?;
+        show(&board, request.job().plan_id, self.port)?;
         if !is_confirmed {
             ask(&board)?;
         }
-        let target = if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled };
-        let log = request.open_log(&target, &job, self.port.text())?;
-        let orders = stop_on_interrupt(&mut client, self.port);
-        let name = file.file_name().unwrap_or_default().to_string_lossy();
-        let name = format!("{name}{}", self.port.kind().suffix());
-        let known = record.as_ref().map_or_else(Vec::new, RecordedRun::known_layers);
-        let watch = watching.begin(&opened.subject(&name), &job, &known, &orders)?;
         if record.as_ref().is_some_and(|record| record.feedback.is_some()) {
             growbot_host::note!("with feedback, as it was started");
         }
-        let following = GrowthMonitor {
+        let growth = NewGrowth {
             request,
-            log,
-            watch,
-            print,
-            laid: board.status.layers_laid as usize,
-            pace: self.port.pace(pace),
-            keyboard: TerminalCommands::of_terminal(&orders),
-            page_controls: watching.can_control(),
-        };
-        let board = GrowthBoard {
-            client: &mut client,
-            truth: None,
-            commands: &orders,
+            opened: &opened,
+            name: file.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            scene_path: None,
+            log: if record.is_some() { LogTarget::File(file.clone()) } else { LogTarget::Disabled },
             silence,
-            parked: following.when_parked(),
+            watching,
+            print,
         };
-        following.follow(&job, board)
+        self.run(growth, connection, board.status.layers_laid as usize)
     }
 
     fn lease(self: Box<Self>, _: &str) -> Result<Option<PortLeaseGuard>, Failure> {

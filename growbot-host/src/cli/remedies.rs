@@ -157,8 +157,8 @@ fn of_input(error: &InputError) -> &'static str {
 
 fn of_live_page(error: &WatchError) -> &'static str {
     match error {
-        WatchError::Address { .. } => ": choose another port with --watch-port, or remove --watch",
-        WatchError::Random(_) | WatchError::Server(_) => ": remove --watch",
+        WatchError::Listen(_) => " with --watch-port, or remove --watch",
+        WatchError::Server(_) => ": remove --watch",
         WatchError::View(_) => "",
     }
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use clap::Args;
 use growbot_client::growth::CommandQueue;
+use growbot_client::status::RobotStatus;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_pictures::view::Subject;
 use growbot_pictures::view::page::PageAccess;
@@ -67,19 +68,21 @@ impl WatchArgs {
         Ok(self.watch.then_some(if self.control { PageAccess::Control } else { PageAccess::View }))
     }
 
-    /// Starts to serve the page, and prints its address. `None` if no page is requested.
+    /// Starts to serve the page, and prints its address. `None` if no page is requested. `robot` has the port, the kind
+    /// and the pace of the robot.
     pub fn begin(
         &self,
         subject: &Subject,
         job: &Job,
         known: &[Option<LayerBytes>],
+        robot: RobotStatus,
         orders: &Arc<CommandQueue>,
     ) -> Result<Option<WatchPage>, Failure> {
         if !self.watch {
             return Ok(None);
         }
         let orders = self.control.then(|| Arc::clone(orders));
-        let watch = WatchPage::start(subject, job, known, orders, self.watch_port.unwrap_or(0))?;
+        let watch = WatchPage::start(subject, job, known, robot, orders, self.watch_port.unwrap_or(0))?;
         growbot_host::note!("live view: {}", watch.address());
         Ok(Some(watch))
     }

@@ -1,12 +1,19 @@
 //! Tracks the state of a growth, and computes the part that a page has not yet received.
 
+use std::time::Duration;
+
+use growbot_client::port::time_since_boot;
+use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
-use growbot_core::link::message::{Fault, PauseCause, State, Status, celsius};
+use growbot_core::link::message::{State, Status, celsius};
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::run_clock::RunClock;
 use growbot_plan::run_log::{BodyKind, GrowthResult, hex_of};
 use serde::Serialize;
+use time::OffsetDateTime;
+
+use super::heartbeat::status_age_s;
 
 /// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
 const MAX_READINGS: usize = 4096;
@@ -14,8 +21,10 @@ const MAX_READINGS: usize = 4096;
 /// State of a growth as live pages show it.
 pub struct GrowthTracker {
     period_s: f64,
-    /// Pace of the robot's clock, in multiples of real time. `None` if it is not known.
-    pace: Option<f64>,
+    /// Status of the robot.
+    robot: RobotStatus,
+    /// Time of the board's latest report, since the start of this computer. `None` before the first report.
+    reported: Option<Duration>,
     /// Layers of the job as commanded, as far as the host knows them.
     commanded: Vec<LayerBytes>,
     /// Number of layers of the job.
@@ -25,16 +34,10 @@ pub struct GrowthTracker {
     replaced: Option<LayerReplacement>,
     /// Laid layers as built. A layer without an as-built report of the board is as commanded.
     built: Vec<LayerBytes>,
-    state: &'static str,
-    fault: Option<Fault>,
-    pause_cause: PauseCause,
     readings: Vec<TemperaturePoint>,
     /// Number of times that every second reading was dropped.
     thinned: u32,
     clock: RunClock,
-    answers: bool,
-    /// Reason why the board rejected the latest command. `None` otherwise.
-    refused: Option<String>,
     /// Problem with this program's own files. `None` without a problem.
     warned: Option<String>,
     /// Number of layers at the beginning of `built` that are stored as a simulated tip has actually laid them.
@@ -64,11 +67,11 @@ struct TemperaturePoint(f64, f64, Option<f64>);
 #[derive(Debug, Serialize)]
 pub struct Update<'a> {
     /// Name of the board's state.
-    state: &'static str,
+    state: &'a str,
     /// True if the board responds.
     board_responding: bool,
     /// Explanation of the state or the fault for users. `None` if the name of the state is clear enough.
-    explanation: Option<&'static str>,
+    explanation: Option<&'a str>,
     /// Reason why the board rejected the latest command. `None` otherwise.
     command_error: Option<&'a str>,
     /// Problem with this program's own files. `None` without a problem.
@@ -116,23 +119,19 @@ pub struct UpdateCursor {
 
 impl GrowthTracker {
     /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers, which are
-    /// already built.
-    pub fn new(job: &Job, known: &[Option<LayerBytes>]) -> Self {
+    /// already built. `robot` is the part of the robot's status that its board does not report.
+    pub fn new(job: &Job, known: &[Option<LayerBytes>], robot: RobotStatus) -> Self {
         Self {
             period_s: job.robot.description().layer.period_s,
-            pace: None,
+            robot: RobotStatus { connection: ConnectionState::Busy, ..robot },
+            reported: None,
             commanded: job.layers.clone(),
             total: job.layers.len(),
             replaced: None,
             built: known.iter().zip(&job.layers).map(|(built, commanded)| built.unwrap_or(*commanded)).collect(),
-            state: "starting",
-            fault: None,
-            pause_cause: PauseCause::default(),
             readings: Vec::new(),
             thinned: 0,
             clock: RunClock::default(),
-            answers: true,
-            refused: None,
             warned: None,
             simulated: 0,
             rounding: LayerEncoder::default(),
@@ -142,8 +141,14 @@ impl GrowthTracker {
 
     /// Updates the state with an event of the growth.
     pub fn ingest(&mut self, event: &JobEvent) {
+        if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
+            self.reported = Some(time_since_boot());
+        }
         match event {
-            JobEvent::Board(hello) => self.record_status(&hello.status),
+            JobEvent::Board(board) => {
+                self.robot.set_board(board);
+                self.record_status(&board.status);
+            }
             JobEvent::State(state) => self.record_state(*state),
             JobEvent::Status(status) => self.record_status(status),
             JobEvent::Laid { index, as_built, .. } => self.record_layer(*index as usize, *as_built),
@@ -161,24 +166,21 @@ impl GrowthTracker {
                 }
             }
             JobEvent::LayersSent { from, layers } => self.replace(*from, layers),
-            JobEvent::CommandFailed(why) => self.refused = Some(why.clone()),
-            JobEvent::Command(_) => self.refused = None,
-            JobEvent::NoResponse => self.answers = false,
-            JobEvent::Reconnected => self.answers = true,
+            JobEvent::CommandFailed(why) => self.robot.command_error = Some(why.clone()),
+            JobEvent::Command(_) => self.robot.command_error = None,
+            JobEvent::NoResponse => self.robot.connection = ConnectionState::Disconnected,
+            JobEvent::Reconnected => self.robot.connection = ConnectionState::Busy,
             JobEvent::Simulated { from, layers } => self.record_simulated_layers(*from as usize, layers),
-            JobEvent::ClearanceViolation(too_near) => self.refused = Some(too_near.to_string()),
+            JobEvent::ClearanceViolation(too_near) => self.robot.command_error = Some(too_near.to_string()),
             JobEvent::EncoderReference(_) | JobEvent::Crash(_) | JobEvent::Detour(_) => {}
         }
     }
 
-    /// Sets the pace of the robot's clock, in multiples of real time. `None` if it is not known.
-    pub fn set_pace(&mut self, pace: Option<f64>) {
-        self.pace = pace;
-    }
-
-    /// Returns the pace of the robot's clock, in multiples of real time. `None` if it is not known.
-    pub fn pace(&self) -> Option<f64> {
-        self.pace
+    /// Returns the status of the robot.
+    pub fn status(&self) -> RobotStatus {
+        let mut robot = self.robot.clone();
+        robot.set_age(self.reported.map(|reported| status_age_s(reported, robot.pace)));
+        robot
     }
 
     /// Sets or clears the problem with this program's own files.
@@ -203,17 +205,16 @@ impl GrowthTracker {
         }
         let layers = self.built.get(seen.layers..).unwrap_or_default();
         let readings = self.readings.get(seen.readings..).unwrap_or_default();
-        let left_s = self.total.saturating_sub(self.built.len()) as f64 * self.period_s;
         let update = Update {
-            state: self.state,
-            board_responding: self.answers,
+            state: self.robot.state.as_deref().unwrap_or("starting"),
+            board_responding: self.robot.connection != ConnectionState::Disconnected,
             explanation: self.explanation(),
-            command_error: self.refused.as_deref(),
+            command_error: self.robot.command_error.as_deref(),
             warning: self.warned.as_deref(),
             built_name: (self.simulated > 0).then(|| BodyKind::Laid.title()),
             total_layers: self.total,
-            remaining_s: left_s,
-            finish_in_s: self.pace.filter(|_| self.state == State::Growing.name()).map(|pace| left_s / pace),
+            remaining_s: self.remaining_s(),
+            finish_in_s: self.finish_in_s(),
             layers: LayersUpdate { from: seen.layers, built: hex_of(layers) },
             readings: NewReadings { from: seen.readings, taken: readings },
             result: self.ended.as_ref(),
@@ -224,28 +225,40 @@ impl GrowthTracker {
     }
 
     /// Returns an explanation of the state or the fault for users. `None` if the name of the state is clear enough.
-    fn explanation(&self) -> Option<&'static str> {
-        match (self.fault, self.state, self.pause_cause) {
-            (Some(fault), ..) => Some(fault.explanation()),
-            (None, "paused", cause) => Some(cause.explanation()),
-            (None, "parked", _) => {
-                Some("the heater was switched off after a long pause: Continue heats and homes first")
-            }
-            (None, "emergency-stop", _) => Some("the robot stays off until the emergency stop is cleared"),
-            (None, ..) => None,
+    fn explanation(&self) -> Option<&str> {
+        match self.robot.state.as_deref() {
+            _ if self.robot.fault.is_some() => self.robot.fault_explanation.as_deref(),
+            Some("paused") => self.robot.pause_explanation.as_deref(),
+            Some("parked") => Some("the heater was switched off after a long pause: Continue heats and homes first"),
+            Some("emergency-stop") => Some("the robot stays off until the emergency stop is cleared"),
+            _ => None,
         }
+    }
+
+    /// Returns the time on the robot's clock that the remaining layers take, s.
+    fn remaining_s(&self) -> f64 {
+        self.total.saturating_sub(self.built.len()) as f64 * self.period_s
+    }
+
+    /// Returns the real time until the last layer, s. `None` unless the robot grows at a known pace.
+    fn finish_in_s(&self) -> Option<f64> {
+        let is_growing = self.robot.state.as_deref() == Some(State::Growing.name());
+        self.robot.pace.filter(|_| is_growing).map(|pace| self.remaining_s() / pace)
     }
 
     /// Handles a change of the board's state. A pause or a fault is not shown yet, because its cause is only in the
     /// board's next status.
     fn record_state(&mut self, state: State) {
         if !matches!(state, State::Paused | State::Fault) {
-            (self.state, self.fault) = (state.name(), None);
+            self.robot.set_state(state);
         }
     }
 
     fn record_status(&mut self, status: &Status) {
-        (self.state, self.fault, self.pause_cause) = (status.state.name(), status.fault, status.pause_cause);
+        self.robot.set_status(status);
+        let utc = OffsetDateTime::now_utc();
+        let left = self.finish_in_s().and_then(time::Duration::checked_seconds_f64);
+        self.robot.set_finish(left.and_then(|left| utc.checked_add(left)), utc);
         self.clock.set_uptime(status.uptime_ms);
         let now = self.clock.now() as f64 / 1000.0;
         if let Some(temperature) = status.temperature_centi_c {
@@ -266,6 +279,7 @@ impl GrowthTracker {
         if index < self.built.len() {
             return;
         }
+        self.robot.laid = u32::try_from(index + 1).unwrap_or(u32::MAX);
         self.built.extend_from_slice(self.commanded.get(self.built.len()..index).unwrap_or_default());
         self.built.extend(as_built.or_else(|| self.commanded.get(index).copied()));
     }
@@ -290,6 +304,7 @@ impl GrowthTracker {
 
 #[cfg(test)]
 mod tests {
+    use growbot_core::link::message::{Fault, PauseCause};
     use growbot_core::path::{Segment, end};
     use growbot_core::pose::Pose;
     use growbot_plan::job::Amendment;
@@ -307,7 +322,7 @@ mod tests {
         let path = [Segment::Straight { length: 7.0 }];
         let start = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
         let goal = Pose::from_frame(&end(&path, &start.frame()));
-        GrowthTracker::new(&Job::new(&robot, &start, &goal, &path), known)
+        GrowthTracker::new(&Job::new(&robot, &start, &goal, &path), known, RobotStatus::default())
     }
 
     fn status(uptime_ms: u64) -> JobEvent {
@@ -358,7 +373,7 @@ mod tests {
         let finish = |watched: &GrowthTracker| update_of(watched, &mut UpdateCursor::default())["finish_in_s"].clone();
         watched.ingest(&status(0));
         assert_eq!(finish(&watched), Value::Null, "the pace is not known");
-        watched.set_pace(Some(60.0));
+        watched.robot.pace = Some(60.0);
         assert_eq!(finish(&watched), json!(left_s / 60.0));
         watched.ingest(&JobEvent::State(State::Parked));
         assert_eq!(finish(&watched), Value::Null, "it waits");

@@ -9,11 +9,8 @@ use std::time::Duration;
 use axum::http::HeaderMap;
 use growbot_client::port::time_since_boot;
 use serde::Serialize;
+use serde_json::json;
 
-/// Interval between two heartbeats of a stream.
-pub const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(2);
-/// Age of the board's latest status beyond which the status is shown as stale.
-pub const STALE_AFTER: Duration = Duration::from_secs(5);
 /// Maximum age of an order that does not stop or pause the robot.
 const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
 /// Maximum time by which an order may seem to come from the future, because two clocks do not run at the same speed.
@@ -21,43 +18,11 @@ const MAX_AHEAD: Duration = Duration::from_secs(1);
 /// Name of the HTTP header with the time at which an order was given, ms since the start of the service's machine.
 const HEADER: &str = "growbot-order-time";
 
-/// A heartbeat. `T` is the type of the status age: one number on the page of a growth, and a map of robot names to
+/// Returns the content of a heartbeat, a line of JSON: the time of this machine, ms since its start, and the time since
+/// the board's latest status, s. The latter is one number or null on the page of a growth, and a map of robot names to
 /// numbers on the page of all robots.
-#[derive(Debug, Serialize)]
-pub struct Heartbeat<T> {
-    /// Time of this machine, ms since its start.
-    time_ms: u64,
-    /// Time since the board's latest status, s. Null if there is none.
-    status_age_s: T,
-}
-
-impl<T: Serialize> Heartbeat<T> {
-    /// Returns a heartbeat as a line of JSON.
-    pub fn json(status_age_s: T) -> String {
-        let time_ms = time_since_boot().as_millis().try_into().unwrap_or(u64::MAX);
-        serde_json::to_string(&Self { time_ms, status_age_s }).unwrap_or_default()
-    }
-}
-
-/// Timer of the heartbeats of a stream: the time at which the next heartbeat is due. `None` if it is due at once.
-#[derive(Debug)]
-pub struct HeartbeatTimer(Option<tokio::time::Instant>);
-
-impl HeartbeatTimer {
-    /// Creates the timer of a stream whose first heartbeat is due at once.
-    pub fn new() -> Self {
-        Self(None)
-    }
-
-    /// Returns the time until the next heartbeat.
-    pub fn remaining(&self) -> Duration {
-        self.0.map_or(Duration::ZERO, |due| due.saturating_duration_since(tokio::time::Instant::now()))
-    }
-
-    /// Sets the next heartbeat to be due after one [`HEARTBEAT_INTERVAL`].
-    pub fn restart(&mut self) {
-        self.0 = Some(tokio::time::Instant::now() + HEARTBEAT_INTERVAL);
-    }
+pub fn heartbeat(status_age_s: impl Serialize) -> String {
+    json!({ "time_ms": time_since_boot().as_millis() as u64, "status_age_s": status_age_s }).to_string()
 }
 
 /// Returns the age of a status that was received at this time since the machine's start, s. For a simulated robot that

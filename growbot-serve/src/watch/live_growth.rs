@@ -1,63 +1,59 @@
-//! The state of an active growth, which the live pages and the thread that follows the growth share.
+//! The state of an active growth, which the live pages and the thread that follows the growth share, and the streams of
+//! events that send the state to the pages.
 
+use std::ops::ControlFlow::{Break, Continue};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use growbot_client::growth::CommandQueue;
-use growbot_client::port::time_since_boot;
+use futures_util::stream::Stream;
+use growbot_client::status::RobotStatus;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::run_log::GrowthResult;
+use growbot_plan::sanitize::json_line;
 use tokio::sync::watch;
 
-use super::growth_tracker::GrowthTracker;
-use super::heartbeat;
+use super::growth_tracker::{GrowthTracker, UpdateCursor};
+use crate::stream_event::{StreamEvent, state_events};
+
+/// Minimum time between two updates of a page.
+const BETWEEN_UPDATES: Duration = Duration::from_millis(200);
 
 /// State of an active growth, which the live pages and the thread that follows the growth share.
 pub struct LiveGrowth {
-    /// Queue of commands to the growth. `None` if the pages are read-only.
-    pub(super) orders: Option<Arc<CommandQueue>>,
     watched: Mutex<GrowthTracker>,
-    /// Time of the board's latest report, since the start of this computer. `None` before the first report.
-    reported: Mutex<Option<Duration>>,
     /// Counter of changes of the growth. The stream of each open page waits until the counter changes.
-    pub(super) changes: watch::Sender<u64>,
-    pub(super) is_left: AtomicBool,
+    changes: watch::Sender<u64>,
+    is_left: AtomicBool,
 }
 
 impl LiveGrowth {
-    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers. Pages can send
-    /// commands only if `orders`, the queue of commands, is given.
-    pub fn new(job: &Job, known: &[Option<LayerBytes>], orders: Option<Arc<CommandQueue>>) -> Arc<Self> {
-        let watched = Mutex::new(GrowthTracker::new(job, known));
-        let reported = Mutex::default();
-        Arc::new(Self { orders, watched, reported, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
+    /// Creates the state of a growth that is about to start, or to be resumed after the `known` layers. `robot` is the
+    /// part of the robot's status that its board does not report.
+    pub fn new(job: &Job, known: &[Option<LayerBytes>], robot: RobotStatus) -> Arc<Self> {
+        let watched = Mutex::new(GrowthTracker::new(job, known, robot));
+        Arc::new(Self { watched, changes: watch::Sender::new(0), is_left: AtomicBool::new(false) })
     }
 
-    pub(super) fn watched(&self) -> MutexGuard<'_, GrowthTracker> {
+    fn watched(&self) -> MutexGuard<'_, GrowthTracker> {
         self.watched.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Sets the pace of the robot's clock, in multiples of real time, from which the expected end of the growth is
-    /// computed. `None` if the pace is not known.
-    pub fn set_pace(&self, pace: Option<f64>) {
-        self.watched().set_pace(pace);
     }
 
     /// Updates the state of the growth with an event, and sends the change to the pages.
     pub fn ingest(&self, event: &JobEvent) {
-        if matches!(event, JobEvent::Board(_) | JobEvent::Status(_) | JobEvent::State(_) | JobEvent::Laid { .. }) {
-            *self.reported.lock().unwrap_or_else(PoisonError::into_inner) = Some(time_since_boot());
-        }
         self.watched().ingest(event);
         self.signal_change();
     }
 
-    /// Returns the time since the board's latest report, s. `None` before the first report.
-    pub(super) fn status_age_s(&self) -> Option<f64> {
-        let reported = *self.reported.lock().unwrap_or_else(PoisonError::into_inner);
-        Some(heartbeat::status_age_s(reported?, self.watched().pace()))
+    /// Returns the status of the robot.
+    pub fn status(&self) -> RobotStatus {
+        self.watched().status()
+    }
+
+    /// Returns a receiver of the counter of changes of the growth.
+    pub fn changes(&self) -> watch::Receiver<u64> {
+        self.changes.subscribe()
     }
 
     /// Shows a problem with this program's own files on the pages, or clears it.
@@ -81,5 +77,28 @@ impl LiveGrowth {
 
     fn signal_change(&self) {
         self.changes.send_modify(|changes| *changes += 1);
+    }
+
+    /// Returns true if a page has not received the result yet. Each of its streams holds the growth.
+    pub(super) fn is_followed(self: &Arc<Self>) -> bool {
+        Arc::strong_count(self) > 1
+    }
+
+    /// Returns the stream of events for a page that shows this growth: updates and heartbeats. It begins with an
+    /// update, and ends after the result of the growth or when the growth is superseded.
+    pub fn updates(self: Arc<Self>) -> impl Stream<Item = StreamEvent> + Send {
+        let (mut seen, mut sent) = (UpdateCursor::default(), String::new());
+        state_events(self.changes(), BETWEEN_UPDATES, move |is_heartbeat_due| {
+            if seen.ended || self.is_left.load(Ordering::Acquire) {
+                return Break(());
+            }
+            if is_heartbeat_due && !sent.is_empty() {
+                return Continue(Some(StreamEvent::heartbeat(self.status().status_age_s)));
+            }
+            let update = json_line(&self.watched().update_for(&mut seen));
+            let is_new = update != sent;
+            sent = update;
+            Continue(is_new.then(|| StreamEvent::new("update", &sent)))
+        })
     }
 }

@@ -25,11 +25,6 @@ const HEADERS: [(&str, &str); 5] = [
     ("cross-origin-resource-policy", "same-origin"),
 ];
 
-/// Handles a request if it comes from a page of the loopback interface. Otherwise responds as for an unknown path.
-pub async fn require_same_origin(request: Request, next: Next) -> Response {
-    require_allowed_origin(State(AllowedOrigins::default()), request, next).await
-}
-
 /// Handles a request if it comes from a page of the loopback interface, or from a page that one of these proxies shows.
 /// Otherwise responds as for an unknown path.
 pub async fn require_allowed_origin(State(proxies): State<AllowedOrigins>, request: Request, next: Next) -> Response {

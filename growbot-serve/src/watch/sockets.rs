@@ -1,14 +1,18 @@
-//! WebSockets of a live page: one for updates, one for commands. Browsers do not count WebSockets among their few
-//! connections to a host, so updates and commands do not wait for other requests.
+//! Streams of events and WebSockets of pages: for events, and for commands. Browsers do not count WebSockets among
+//! their few connections to a host, so events and commands do not wait for other requests.
 
+use std::convert::Infallible;
 use std::future::Future;
 use std::pin::pin;
 use std::time::Duration;
 
 use axum::body::{Bytes, to_bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
+use axum::extract::{Extension, FromRequestParts};
 use axum::http::StatusCode;
-use axum::response::Response;
+use axum::http::request::Parts;
+use axum::response::sse::{KeepAlive, Sse};
+use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -16,6 +20,10 @@ use tokio::sync::mpsc;
 use tokio::time::{sleep, timeout};
 
 use super::heartbeat::OrderAge;
+use crate::access::{Access, require_control};
+use crate::limits::StreamPermit;
+use crate::problem::Problem;
+use crate::stream_event::StreamEvent;
 
 /// Maximum length of a client's message on a WebSocket, bytes.
 const MAX_MESSAGE: usize = 4096;
@@ -29,7 +37,7 @@ const PING_INTERVAL: Duration = Duration::from_secs(15);
 const MAX_UNANSWERED_PINGS: u32 = 2;
 
 /// Sets the maximum length of the messages that a client sends on this WebSocket.
-pub fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
+fn limited(upgrade: WebSocketUpgrade) -> WebSocketUpgrade {
     upgrade.max_message_size(MAX_MESSAGE).max_frame_size(MAX_MESSAGE).read_buffer_size(MAX_MESSAGE)
 }
 
@@ -85,21 +93,81 @@ impl CommandReply {
     }
 }
 
-/// Sends the texts of a stream until the stream ends or the client closes the connection. Messages of the client are
+/// Way in which a client receives a stream of events: on a WebSocket if its path ends with `/ws`, otherwise as
+/// server-sent events.
+pub enum EventSink {
+    /// Server-sent events.
+    ServerSent,
+    /// A WebSocket, with the permit that is held until it is closed.
+    Socket(WebSocketUpgrade, StreamPermit),
+}
+
+impl<S: Send + Sync> FromRequestParts<S> for EventSink {
+    type Rejection = Response;
+
+    async fn from_request_parts(parts: &mut Parts, state: &S) -> Result<Self, Response> {
+        if !parts.uri.path().ends_with("/ws") {
+            return Ok(Self::ServerSent);
+        }
+        let extracted = <(WebSocketUpgrade, Extension<StreamPermit>)>::from_request_parts(parts, state).await;
+        extracted.map(|(upgrade, Extension(permit))| Self::Socket(upgrade, permit))
+    }
+}
+
+impl EventSink {
+    /// Returns the response that sends these events to the client.
+    pub fn send(self, events: impl Stream<Item = StreamEvent> + Send + 'static) -> Response {
+        match self {
+            Self::ServerSent => {
+                let events = events.map(|event| Ok::<_, Infallible>(event.into_sse()));
+                Sse::new(events).keep_alive(KeepAlive::default()).into_response()
+            }
+            Self::Socket(upgrade, permit) => limited(upgrade).on_upgrade(|socket| async move {
+                send_events(socket, events).await;
+                drop(permit);
+            }),
+        }
+    }
+}
+
+/// Opens a WebSocket, and carries out the commands that arrive on it.
+///
+/// # Errors
+/// The client can only read.
+pub fn command_socket<R>(
+    upgrade: WebSocketUpgrade,
+    access: Access,
+    carry_out: impl Fn(CommandMessage) -> R + Send + Sync + 'static,
+) -> Result<Response, Problem>
+where
+    R: Future<Output = Response> + Send + 'static,
+{
+    require_control(access)?;
+    Ok(limited(upgrade).on_upgrade(|socket| serve_commands(socket, carry_out)))
+}
+
+/// Sends the events of a stream until the stream ends or the client closes the connection. Messages of the client are
 /// ignored.
-pub async fn send_texts(mut socket: WebSocket, texts: impl Stream<Item = String> + Send) {
-    let mut texts = pin!(texts);
+async fn send_events(mut socket: WebSocket, events: impl Stream<Item = StreamEvent> + Send) {
+    let mut events = pin!(events);
+    let mut unanswered = 0;
     loop {
-        tokio::select! {
-            next = texts.next() => match next {
-                Some(text) => if !send(&mut socket, Message::text(text)).await {
-                    return;
-                },
+        let is_open = tokio::select! {
+            next = events.next() => match next {
+                Some(event) => send(&mut socket, Message::text(event.message())).await,
                 None => break,
             },
-            heard = socket.recv() => if !matches!(heard, Some(Ok(_))) {
-                return;
-            },
+            heard = socket.recv() => {
+                unanswered = 0;
+                matches!(heard, Some(Ok(_)))
+            }
+            () = sleep(PING_INTERVAL) => {
+                unanswered += 1;
+                unanswered <= MAX_UNANSWERED_PINGS && send(&mut socket, Message::Ping(Bytes::new())).await
+            }
+        };
+        if !is_open {
+            return;
         }
     }
     // The client may be gone and not receive this.
@@ -109,7 +177,7 @@ pub async fn send_texts(mut socket: WebSocket, texts: impl Stream<Item = String>
 /// Carries out the commands of a client until it closes the connection. Each command is started at once, in parallel
 /// with earlier commands, and is carried out even if the client disconnects. Its reply is sent as soon as the command
 /// has ended.
-pub async fn serve_commands<R>(mut socket: WebSocket, carry_out: impl Fn(CommandMessage) -> R)
+async fn serve_commands<R>(mut socket: WebSocket, carry_out: impl Fn(CommandMessage) -> R)
 where
     R: Future<Output = Response> + Send + 'static,
 {
