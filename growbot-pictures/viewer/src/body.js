@@ -97,3 +97,14 @@ export function poseAt(body, layers) {
     pitch: Math.atan2(zz, level) * degrees,
   };
 }
+
+/** Returns the number of layers of a body within this length, mm. */
+export function layersAt({ lengths }, length) {
+  let [low, high] = [0, lengths.length - 1];
+  while (low < high) {
+    const middle = Math.ceil((low + high) / 2);
+    if (lengths[middle] <= length) low = middle;
+    else high = middle - 1;
+  }
+  return low;
+}

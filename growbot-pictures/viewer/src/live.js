@@ -9,6 +9,7 @@ import { drawTemperatureChart } from "./chart.js";
 import {
   CONFIRM_MS, RejectionError, STALE_MS, ServiceClock, followEvents, openCommands, readResponse, sendUntilAnswered,
 } from "./connection.js";
+import { sendReadings } from "./embedding.js";
 import { mountBody } from "./one.js";
 import { durationText, fillNumbers, finishText } from "./text.js";
 
@@ -74,8 +75,13 @@ export function showLive(data) {
     find("#laid").textContent = `${laid} of ${total} layers`;
     find("#remaining").textContent = result ? "" : remainingText(changes);
     drawTemperatureChart(find("#temperature"), readings);
+    if (newReadings.taken.length > 0) sendReadings(readings);
     document.title = `${total > 0 ? Math.floor((100 * laid) / total) : 100} % · ${title}`;
-    if (result) showResult(result);
+    if (result) {
+      showResult(result);
+      view.goalErrorMm = result.measured_by ? result.position_error_mm : null;
+      view.publish();
+    }
   };
   const ages = makeAges();
   let isUpdated = false;

@@ -1,7 +1,8 @@
 // A plan or a growth: its picture, and the numbers next to it.
 
-import { poseAt } from "./body.js";
+import { layersAt, poseAt } from "./body.js";
 import { deviationsFromPlan, drawDeviationChart } from "./chart.js";
+import { onCursor, sendBody, sendCursor } from "./embedding.js";
 import { makePicture } from "./picture.js";
 import { makePlayer } from "./player.js";
 import { readSubject } from "./subject.js";
@@ -15,7 +16,8 @@ export const showBody = (data) => [mountBody(data).picture];
 
 /**
  * Shows the body, and returns its view. The view has the `picture`, `replaceBuilt(body)` for a running growth, the
- * current number of layers `layers()`, and the final number `total`.
+ * current number of layers `layers()`, the final number `total`, the distance of the reached position from the goal
+ * `goalErrorMm` (null before the end), and `publish()`, which sends the body to the page around this one.
  */
 export function mountBody(data) {
   const subject = readSubject(data);
@@ -28,6 +30,7 @@ export function mountBody(data) {
   const options = data.live ? { range: heightRange([{ body: planned, sizes }]) } : {};
   const picture = makePicture(find(".stage"), subject, options);
   const view = { picture, total: (data.live ? planned : body).layers.count, layers: () => body.layers.count };
+  view.goalErrorMm = distance(subject.reached, subject.goal.position);
 
   const toggles = ["built", "planned", "commanded", "estimated"].map((name) => [name, find(`#show-${name}`)]);
   toggles.forEach(([, box]) => {
@@ -48,6 +51,10 @@ export function mountBody(data) {
     chart = deviations && drawDeviationChart(find("#chart"), built, deviations);
   };
   updateDeviations();
+  view.publish = () => {
+    sendBody(body, { total: view.total, planned, deviations, goalErrorMm: view.goalErrorMm });
+  };
+  view.publish();
   const player = makePlayer(body.layers.count, (layers) => {
     const pose = poseAt(body, layers);
     const length = body.lengths[layers];
@@ -59,6 +66,7 @@ export function mountBody(data) {
       ["Pitch", `${fixed(pose.pitch, 2)}°`],
       ...(deviations ? [["Deviation from plan", `${deviations[layers].toFixed(3)} mm`]] : []),
     ]);
+    sendCursor(layers, length, pose);
     chart?.mark(length);
     picture?.show(layers);
   });
@@ -68,6 +76,13 @@ export function mountBody(data) {
     updateDeviations();
     picture?.replaceBody(longer);
     player.setCount(longer.layers.count);
+    view.publish();
   };
+  onCursor((length) => player.step(layersAt(body, length)));
   return view;
+}
+
+/** Returns the distance of two positions, mm. Null if there is only one. */
+function distance(one, other) {
+  return one && other ? Math.hypot(...one.map((part, k) => part - other[k])) : null;
 }

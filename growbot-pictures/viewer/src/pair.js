@@ -1,6 +1,6 @@
 // Two plans or growths side by side: their pictures, which turn together, and the numbers of both.
 
-import { poseAt } from "./body.js";
+import { layersAt, poseAt } from "./body.js";
 import { boxOf, makePicture, squareUnder } from "./picture.js";
 import { makePlayer } from "./player.js";
 import { linkStages } from "./stage.js";
@@ -69,15 +69,4 @@ function drawSideBySide(subjects) {
   const pictures = subjects.map((subject, i) => makePicture(stages[i], subject, { range, square }));
   if (pictures.every(Boolean)) linkStages(pictures.map(({ stage }) => stage));
   return pictures;
-}
-
-/** Returns the number of layers of a body within this length, mm. */
-function layersAt({ lengths }, length) {
-  let [low, high] = [0, lengths.length - 1];
-  while (low < high) {
-    const middle = Math.ceil((low + high) / 2);
-    if (lengths[middle] <= length) low = middle;
-    else high = middle - 1;
-  }
-  return low;
 }

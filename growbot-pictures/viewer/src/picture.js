@@ -24,6 +24,7 @@ const pointAlong = (from, direction, length) => from.map((part, k) => part + dir
  * - `setVisible({ built, planned, commanded, estimated })`: shows or hides the body as built, the planned body, the
  *   commanded path and the path that feedback estimated.
  * - `setSceneVisible(isVisible)`: shows or hides the obstacles.
+ * - `setFollowing(isFollowing)`: keeps the tip in the middle, or not.
  * - `setViewpoint(viewpoint)`: shows everything from `corner`, `front`, `side` or `top`.
  * - `applyTheme()`: applies the colours of the page.
  * - `stage`: see stage.js.
@@ -129,11 +130,16 @@ function buildPicture(container, subject, range, square) {
   let [tube, shadow] = [null, null];
   const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const applyShadowTheme = () => shadow.line.material.color.set(colour("--shadow"));
+  let isFollowing = false;
+  const followTip = () => {
+    if (isFollowing) stage.lookAt(body.frames.subarray(shown * 12 + 9, shown * 12 + 12));
+  };
   const show = (layers) => {
     shown = layers;
     tube.show(layers);
     shadow.show(layers);
     frame.moveTo(body.frames, layers * 12);
+    followTip();
     stage.redraw();
   };
   const replaceBody = (replacement) => {
@@ -168,6 +174,10 @@ function buildPicture(container, subject, range, square) {
     if (obstacles) obstacles.group.visible = isVisible;
     stage.redraw();
   };
+  const setFollowing = (follows) => {
+    isFollowing = follows;
+    followTip();
+  };
   const applyTheme = () => {
     obstacles?.setColours(colour("--obstacle"), colour("--alarm"));
     floor.material.color.set(colour("--grid"));
@@ -189,7 +199,8 @@ function buildPicture(container, subject, range, square) {
   stage.resize();
   stage.setViewpoint("corner");
   new ResizeObserver(stage.resize).observe(container);
-  return { show, replaceBody, setVisible, setSceneVisible, applyTheme, setViewpoint: stage.setViewpoint, stage };
+  const { setViewpoint } = stage;
+  return { show, replaceBody, setVisible, setSceneVisible, setFollowing, applyTheme, setViewpoint, stage };
 }
 
 /** Returns the box around the centrelines of bodies. */

@@ -113,8 +113,16 @@ export function makeStage(canvas, drawn) {
     redraw();
     following = false;
   };
+  /** Moves the camera without turning it, so that this point is in the middle. */
+  const lookAt = (point) => {
+    const move = new Vector3().fromArray(point).sub(controls.target);
+    camera.position.add(move);
+    controls.target.add(move);
+    controls.update();
+    redraw();
+  };
   const stage = {
-    scene, camera, controls, setViewpoint, aimCamera, setHalfHeight, follow, redraw,
+    scene, camera, controls, setViewpoint, aimCamera, setHalfHeight, follow, lookAt, redraw,
     /** Points that must be visible, and the margin around them, mm. */
     points: [],
     margin: 0,
