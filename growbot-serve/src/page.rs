@@ -4,19 +4,13 @@ use axum::Router;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::Html;
 use axum::routing::get;
-use growbot_pictures::view::page::CONNECTION_SCRIPT;
 
-const PAGE: &str = include_str!("page/robots.html");
-const STYLE: &str = include_str!("page/robots.css");
-/// Scripts of the page: file name and content.
-const SCRIPTS: [(&str, &str); 7] = [
-    ("robots.js", include_str!("page/robots.js")),
-    ("card.js", include_str!("page/card.js")),
-    ("orders.js", include_str!("page/orders.js")),
-    ("question.js", include_str!("page/question.js")),
-    ("service.js", include_str!("page/service.js")),
-    ("events-worker.js", include_str!("page/events-worker.js")),
-    ("connection.js", CONNECTION_SCRIPT),
+const PAGE: &str = include_str!("../page/dist/robots.html");
+const STYLE: &str = include_str!("../page/dist/robots.css");
+/// Scripts of the page: file name and content. They are bundled at development time, from growbot-serve/page/src.
+const SCRIPTS: [(&str, &str); 2] = [
+    ("robots.js", include_str!("../page/dist/robots.js")),
+    ("events-worker.js", include_str!("../page/dist/events-worker.js")),
 ];
 /// Content security policy of the page. It lets the page load content only from the service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \

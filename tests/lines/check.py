@@ -13,9 +13,9 @@ import subprocess
 import sys
 
 # This number may only fall, except by the lines of a command that is added.
-ALLOWED = 70_853
+ALLOWED = 72_379
 
-SUFFIXES = ("rs", "py", "js", "ts", "css", "html")
+SUFFIXES = ("rs", "py", "js", "ts", "tsx", "css", "html")
 # Folders and files of tests, examples, tools and what others have written.
 APART = re.compile(
     r"(^|/)(tests?|benches|examples|notebooks|testing|three|vendor)(/|\.rs$|\.js$)|_test\.|/tests\.rs$|package-lock"

@@ -89,7 +89,7 @@ def tree():
     """Lists the files that are checked."""
     files = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True).stdout
     return [f for f in files.split("\0")
-            if f.endswith((".rs", ".py", ".pyi", ".js", ".md")) and "/dist/" not in f
+            if f.endswith((".rs", ".py", ".pyi", ".js", ".ts", ".tsx", ".md")) and "/dist/" not in f
             # They quote what is not to be written.
             and f not in ("CONTRIBUTING.md", "tests/phrases/check.py") and (ROOT / f).is_file()]
 

@@ -13,6 +13,7 @@ import { setTimeout as sleep } from "node:timers/promises";
 import { chromium } from "playwright-core";
 import { startLab } from "./lab.js";
 import { startProxy } from "./fault_proxy.js";
+import { checkWidth, partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
@@ -47,9 +48,10 @@ async function open(context, address = url) {
 }
 
 const picture = (page, name) => pictures && page.screenshot({ path: join(pictures, `${name}.png`) });
-const card = (page) => page.locator("section.robot[aria-label='Robot lab']");
+const partsOfLab = (page) => partsOf(page, "lab");
 const waitForText = (locator, text) => locator.filter({ hasText: text }).waitFor();
-const waitUntilLive = (page) => waitForText(page.locator("#connection"), /^Live$/);
+const waitUntilLive = (page) => waitForText(partsOfLab(page).connection, /^Live$/);
+const hrefOfBody = (page) => page.getByRole("link", { name: "Open in new tab" }).evaluate((link) => link.href);
 const growing = (robot) => robot.state === "growing" && robot.laid > 2;
 
 /** Lets the robot grow a new body, from whatever state. */
@@ -86,7 +88,7 @@ const watchStop = (page) => page.evaluate(() => {
 /** Clicks the emergency stop, and the same place 0.4 s and 1 s later. */
 async function clickStopRepeatedly(page) {
   await watchStop(page);
-  const { x, y, width, height } = await page.locator("#emergency-stop").boundingBox();
+  const { x, y, width, height } = await partsOfLab(page).stop.boundingBox();
   const before = await lab.countCommands("emergency-stop");
   await page.mouse.click(x + width / 2, y + height / 2);
   for (const pause of [400, 600]) {
@@ -95,13 +97,11 @@ async function clickStopRepeatedly(page) {
   }
   // All have been carried out, so none follows the commands of the next check.
   while (await lab.countCommands("emergency-stop") < before + 3) await page.waitForTimeout(50);
-  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitForText(partsOfLab(page).state, /^emergency-stop$/);
   // A busy machine draws few frames, and each after the last click counts, too.
   await page.waitForFunction((drawn) => window.frames > drawn + 3, await page.evaluate(() => window.frames));
   assert.deepEqual((await page.evaluate(() => window.moves)).slice(0, 3), []);
 }
-
-const fitsScreen = (page) => page.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth);
 
 async function aSecondClickOnTheStopDestroysNothing() {
   await grow();
@@ -110,10 +110,10 @@ async function aSecondClickOnTheStopDestroysNothing() {
     for (const colorScheme of ["light", "dark"]) {
       const context = await newContext({ viewport: { width, height }, colorScheme });
       const page = await open(context, `${url}#lab`);
-      await waitForText(page.locator("#emergency-stop"), /^Emergency stop lab$/);
+      await waitForText(partsOfLab(page).stop, /^Emergency stop lab$/);
       await waitUntilLive(page);
       await page.waitForFunction(() => !document.querySelector("#emergency-stop").disabled);
-      assert.ok(await fitsScreen(page), `wider than ${width} pixels`);
+      await checkWidth(page, `the page of ${width} pixels`);
       // The cards, scrolled to the end.
       await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
       await clickStopRepeatedly(page);
@@ -123,20 +123,19 @@ async function aSecondClickOnTheStopDestroysNothing() {
       await picture(page, `stopped-${width}-${colorScheme}`);
       // A body is shown.
       await lab.command("lab", "clear-fault");
-      await page.locator("#job-rows a", { hasText: "3D" }).first().click();
-      await page.frameLocator("#body-frame").locator("canvas").first().waitFor();
+      await waitForText(partsOfLab(page).state, /^idle$/);
+      await partsOfLab(page).history.getByRole("button", { name: "Compare" }).first().click();
+      await partsOfLab(page).frame.locator("canvas").first().waitFor();
       await picture(page, `body-${width}-${colorScheme}`);
       await clickStopRepeatedly(page);
-      await page.keyboard.press("Escape");
       // A question is open.
       await lab.command("lab", "clear-fault");
-      await waitForText(card(page).locator(".state"), /^idle$/);
-      await card(page).locator(".discard summary").click();
-      await card(page).getByRole("button", { name: "Discard body" }).click();
-      await page.locator("#question").waitFor();
+      await waitForText(partsOfLab(page).state, /^idle$/);
+      await partsOfLab(page).robot.getByRole("button", { name: "Discard body" }).click();
+      await partsOfLab(page).question.waitFor();
       await picture(page, `question-${width}-${colorScheme}`);
       await clickStopRepeatedly(page);
-      assert.ok(await page.locator("#question").isVisible());
+      assert.ok(await partsOfLab(page).question.isVisible());
       await page.getByRole("button", { name: "Keep" }).click();
       await lab.command("lab", "clear-fault");
       const kept = await lab.robot("lab");
@@ -149,16 +148,15 @@ async function aSecondClickOnTheStopDestroysNothing() {
 async function discardingAsks() {
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
-  const discard = card(page).getByRole("button", { name: "Discard body" });
+  const discard = partsOfLab(page).robot.getByRole("button", { name: "Discard body" });
   const hasBody = async () => (await lab.robot("lab")).layers > 0;
-  await card(page).locator(".discard summary").click();
   // A double click on the button does not answer the question.
   await discard.dblclick();
-  assert.ok(await page.locator("#question-confirm").isDisabled());
+  assert.ok(await partsOfLab(page).question.getByRole("button", { name: "Discard body" }).isDisabled());
   await page.keyboard.press("Escape");
-  assert.ok(await page.locator("#question").isHidden() && await hasBody());
+  assert.ok(await partsOfLab(page).question.isHidden() && await hasBody());
   await discard.click();
-  await page.locator("#question-confirm").click();
+  await partsOfLab(page).confirm("Discard body");
   await lab.waitForRobot("lab", (robot) => robot.layers === 0, "the body is not discarded");
   await context.close();
 }
@@ -174,8 +172,7 @@ async function sevenTabsShareOneStream() {
   for (let tab = 0; tab < TABS; tab += 1) {
     const page = await open(context, `${url}#lab`);
     await waitUntilLive(page);
-    await card(page).getByRole("button", { name: "Show body" }).click();
-    await page.frameLocator("#body-frame").locator("#state", { hasText: /paused|parked/ }).waitFor();
+    await partsOfLab(page).drawnLayers.waitFor();
     tabs.push(page);
   }
   // On a busy machine the stream may have been opened again, but there is one at a time.
@@ -187,11 +184,11 @@ async function sevenTabsShareOneStream() {
   const hanging = () => proxy.paths.filter((path) => path === "hang").length;
   while (hanging() < BROWSER_CONNECTIONS) await tabs[0].waitForTimeout(50);
   proxy.paths.length = 0;
-  await tabs.at(-1).locator("#emergency-stop").click();
+  await partsOfLab(tabs.at(-1)).stop.click();
   await lab.waitForRobot("lab", (robot) => robot.state === "emergency-stop", "the stop does not arrive");
   assert.deepEqual(proxy.paths, []);
-  for (const tab of tabs) await waitForText(card(tab).locator(".state"), /^emergency-stop$/);
-  assert.equal(await tabs.at(-1).locator("#banners p").count(), 0);
+  for (const tab of tabs) await waitForText(partsOfLab(tab).state, /^emergency-stop$/);
+  assert.equal(await partsOfLab(tabs.at(-1)).banners.count(), 0);
   proxy.onRequest = () => null;
   await context.close();
 }
@@ -200,23 +197,23 @@ async function aFrozenServiceIsShownAndAStopAsksToCutThePower() {
   await grow();
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
-  await waitForText(card(page).locator(".state"), /^growing$/);
+  await waitForText(partsOfLab(page).state, /^growing$/);
   await waitUntilLive(page);
   lab.signal("SIGSTOP");
-  await page.locator("#emergency-stop").click();
-  const banner = page.locator("#banners p");
+  await partsOfLab(page).stop.click();
+  const banner = partsOfLab(page).banners;
   await waitForText(banner, /Emergency stop of lab: not confirmed after \d+ s.*Cut the robot's power.*growbot estop/);
-  await waitForText(page.locator("#connection"), /No data for \d+ s/);
-  await waitForText(card(page).locator(".state"), /^last known: growing$/);
-  await waitForText(card(page).locator(".age"), /^\d+ s old: the service does not respond$/);
+  await waitForText(partsOfLab(page).connection, /No data for \d+ s/);
+  await waitForText(partsOfLab(page).state, /^last known: growing$/);
+  await waitForText(partsOfLab(page).age, /^\d+ s old: the service does not respond$/);
   await picture(page, "frozen");
   await page.setViewportSize({ width: 320, height: 640 });
   await picture(page, "frozen-phone");
   await page.setViewportSize({ width: 1280, height: 800 });
-  assert.ok(await card(page).getByRole("button", { name: "Continue" }).isDisabled());
-  assert.ok(await card(page).getByRole("button", { name: "Pause" }).isEnabled());
+  assert.ok(await partsOfLab(page).robot.getByRole("button", { name: "Continue" }).isDisabled());
+  assert.ok(await partsOfLab(page).robot.getByRole("button", { name: "Pause" }).isEnabled());
   lab.signal("SIGCONT");
-  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitForText(partsOfLab(page).state, /^emergency-stop$/);
   await waitUntilLive(page);
   await banner.waitFor({ state: "detached" });
   await context.close();
@@ -227,14 +224,14 @@ async function aLateOrderIsRefused() {
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
   await waitUntilLive(page);
-  await card(page).getByRole("button", { name: "Pause" }).click();
-  await waitForText(card(page).locator(".state"), /^paused$/);
+  await partsOfLab(page).robot.getByRole("button", { name: "Pause" }).click();
+  await waitForText(partsOfLab(page).state, /^paused$/);
   lab.signal("SIGSTOP");
-  await card(page).getByRole("button", { name: "Continue" }).click();
-  await waitForText(page.locator("#banners p"), /Continue of lab: not confirmed after \d+ s.*unknown/);
-  await waitForText(page.locator("#connection"), /No data for ([7-9]|\d\d+) s/);
+  await partsOfLab(page).robot.getByRole("button", { name: "Continue" }).click();
+  await waitForText(partsOfLab(page).banners, /Continue of lab: not confirmed after \d+ s.*unknown/);
+  await waitForText(partsOfLab(page).connection, /No data for ([7-9]|\d\d+) s/);
   lab.signal("SIGCONT");
-  await waitForText(card(page).locator(".message.error"), /arrived \d+\.\d s after it was given \(limit 5 s\)/);
+  await waitForText(partsOfLab(page).result, /arrived \d+\.\d s after it was given \(limit 5 s\)/);
   assert.equal((await lab.robot("lab")).state, "paused");
   await lab.command("lab", "stop");
   await context.close();
@@ -244,22 +241,21 @@ async function aDeadServiceIsShown() {
   await grow();
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
-  await waitForText(card(page).locator(".state"), /^growing$/);
-  await card(page).getByRole("button", { name: "Show body" }).click();
-  const live = page.frameLocator("#body-frame");
-  await live.locator("#state", { hasText: "growing" }).waitFor();
+  await waitForText(partsOfLab(page).state, /^growing$/);
+  const live = partsOfLab(page).frame;
+  await partsOfLab(page).drawnLayers.waitFor();
   await lab.kill();
-  await waitForText(card(page).locator(".state"), /^last known: growing$/);
-  await waitForText(page.locator("#connection"), /No data for \d+ s, connecting again/);
+  await waitForText(partsOfLab(page).state, /^last known: growing$/);
+  await waitForText(partsOfLab(page).connection, /No data for \d+ s, connecting again/);
   await live.locator("#age", { hasText: /what is shown is \d+ s old/ }).waitFor();
   await picture(page, "dead");
-  await page.locator("#emergency-stop").click();
-  await waitForText(page.locator("#banners p"), /Emergency stop of lab: .*Cut the robot's power now/);
+  await partsOfLab(page).stop.click();
+  await waitForText(partsOfLab(page).banners, /Emergency stop of lab: .*Cut the robot's power now/);
   await lab.start();
   // The page sends the stop until the service responds.
-  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
+  await waitForText(partsOfLab(page).state, /^emergency-stop$/);
   await waitUntilLive(page);
-  await page.locator("#banners p").waitFor({ state: "detached" });
+  await partsOfLab(page).banners.waitFor({ state: "detached" });
   await context.close();
 }
 
@@ -268,21 +264,20 @@ async function aServiceWithNewTokensIsShown() {
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
   await waitUntilLive(page);
-  await card(page).getByRole("button", { name: "Show body" }).click();
-  const live = page.frameLocator("#body-frame");
-  await live.locator("#state", { hasText: "growing" }).waitFor();
-  const growth = await open(context, await page.locator("#body-link").evaluate((link) => link.href));
+  const live = partsOfLab(page).frame;
+  await partsOfLab(page).drawnLayers.waitFor();
+  const growth = await open(context, await hrefOfBody(page));
   await waitForText(growth.locator("#state"), /^growing$/);
   const stops = await lab.countCommands("emergency-stop");
   await lab.kill();
   // This stop is sent until the service responds, which then refuses it.
-  await page.locator("#emergency-stop").click();
-  const banners = page.locator("#banners p");
+  await partsOfLab(page).stop.click();
+  const banners = partsOfLab(page).banners;
   await waitForText(banners, /Emergency stop of lab: .*This page keeps sending the stop/);
   await lab.start({ newSocket: true });
   const stopBanner = banners.filter({ hasText: "Emergency stop of lab" });
   await waitForText(stopBanner, /: this request has no access token.*Cut the robot's power now, or run `growbot estop`/);
-  await waitForText(page.locator("#connection"), /^No access$/);
+  await waitForText(partsOfLab(page).connection, /^No access$/);
   const expired = banners.filter({ hasText: "The service refuses this page" });
   await waitForText(expired, /open the address that `growbot serve` prints.*`growbot estop`.*or cut their power/);
   for (const frame of [live, growth]) {
@@ -296,12 +291,12 @@ async function aServiceWithNewTokensIsShown() {
   proxy.paths.length = 0;
   await page.waitForTimeout(SILENCE_MS);
   assert.deepEqual(proxy.paths, []);
-  await waitForText(card(page).locator(".age"), /^\d+ s old: the service does not respond$/);
+  await waitForText(partsOfLab(page).age, /^\d+ s old: the service does not respond$/);
   // No stop has been carried out, and a further one is not either. Each page shows that.
   await growth.locator("#emergency-stop").click();
   const problem = growth.locator("#command-problem");
   await waitForText(problem, /^emergency-stop was rejected: this request.*cut the robot's power/);
-  await page.locator("#emergency-stop").click();
+  await partsOfLab(page).stop.click();
   await waitForText(stopBanner.nth(1), /Cut the robot's power now, or run `growbot estop`/);
   assert.equal(await lab.countCommands("emergency-stop"), stops);
   // The new address gives this browser the new token, with which the older page works, too.
@@ -310,8 +305,8 @@ async function aServiceWithNewTokensIsShown() {
   for (const tab of [next, page]) await waitUntilLive(tab);
   await expired.waitFor({ state: "detached" });
   assert.equal(await stopBanner.count(), 2);
-  await page.locator("#emergency-stop").click();
-  await waitForText(card(next).locator(".state"), /^emergency-stop$/);
+  await partsOfLab(page).stop.click();
+  await waitForText(partsOfLab(next).state, /^emergency-stop$/);
   await context.close();
 }
 
@@ -328,8 +323,8 @@ async function aBusyServiceIsTriedAgain() {
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
   await waitUntilLive(page);
-  await card(page).locator("[data-command=pause]:enabled").waitFor();
-  await waitForText(page.locator("#job-rows"), /active/);
+  await partsOfLab(page).button("Pause").and(page.locator(":enabled")).waitFor();
+  await waitForText(partsOfLab(page).job("active"), /active/);
   // So it is for the page of a growth.
   const { job } = await lab.robot("lab");
   await page.goto(`${url}api/v1/jobs/${job}/live/`);
@@ -347,9 +342,9 @@ async function aProxyWithoutWebSocketsIsEnough() {
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
   await waitUntilLive(page);
-  await page.locator("#emergency-stop").click();
-  await waitForText(card(page).locator(".state"), /^emergency-stop$/);
-  await waitForText(card(page).locator(".message"), /^emergency stop: done$/);
+  await partsOfLab(page).stop.click();
+  await waitForText(partsOfLab(page).state, /^emergency-stop$/);
+  await waitForText(partsOfLab(page).result, /^Emergency stop: done$/);
   assert.ok(proxy.paths.includes("api/v1/events") && proxy.paths.includes("api/v1/robots/lab/commands"));
   proxy.onRequest = () => null;
   await context.close();
@@ -359,31 +354,30 @@ async function aSilentBoardIsShown() {
   await grow();
   const context = await newContext();
   const page = await open(context, `${url}#lab`);
-  await waitForText(card(page).locator(".state"), /^growing$/);
-  await card(page).getByRole("button", { name: "Show body" }).click();
-  const live = page.frameLocator("#body-frame");
-  await live.locator("#state", { hasText: "growing" }).waitFor();
+  await waitForText(partsOfLab(page).state, /^growing$/);
+  const live = partsOfLab(page).frame;
+  await partsOfLab(page).drawnLayers.waitFor();
   const robot = lab.robotProcess("lab");
   process.kill(robot, "SIGSTOP");
   try {
-    await waitForText(card(page).locator(".age"), /^\d+ s old: the board does not respond$/);
+    await waitForText(partsOfLab(page).age, /^\d+ s old: the board does not respond$/);
     await live.locator("#age", { hasText: /The board last reported \d+ s ago/ }).waitFor();
     await picture(page, "silent-board");
-    assert.equal(await page.locator("#connection").textContent(), "Live");
+    assert.equal(await partsOfLab(page).connection.textContent(), "Live");
   } finally {
     process.kill(robot, "SIGCONT");
   }
-  await waitForText(card(page).locator(".state"), /^growing$/);
+  await waitForText(partsOfLab(page).state, /^growing$/);
   await live.locator("#age").waitFor({ state: "hidden" });
   // On the page of a growth, a double click on Pause does not continue it.
-  await page.goto(await page.locator("#body-link").evaluate((link) => link.href));
+  await page.goto(await hrefOfBody(page));
   await waitForText(page.locator("#state"), /^growing$/);
   const pause = await page.locator("#command-pause").boundingBox();
   await page.mouse.click(pause.x + 5, pause.y + 5);
   await waitForText(page.locator("#state"), /^paused$/);
   await page.mouse.click(pause.x + 5, pause.y + 5);
   await page.setViewportSize({ width: 320, height: 640 });
-  assert.ok(await fitsScreen(page), "wider than a phone");
+  await checkWidth(page, "the live page on a phone");
   await page.evaluate(() => scrollTo(0, document.body.scrollHeight));
   await picture(page, "live-phone");
   await clickLiveStop(page);
@@ -393,7 +387,7 @@ async function aSilentBoardIsShown() {
 /** Clicks the emergency stop of the page of a growth twice. */
 async function clickLiveStop(page) {
   await watchStop(page);
-  const { x, y } = await page.locator("#emergency-stop").boundingBox();
+  const { x, y } = await partsOfLab(page).stop.boundingBox();
   const before = await lab.countCommands("emergency-stop");
   await page.mouse.click(x + 9, y + 9);
   await lab.waitForRobot("lab", (robot) => robot.state === "emergency-stop", "the stop does not arrive");
@@ -407,19 +401,28 @@ async function oneStopIsForAllRobots() {
   await lab.command("lab", "clear-fault");
   const context = await newContext({ viewport: { width: 320, height: 640 } });
   const page = await open(context);
-  await waitForText(page.locator("#emergency-stop"), /^Emergency stop all 2 robots$/);
-  await waitForText(card(page).locator(".state"), /^idle$/);
+  await waitForText(partsOfLab(page).stop, /^Stop all robots$/);
+  await waitForText(partsOfLab(page).state, /^idle$/);
   await watchStop(page);
   await picture(page, "all-phone");
-  await page.locator("#robot-links a", { hasText: "bench" }).click();
-  await waitForText(page.locator("#emergency-stop"), /^Emergency stop bench$/);
-  assert.ok(await card(page).isHidden());
-  await page.locator("#robot-links a", { hasText: "All robots" }).click();
-  await waitForText(page.locator("#emergency-stop"), /^Emergency stop all 2 robots$/);
-  await page.locator("#emergency-stop").click();
+  await page.getByRole("navigation").getByRole("link", { name: "bench" }).click();
+  await waitForText(partsOfLab(page).stop, /^Emergency stop bench$/);
+  assert.ok(await partsOfLab(page).robot.isHidden());
+  await page.getByRole("navigation").getByRole("link", { name: "All robots" }).click();
+  await waitForText(partsOfLab(page).stop, /^Stop all robots$/);
+  // The view changes while the stop is pressed. The press stays that of all robots.
+  await partsOfLab(page).stop.hover();
+  await page.mouse.down();
+  await page.evaluate(() => { location.hash = "#bench"; });
+  await page.getByRole("region", { name: "Robot bench" }).waitFor();
+  assert.match(await partsOfLab(page).stop.innerText(), /^Stop all robots$/);
+  await page.mouse.up();
+  const responses = page.getByRole("region", { name: "Responses to the stop" });
   for (const name of ["lab", "bench"]) {
     await lab.waitForRobot(name, (robot) => robot.state === "emergency-stop", "is not stopped");
+    await responses.getByRole("listitem").filter({ hasText: `${name} off, confirmed by the board` }).waitFor();
   }
+  await waitForText(partsOfLab(page).stop, /^Emergency stop bench$/);
   assert.deepEqual(await page.evaluate(() => window.moves), []);
   await picture(page, "all-phone-stopped");
   await context.close();

@@ -14,6 +14,7 @@ import { tmpdir } from "node:os";
 import { join, resolve } from "node:path";
 import { chromium } from "playwright-core";
 import { environment } from "./environment.js";
+import { partsOf } from "./operator.js";
 import { Service, watchRequests } from "./service.js";
 
 const HOST = "robots.example";
@@ -106,16 +107,15 @@ try {
   assert.deepEqual([cookie.httpOnly, cookie.secure, cookie.sameSite, cookie.path], [true, true, "Strict", "/"]);
 
   // The card of the robot follows its state, and the stop reaches the robot.
-  const robot = page.locator("section.robot");
-  const waitForState = (name) => robot.locator(".state", { hasText: new RegExp(`^${name}$`) }).waitFor();
+  const { button, confirm, nextBody, stop, typeGoal, waitForState } = partsOf(page, "lab");
   await waitForState("idle");
-  await robot.locator("details.new-job summary").click();
-  await robot.locator("[name=to]").fill("0,0,400,0,90");
-  await robot.getByRole("button", { name: "Grow", exact: true }).click();
+  await typeGoal("0,0,400,0,90");
+  await nextBody.getByRole("button", { name: "Grow", exact: true }).click();
+  await confirm("Heat and grow");
   await waitForState("growing");
-  await robot.getByRole("button", { name: "Stop", exact: true }).click();
+  await button("Stop").click();
   await waitForState("stopped");
-  await page.locator("#emergency-stop").click();
+  await stop.click();
   await waitForState("emergency-stop");
 
   // Without the proxy's login there is nothing.

@@ -1,6 +1,7 @@
 // Uses the page of all robots of `growbot serve` in Debian's Chromium, with a simulated robot. It plans, previews,
-// grows, pauses, loses the connection to the service and reconnects, and stops. It uses the keyboard where possible.
-// The page is also opened on the screen of a phone.
+// grows, pauses, loses the connection to the service and reconnects, stops, and grows again. It uses the keyboard where
+// possible, and finds everything by role and name. The page is also opened on the screen of a phone, and checked with
+// axe.
 //
 //   node robots.js GROWBOT [PICTURES]
 //
@@ -8,16 +9,19 @@
 // or the value of CHROMIUM.
 
 import assert from "node:assert/strict";
-import { writeFile } from "node:fs/promises";
+import { readFile, writeFile } from "node:fs/promises";
+import { createRequire } from "node:module";
 import { join, resolve } from "node:path";
 import { chromium } from "playwright-core";
 import { startLab } from "./lab.js";
+import { checkAccessibility, checkTargets, checkWidth, partsOf } from "./operator.js";
 import { watchRequests } from "./service.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
 const TIMEOUT_MS = 600_000;
 const errors = [];
+const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 const lab = await startLab(growbot, ["lab"], 3);
 const { directory, controlUrl, viewUrl } = lab;
@@ -41,13 +45,12 @@ const picture = (page, name) => pictures && page.screenshot({ path: join(picture
 
 try {
   const page = await open(controlUrl);
-  const robot = page.locator("section.robot");
-  const waitForState = (name) => robot.locator(".state", { hasText: new RegExp(`^${name}$`) }).waitFor();
-  const press = async (name) => {
-    await robot.getByRole("button", { name, exact: true }).focus();
+  const lab1 = partsOf(page, "lab");
+  const { robot, nextBody, history, preview, question, waitForState, laidLayers } = lab1;
+  const press = async (name, within = robot) => {
+    await within.getByRole("button", { name, exact: true }).and(page.locator(":enabled")).focus();
     await page.keyboard.press("Enter");
   };
-  const laidLayers = async () => Number(/(\d+) of/.exec(await robot.locator(".properties").innerText())?.[1] ?? 0);
   const checkGrows = async () => {
     const before = await laidLayers();
     const deadline = Date.now() + TIMEOUT_MS;
@@ -59,36 +62,57 @@ try {
 
   await waitForState("idle");
   assert.match(await robot.innerText(), /lab[^]*simulated, 3 times as fast/);
-  assert.ok(await robot.getByRole("button", { name: "Pause" }).isDisabled());
+  assert.ok(await lab1.button("Pause").isDisabled());
+  await picture(page, "empty");
+  await checkAccessibility(page, axe, "empty");
 
-  // A goal is typed and previewed, without and with a scene.
-  await robot.locator("details.new-job summary").focus();
-  await page.keyboard.press("Enter");
-  await robot.locator("[name=to]").focus();
-  await page.keyboard.type("0,0,400,0,90");
-  await press("Preview");
-  const preview = robot.locator(".preview");
+  // A goal is typed and previewed, without and with a scene. A problem is shown beside its field.
+  await lab1.typeGoal("0,0,up,0,90");
+  await press("Preview", nextBody);
+  await nextBody.getByRole("status", { name: "Problem of the goal" }).filter({ hasText: /not a length/ }).waitFor();
+  assert.equal(await nextBody.getByLabel("Z, mm").getAttribute("aria-invalid"), "true");
+  await lab1.typeGoal("0,0,400,0,90");
+  await press("Preview", nextBody);
   await preview.getByText(/400\.0 mm, 517 layers/).waitFor();
-  await page.frameLocator("#body-frame").locator("canvas").first().waitFor();
+  await lab1.drawnLayers.filter({ hasText: "layer 517 of 517" }).waitFor();
   await picture(page, "preview");
-  await page.keyboard.press("Escape");
-  assert.ok(await page.locator("#body").isHidden());
-  await robot.locator("[name=scene]").setInputFiles(join(directory, "wrong.toml"));
-  await press("Preview");
-  await robot.locator(".message.error", { hasText: "wrong.toml" }).waitFor();
-  await robot.locator("[name=scene]").setInputFiles(join(directory, "ball.toml"));
-  await press("Preview");
+  const sceneField = nextBody.getByLabel(/Scene to avoid/);
+  await sceneField.setInputFiles(join(directory, "wrong.toml"));
+  await press("Preview", nextBody);
+  await nextBody.getByRole("status", { name: "Problem of the scene" }).filter({ hasText: "wrong.toml" }).waitFor();
+  await sceneField.setInputFiles(join(directory, "ball.toml"));
+  await press("Preview", nextBody);
   await preview.getByText(/^4[0-9]{2}\.[0-9] mm/).filter({ hasNotText: "400.0 mm" }).waitFor();
   await picture(page, "preview-scene");
-  await page.keyboard.press("Escape");
 
-  // The robot grows, pauses and continues.
-  await press("Grow");
+  // Nothing heats without the confirmation. The robot grows, pauses and continues. The body is too long to be
+  // finished before the end of the test.
+  await lab1.typeGoal("0,0,1000,0,90");
+  await press("Grow", nextBody);
+  await question.waitFor();
+  await picture(page, "question");
+  await checkAccessibility(page, axe, "question");
+  await page.keyboard.press("Escape");
+  await question.waitFor({ state: "hidden" });
+  assert.equal((await lab.robot("lab")).job, null);
+  await press("Grow", nextBody);
+  await press("Heat and grow", question);
   await waitForState("growing");
   await checkGrows();
-  assert.match(await robot.locator(".properties").innerText(), /of 200\.0 C/);
+  assert.match(await robot.innerText(), /\d \/ 200 °C/);
+  await lab1.body.getByText(/\d+ of \d{4} layers, .*Tip at layer \d+: /).waitFor();
+  await lab1.charts.getByRole("img", { name: /^Temperature of the nozzle over .* target 200 °C\.$/ }).waitFor();
+  await lab1.charts.getByRole("img", { name: /^Deviation from the plan over \d+ mm of the body/ }).waitFor();
+  await lab1.charts.getByRole("img", { name: /^Layer height over \d+ mm of the body/ }).waitFor();
+  await picture(page, "growing");
+  await checkAccessibility(page, axe, "growing");
+  await checkAccessibility(page.frames().find((frame) => frame.url().includes("/live/")), axe, "3D view");
   await press("Pause");
   await waitForState("paused");
+  // Filament can be changed in the pause.
+  await press("Preheat");
+  await press("Run preheat");
+  await lab1.result.filter({ hasText: "Preheat: done" }).waitFor();
   await picture(page, "paused");
   await press("Continue");
   await waitForState("growing");
@@ -98,49 +122,80 @@ try {
   await lab.kill();
   await page.getByText("Connection lost").or(page.getByText("No data for")).waitFor();
   await lab.start();
-  await page.locator("#connection", { hasText: /^Live$/ }).waitFor();
+  await lab1.connection.filter({ hasText: /^Live$/ }).waitFor();
   await waitForState("growing");
   await checkGrows();
   assert.ok((await laidLayers()) > before);
+  await press("Pause");
+  await waitForState("paused");
 
   // The read-only URL allows no commands. On a phone nothing is wider than the screen.
-  const readOnly = await open(viewUrl, { viewport: { width: 375, height: 740 }, colorScheme: "dark" });
-  await readOnly.locator("section.robot .state", { hasText: "growing" }).waitFor();
+  const readOnly = await open(viewUrl, { viewport: { width: 390, height: 844 }, colorScheme: "dark" });
+  const seen = partsOf(readOnly, "lab");
+  await seen.waitForState("paused");
+  await seen.drawnLayers.waitFor();
   await picture(readOnly, "phone");
-  const buttons = await readOnly.locator("section.robot .commands [data-command]").all();
-  for (const button of buttons) assert.ok(await button.isDisabled());
-  const fits = await readOnly.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth);
-  assert.ok(fits, "wider than a phone");
-  assert.ok(await readOnly.getByRole("button", { name: "Emergency stop" }).isVisible());
+  for (const name of ["Pause", "Continue", "Stop"]) assert.ok(await seen.button(name).isDisabled());
+  assert.ok(await seen.nextBody.getByRole("button", { name: "Grow" }).isDisabled());
+  await checkWidth(readOnly, "the page on a phone");
+  await checkTargets(readOnly);
+  await checkAccessibility(readOnly, axe, "phone");
+  assert.ok(await seen.stop.isVisible() && await seen.stop.isDisabled());
   await readOnly.close();
-  const phone = await open(controlUrl, { viewport: { width: 375, height: 740 } });
-  await phone.getByRole("button", { name: "Show body" }).click();
-  await phone.getByRole("button", { name: "Emergency stop" }).click({ trial: true });
-  await picture(phone, "phone-body");
+  const phone = await open(controlUrl, { viewport: { width: 390, height: 844 } });
+  const held = partsOf(phone, "lab");
+  for (const name of ["Fit", "Follow tip"]) await held.frame.getByRole("button", { name }).click();
+  await held.stop.click({ trial: true });
   await phone.close();
 
-  // The growth is stopped and can be viewed.
+  await press("Continue");
+  await waitForState("growing");
+
+  // The growth is stopped and can be compared with its plan.
   await press("Stop");
   await waitForState("stopped");
-  const job = page.locator("#job-rows tr").first();
-  await job.getByText(/stopped|interrupted/).waitFor();
-  await job.getByRole("link", { name: "3D" }).click();
-  await page.frameLocator("#body-frame").locator("canvas").first().waitFor();
-  await page.keyboard.press("Escape");
+  const job = lab1.job("interrupted");
+  await job.waitFor();
+  await job.getByRole("button", { name: "Compare" }).click();
+  await lab1.body.getByRole("heading", { name: /planned and as built$/ }).waitFor();
+  await lab1.frame.locator("canvas").first().waitFor();
   const log = await page.request.get(await job.getByRole("link", { name: "Run log" }).evaluate((link) => link.href));
   assert.match(await log.text(), /^\{"event":"header"/);
+  // The history is searched and filtered.
+  await history.getByRole("searchbox").fill("no such job");
+  await history.getByText("No job matches").waitFor();
+  await history.getByRole("searchbox").fill("");
+  await history.getByRole("combobox").selectOption("done");
+  await history.getByText("No job matches").waitFor();
+  await history.getByRole("combobox").selectOption("");
 
-  // The emergency stop of a growth that is resumed.
+  // The emergency stop of a growth that is resumed. It is shown that a person is needed, and what to do.
   await job.getByRole("button", { name: "Resume" }).click();
   await waitForState("heating|homing|growing");
   await page.getByRole("button", { name: "Emergency stop lab" }).focus();
   await page.keyboard.press("Enter");
   await waitForState("emergency-stop");
-  await robot.locator(".message", { hasText: "emergency stop: done" }).waitFor();
+  await lab1.result.filter({ hasText: "Emergency stop: done" }).waitFor();
+  const alert = page.getByRole("alert").filter({ hasText: "Heater and motors are off" });
+  await alert.waitFor();
   await page.emulateMedia({ colorScheme: "dark" });
   await picture(page, "stopped-dark");
+  await checkAccessibility(page, axe, "emergency stop, dark");
+  await page.emulateMedia({ colorScheme: "light", contrast: "more" });
+  await checkAccessibility(page, axe, "emergency stop, high contrast");
+  await press("Clear fault", alert);
+  await waitForState("idle");
+
+  // The body is entered as the next one. Only a confirmation grows it.
+  await job.getByRole("button", { name: "Grow again" }).click();
+  await nextBody.getByText("Plan: 0,0,1000,0,90").waitFor();
+  await preview.getByText(/layers/).waitFor();
+  assert.equal((await lab.robot("lab")).job, null);
+  await press("Grow", nextBody);
+  await question.getByText(/Is the last body removed\?/).waitFor();
+  await page.keyboard.press("Escape");
   assert.deepEqual(errors, []);
-  console.log("the page of all robots: planned, grew, paused, reconnected and stopped");
+  console.log("the page of all robots: planned, grew, paused, reconnected, stopped and grew again");
 } finally {
   await browser.close();
   await lab.remove();

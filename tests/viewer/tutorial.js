@@ -8,6 +8,7 @@ import { readFile, writeFile } from "node:fs/promises";
 import { join, resolve } from "node:path";
 import { chromium } from "playwright-core";
 import { startLab } from "./lab.js";
+import { partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
@@ -22,7 +23,7 @@ const scene = [...chapter.matchAll(/^printf '(.*)' >+ pipe\.toml$/gm)].map(([, t
 const [, goal] = /As the goal, type `(.*?)`/.exec(chapter);
 
 // Faster than in the tutorial, where a person watches.
-const lab = await startLab(growbot, ["practice"], 200, "growbot-a");
+const lab = await startLab(growbot, ["practice"], 100, "growbot-a");
 const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 try {
@@ -31,46 +32,46 @@ try {
   page.setDefaultTimeout(TIMEOUT_MS);
   page.on("pageerror", (error) => errors.push(error.stack));
   await page.goto(lab.controlUrl);
-  const robot = page.locator("section.robot");
+  const practice = partsOf(page, "practice");
+  const { nextBody, history, waitForState } = practice;
   const use = async (name, control) => {
     await control.click();
     used.push(name);
   };
-  const press = (name) => use(name, robot.getByRole("button", { name, exact: true }));
-  const waitForState = (name) => robot.locator(".state", { hasText: new RegExp(`^(${name})$`) }).waitFor();
+  const press = (name, within = practice.robot) => use(name, within.getByRole("button", { name, exact: true }));
   const picture = (name) => pictures && page.screenshot({ path: join(pictures, `tutorial-${name}.png`) });
-  const body = page.frameLocator("#body-frame").locator("canvas").first();
   const checkShowsPipe = async () => {
-    await body.waitFor();
-    assert.ok(await page.frameLocator("#body-frame").getByLabel("Obstacles").isChecked());
+    await practice.frame.locator("canvas").first().waitFor();
+    assert.ok(await practice.frame.getByLabel("Obstacles").isChecked());
   };
 
   await waitForState("idle");
-  await use("Grow a body", robot.locator("summary", { hasText: "Grow a body" }));
-  await robot.getByLabel(/Goal/).fill(goal);
-  await robot.getByLabel(/Scene to avoid/).setInputFiles(join(lab.directory, "pipe.toml"));
-  await press("Preview");
-  await robot.locator(".preview", { hasText: /mm/ }).waitFor();
+  assert.ok(await nextBody.getByRole("heading", { name: "Next body" }).isVisible());
+  used.push("Next body");
+  await practice.typeGoal(goal);
+  await nextBody.getByLabel(/Scene to avoid/).setInputFiles(join(lab.directory, "pipe.toml"));
+  await press("Preview", nextBody);
+  await practice.preview.filter({ hasText: /mm/ }).waitFor();
   await checkShowsPipe();
   await picture("preview");
-  await page.keyboard.press("Escape");
-  await press("Grow");
+  await press("Grow", nextBody);
+  await press("Heat and grow", practice.question);
   await waitForState("growing");
-  await press("Show body");
-  await checkShowsPipe();
-  await picture("growing");
-  await page.keyboard.press("Escape");
   await press("Pause");
   await waitForState("paused");
+  // A slow browser has the time of the pause.
+  await practice.drawnLayers.waitFor();
+  await checkShowsPipe();
+  await picture("growing");
   await press("Continue");
   await waitForState("growing");
   await press("Stop");
   await waitForState("stopped");
-  const job = page.locator("#job-rows tr").first();
-  await use("Resume", job.getByRole("button", { name: "Resume" }));
+  await press("Resume");
   await waitForState("heating|homing|growing");
-  await page.locator("#job-rows tr", { hasText: "done" }).first().waitFor();
-  await use("3D", page.locator("#job-rows tr", { hasText: "done" }).first().getByRole("link", { name: "3D" }));
+  const done = practice.job("done");
+  await done.waitFor();
+  await press("Compare", history.getByRole("row").filter({ has: page.getByText("done", { exact: true }) }).first());
   await checkShowsPipe();
   await picture("done");
   assert.deepEqual(used, names);

@@ -12,8 +12,6 @@ use crate::drawing::colours::HEIGHTS;
 
 const PAGE: &str = include_str!("../../viewer/src/page.html");
 const SCRIPT: &str = include_str!("../../viewer/dist/viewer.js");
-/// Module of the page's script that follows streams of events and sends commands. Other pages can serve it, too.
-pub const CONNECTION_SCRIPT: &str = include_str!("../../viewer/src/connection.js");
 
 /// Value of `connect-src` in the content security policy of a page that may not send requests. `HOME` permits requests
 /// to the page's own origin.

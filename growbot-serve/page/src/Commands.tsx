@@ -1,0 +1,51 @@
+// The commands of a robot: pause, continue and stop at fixed places, and below them those that its state offers.
+
+import type { CommandName } from "./api_types";
+import { HeatingButton } from "./HeatingButton";
+import { canControl, messages } from "./page_state";
+import type { Robot } from "./page_state";
+import { allowedCommands, giveCommand, resumableJob, resume } from "./robot_commands";
+import { commandHint } from "./robot_texts";
+
+const FIXED: [CommandName & ("pause" | "continue" | "stop"), string][] =
+  [["pause", "Pause"], ["continue", "Continue"], ["stop", "Stop"]];
+
+export function Commands({ robot }: { robot: Robot }) {
+  const { name } = robot.status;
+  const allowed = allowedCommands(robot);
+  const isControl = canControl.value === true;
+  const job = resumableJob(robot);
+  const hint = `hint-${name}`;
+  const message = messages.value.get(name);
+  return (
+    <>
+      <div class="row" role="group" aria-label="Commands">
+        {FIXED.map(([command, label]) => (
+          <HeatingButton
+            key={command} aria-describedby={hint} disabled={!isControl || !allowed[command]}
+            onPress={() => void giveCommand(name, command)}
+          >
+            {label}
+          </HeatingButton>
+        ))}
+      </div>
+      {isControl && (job || allowed.cancel || allowed["withdraw-stop"]) && (
+        <div class="row" role="group" aria-label="Body">
+          {job && <HeatingButton class="primary" onPress={() => resume(job)}>Resume</HeatingButton>}
+          {allowed.cancel && (
+            <button type="button" onClick={() => void giveCommand(name, "cancel")}>Discard body</button>
+          )}
+          {allowed["withdraw-stop"] && (
+            <button type="button" onClick={() => void giveCommand(name, "withdraw-stop")}>Withdraw stop</button>
+          )}
+        </div>
+      )}
+      <p class={message?.isError ? "message error" : "message"} role="status" aria-label="Result of the command">
+        {message?.text ?? ""}
+      </p>
+      <p class="hint" id={hint}>
+        {commandHint(robot)}{job && " Resume heats, homes and goes on with the body that the board keeps."}
+      </p>
+    </>
+  );
+}

@@ -1,0 +1,75 @@
+// Maintenance of a robot: a task is chosen first, and then run.
+
+import { useId, useState } from "preact/hooks";
+import type { RobotStatus } from "./api_types";
+import { HeatingButton } from "./HeatingButton";
+import { TASKS } from "./maintenance_tasks";
+import type { MaintenanceTask } from "./maintenance_tasks";
+import { sendOrder } from "./orders";
+import { setRobots } from "./page_state";
+import type { Robot } from "./page_state";
+import { runAction } from "./robot_commands";
+import { maintenanceBlockedBy } from "./robot_texts";
+import { robotPath } from "./service";
+
+/** Runs a task. In a pause, the growth does it with the default lengths. */
+function run({ name, job }: RobotStatus, task: MaintenanceTask, value: string): void {
+  const order = `${task.label} of ${name}`;
+  void runAction(name, task.label, async () => {
+    if (job) {
+      await sendOrder(order, `jobs/${job}/live/commands/${task.name}`, {});
+      return;
+    }
+    setRobots([await sendOrder<RobotStatus>(order, `${robotPath(name)}/maintenance`, { task: task.name, value })]);
+  });
+}
+
+export function Maintenance({ robot }: { robot: Robot }) {
+  const { status } = robot;
+  const [chosen, setChosen] = useState<string | null>(null);
+  const [value, setValue] = useState("");
+  const [reason, effect] = [useId(), useId()];
+  const blockedBy = maintenanceBlockedBy(robot);
+  const tasks = TASKS.filter(({ inPause }) => inPause || !status.job);
+  const task = tasks.find(({ name }) => name === chosen);
+  const hasValue = task?.value !== undefined && !status.job;
+  const choose = (name: string) => {
+    setChosen(name === chosen ? null : name);
+    setValue("");
+  };
+  return (
+    <section class="maintenance" aria-label="Maintenance">
+      <h3>Maintenance</h3>
+      <div class="row tasks">
+        {tasks.map(({ name, label }) => (
+          <button
+            key={name} type="button" aria-pressed={name === chosen} disabled={Boolean(blockedBy)}
+            aria-describedby={blockedBy ? reason : undefined} onClick={() => choose(name)}
+          >
+            {label}
+          </button>
+        ))}
+      </div>
+      {blockedBy && <p class="note" id={reason}>{blockedBy}</p>}
+      {task && !blockedBy && (
+        <form class="task" aria-label={task.label} onSubmit={(event) => event.preventDefault()}>
+          {hasValue && (
+            <label>{task.value}
+              <input
+                value={value} autocomplete="off" spellcheck={false}
+                onInput={({ currentTarget }) => setValue(currentTarget.value)}
+              />
+            </label>
+          )}
+          <p class="note" id={effect}>{task.effect}</p>
+          <HeatingButton
+            class="primary" aria-describedby={effect}
+            onPress={() => run(status, task, hasValue ? value.trim() : "")}
+          >
+            Run {task.label.toLowerCase()}
+          </HeatingButton>
+        </form>
+      )}
+    </section>
+  );
+}

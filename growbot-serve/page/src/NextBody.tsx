@@ -1,0 +1,125 @@
+// The next body: a goal or a plan, its preview, and the order to grow it.
+
+import { useId } from "preact/hooks";
+import type { RobotStatus } from "./api_types";
+import { formatDuration } from "./format";
+import { GoalFields } from "./GoalFields";
+import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
+import type { NextBodyForm } from "./next_body";
+import { canControl, isStale } from "./page_state";
+import type { Robot } from "./page_state";
+import { PlanSummary } from "./PlanSummary";
+import { ask } from "./question";
+
+/** Warnings because of which the service refuses a plan, unless it is forced. */
+const BLOCKING = ["self-collision", "filament-short", "layer-limit"];
+const SOURCES: [NextBodyForm["source"], string][] = [["goal", "Goal"], ["plan", "Plan"]];
+const SCENE_TYPES = ".toml,.stl,.obj,.ply,.glb,.pcd";
+
+/** Returns why the robot cannot grow now. Empty if it can. */
+function blockedBy(robot: Robot): string {
+  const { status } = robot;
+  if (canControl.value === false) return "This URL is read-only: open the control URL to grow.";
+  if (status.connection === "disconnected") return "The robot is not connected.";
+  if (isStale(robot)) return "The state of the robot is not known.";
+  if (status.job) return "A body grows now. The next one can be previewed already.";
+  if (status.fault || status.state === "emergency-stop") return "The robot is latched off: press Clear fault first.";
+  return "";
+}
+
+async function confirmGrow({ name }: RobotStatus): Promise<void> {
+  if (!formOf(name).plan && !await preview(name)) return;
+  const { plan } = formOf(name);
+  if (!plan) return;
+  const text = `Is the last body removed? ${name} heats its nozzle, homes, and lays ${plan.layers} layers in `
+    + `${formatDuration(plan.duration_s)}.`;
+  if (await ask({ title: `Grow on ${name}?`, text, action: "Heat and grow", destroys: false })) grow(name);
+}
+
+function Options({ robot, form }: { robot: string; form: NextBodyForm }) {
+  const isForceable = form.force || form.plan?.warnings.some(({ code }) => BLOCKING.includes(code));
+  const hasScene = form.scene || form.given?.scene || form.ignoreScene;
+  const ignoring = (ignoreScene: boolean) => ({ ignoreScene, plan: null });
+  const check = (label: string, checked: boolean, change: (checked: boolean) => Partial<NextBodyForm>) => (
+    <label class="check">
+      <input
+        type="checkbox" checked={checked}
+        onChange={({ currentTarget }) => enter(robot, { plan: form.plan, ...change(currentTarget.checked) })}
+      />
+      {label}
+    </label>
+  );
+  return (
+    <>
+      {check("Feedback: measure each layer, plan the rest again", form.feedback, (feedback) => ({ feedback }))}
+      {isForceable && check("Grow despite the warnings", form.force, (force) => ({ force }))}
+      {hasScene && check("Ignore the scene: the body may collide", form.ignoreScene, ignoring)}
+    </>
+  );
+}
+
+export function NextBody({ robot }: { robot: Robot }) {
+  const { status } = robot;
+  const { name } = status;
+  const sceneProblem = useId();
+  const form = formOf(name);
+  const reason = blockedBy(robot);
+  const isReadOnly = canControl.value === false;
+  const isSceneWrong = form.problem?.field === "scene";
+  const problem = isSceneWrong ? null : form.problem;
+  return (
+    <section class="card next-body" aria-label="Next body">
+      <h2>Next body</h2>
+      <div class="row" role="group" aria-label="Kind of the next body">
+        {SOURCES.map(([source, label]) => (
+          <button
+            key={source} type="button" aria-pressed={form.source === source} onClick={() => enter(name, { source })}
+          >
+            {label}
+          </button>
+        ))}
+      </div>
+      <form onSubmit={(event) => { event.preventDefault(); void preview(name); }}>
+        {form.source === "goal" ? (
+          <GoalFields
+            goal={form.goal} anyDirection={form.anyDirection} problem={problem}
+            onChange={(goal) => enter(name, { goal })} onAnyDirection={(anyDirection) => enter(name, { anyDirection })}
+          />
+        ) : (
+          <>
+            {form.given && <p class="note">Plan: {form.given.name}</p>}
+            <label>Plan file
+              <input
+                type="file" accept=".json,application/json"
+                onChange={({ currentTarget }) => void choosePlanFile(name, currentTarget.files?.[0])}
+              />
+            </label>
+            <p class="field-problem" role="status" aria-label="Problem of the plan">{problem?.message ?? ""}</p>
+          </>
+        )}
+        <label>Scene to avoid (optional)
+          <input
+            type="file" accept={SCENE_TYPES} disabled={isReadOnly} aria-invalid={isSceneWrong}
+            aria-describedby={sceneProblem}
+            onChange={({ currentTarget }) => enter(name, { scene: currentTarget.files?.[0] ?? null })}
+          />
+        </label>
+        <p class="field-problem" id={sceneProblem} role="status" aria-label="Problem of the scene">
+          {isSceneWrong ? form.problem?.message : ""}
+        </p>
+        <Options robot={name} form={form} />
+        {form.plan && <PlanSummary plan={form.plan} robot={status} />}
+        <div class="row">
+          <button type="submit" disabled={form.isPlanning}>{form.isPlanning ? "Planning…" : "Preview"}</button>
+          <button
+            type="button" class="primary" disabled={Boolean(reason) || form.isPlanning}
+            onClick={() => void confirmGrow(status)}
+          >
+            Grow
+          </button>
+        </div>
+        <p class="hint">{reason || "Preview heats nothing. Grow requests a confirmation before the robot heats."}</p>
+      </form>
+    </section>
+  );
+}

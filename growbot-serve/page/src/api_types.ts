@@ -1,0 +1,82 @@
+// Values of the service's API that the page uses. The OpenAPI document of the service describes them.
+
+/** Status of a robot. A field is null if it is not known. */
+export interface RobotStatus {
+  name: string;
+  port: string;
+  simulated: boolean;
+  pace: number | null;
+  connection: "disconnected" | "ready" | "busy";
+  connection_error: string | null;
+  status_age_s: number | null;
+  robot: string | null;
+  state: string | null;
+  fault: string | null;
+  fault_explanation: string | null;
+  pause_cause: string | null;
+  pause_explanation: string | null;
+  temperature_c: number | null;
+  target_c: number | null;
+  plan_id: string | null;
+  layers: number;
+  laid: number;
+  job: string | null;
+  left_s: number | null;
+  finish_utc: string | null;
+  command_error: string | null;
+  pending_stop: string | null;
+}
+
+export type JobState = "active" | "interrupted" | "done" | "failed";
+
+/** A job of the service. */
+export interface Job {
+  id: string;
+  robot: string;
+  name: string;
+  state: JobState;
+  plan_id: string;
+  layers: number;
+  laid: number;
+  length_mm: number;
+  simulated: boolean;
+  created_utc: string;
+  ended_utc: string | null;
+  reason: string | null;
+}
+
+export interface PlanWarning {
+  code: string;
+  message: string;
+}
+
+/** The part of a plan file that the page reads. */
+export interface Plan {
+  length_mm: number;
+  layers: number;
+  duration_s: number;
+  filament_mm: number;
+  warnings: PlanWarning[];
+  scene?: { file: string; clearance_mm: number; margin_mm?: number };
+}
+
+/** Response to a request for a plan. */
+export interface PlanResponse {
+  plan: Plan;
+  view_path: string;
+}
+
+/** A request to grow or to plan: either a goal `to`, or a plan. */
+export interface GrowRequest {
+  to?: string;
+  plan?: unknown;
+  name?: string;
+  scene?: string;
+  feedback: boolean;
+  force: boolean;
+  ignore_scene: boolean;
+}
+
+/** Names of the commands to a robot. */
+export type CommandName =
+  | "pause" | "continue" | "stop" | "emergency-stop" | "clear-fault" | "cancel" | "withdraw-stop";

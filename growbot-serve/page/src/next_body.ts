@@ -1,0 +1,148 @@
+// The next body of each robot: what has been entered, and its plan.
+
+import { signal } from "@preact/signals";
+import type { GrowRequest, Job, Plan, PlanResponse } from "./api_types";
+import { EMPTY_GOAL, fieldOfError, goalText, missingField } from "./goal";
+import type { FieldName, Goal } from "./goal";
+import { readJobPlan, refreshJobs } from "./job_list";
+import { sendOrder } from "./orders";
+import { runAction } from "./robot_commands";
+import { clock, request, robotPath } from "./service";
+import { chooseBody, planViewUrl } from "./shown_body";
+
+/** A plan in place of a goal: from a file, or that of an earlier job. */
+export interface GivenPlan {
+  name: string;
+  plan: unknown;
+  /** Name of the plan's scene in the service. */
+  scene?: string;
+}
+
+/** A problem of what is entered. The field is `undefined` if the problem is not about one. */
+export interface Problem {
+  field?: FieldName | "scene";
+  message: string;
+}
+
+export interface NextBodyForm {
+  source: "goal" | "plan";
+  goal: Goal;
+  anyDirection: boolean;
+  given: GivenPlan | null;
+  scene: File | null;
+  feedback: boolean;
+  force: boolean;
+  ignoreScene: boolean;
+  /** Field with a problem, and the problem. */
+  problem: Problem | null;
+  /** The plan of what is entered. Null before the preview, and after a change. */
+  plan: Plan | null;
+  isPlanning: boolean;
+}
+
+export const EMPTY_FORM: NextBodyForm = {
+  source: "goal", goal: EMPTY_GOAL, anyDirection: false, given: null, scene: null, feedback: false, force: false,
+  ignoreScene: false, problem: null, plan: null, isPlanning: false,
+};
+
+export const forms = signal<ReadonlyMap<string, NextBodyForm>>(new Map());
+/** Names under which the service stores the scenes of this page's files. */
+const storedScenes = new WeakMap<File, string>();
+
+export const formOf = (robot: string) => forms.value.get(robot) ?? EMPTY_FORM;
+
+function update(robot: string, changes: Partial<NextBodyForm>): void {
+  forms.value = new Map(forms.value).set(robot, { ...formOf(robot), ...changes });
+}
+
+/** Changes what is entered, so that the plan and its problem are not current any more. */
+export function enter(robot: string, changes: Partial<NextBodyForm>): void {
+  update(robot, { problem: null, plan: null, ...changes });
+}
+
+export async function choosePlanFile(robot: string, file: File | undefined): Promise<void> {
+  if (!file) return;
+  try {
+    enter(robot, { given: { name: file.name, plan: JSON.parse(await file.text()) } });
+  } catch (error) {
+    const { message } = error as Error;
+    const problem = `${file.name} is not a plan (${message}): choose a file written by \`growbot plan -o\``;
+    enter(robot, { given: null, problem: { message: problem } });
+  }
+}
+
+/** Returns the name under which the service stores a scene. Uploads the scene unless this page has done that. */
+async function storeScene(file: File): Promise<string> {
+  const stored = storedScenes.get(file);
+  if (stored !== undefined) return stored;
+  const { scene } = await request<{ scene: string }>(`scenes?name=${encodeURIComponent(file.name)}`, file);
+  storedScenes.set(file, scene);
+  return scene;
+}
+
+/** Returns the request to grow or to plan what is entered. */
+async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
+  const { source, goal, anyDirection, given, scene, feedback, force, ignoreScene } = form;
+  const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
+  if (scene) options.scene = await storeScene(scene);
+  if (source === "goal") return { ...options, to: goalText(goal, anyDirection) };
+  return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
+}
+
+/** Returns what is missing in the form. Null if it is complete. */
+function problemOf({ source, goal, anyDirection, given }: NextBodyForm): Problem | null {
+  if (source === "plan") return given ? null : { message: "Choose a plan file first." };
+  const field = missingField(goal, anyDirection);
+  const isAngle = field === "heading" || field === "pitch";
+  const message = `Enter ${isAngle ? "an angle in degrees, such as -45" : "a length in mm, such as 200"}.`;
+  return field ? { field, message } : null;
+}
+
+/** Plans what is entered, and shows the body. Returns whether it has a plan. */
+export async function preview(robot: string): Promise<boolean> {
+  const form = formOf(robot);
+  const problem = problemOf(form);
+  if (problem) {
+    update(robot, { problem });
+    return false;
+  }
+  update(robot, { isPlanning: true, problem: null });
+  try {
+    const path = `plans?robot=${encodeURIComponent(robot)}`;
+    const { plan, view_path: view } = await request<PlanResponse>(path, await requestOf(form));
+    update(robot, { plan });
+    chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view) });
+    return true;
+  } catch (error) {
+    const { message } = error as Error;
+    const isAboutScene = form.scene !== null && message.includes(form.scene.name);
+    update(robot, { plan: null, problem: isAboutScene ? { field: "scene", message } : fieldOfError(message) });
+    return false;
+  } finally {
+    update(robot, { isPlanning: false });
+  }
+}
+
+/** Grows what is entered. A person has just confirmed it. */
+export function grow(robot: string): void {
+  const form = formOf(robot);
+  const timeMs = clock.now();
+  void runAction(robot, "Grow", async () => {
+    const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
+    chooseBody(robot, null);
+    void refreshJobs();
+    return `Job ${job.id} started`;
+  });
+}
+
+/** Enters the plan of an earlier job as the next body, and shows it. */
+export function growAgain(job: Job): void {
+  void runAction(job.robot, "Grow again", async () => {
+    const { plan, feedback, ignoreScene } = await readJobPlan(job);
+    const file = (plan as Plan).scene?.file;
+    const given = { name: job.name, plan, scene: file?.split("/").at(-1) };
+    enter(job.robot, { source: "plan", given, feedback, ignoreScene, force: false, scene: null });
+    const isPlanned = await preview(job.robot);
+    return `${job.name} ${isPlanned ? "is entered as the next body" : "cannot be grown again now"}`;
+  });
+}
