@@ -33,7 +33,8 @@ export function sendBody(body, { total, planned, deviations, goalErrorMm }) {
     deviations: deviations && along(deviations),
     latestDeviationMm: deviations ? deviations[count] : null,
     maxDeviationMm: deviations ? deviations.reduce((max, deviation) => Math.max(max, deviation), 0) : null,
-    goalErrorMm,
+    // The end of an unfinished body is far from the goal, which is not an error.
+    goalErrorMm: count >= planned.layers.count ? goalErrorMm : null,
   });
 }
 
