@@ -12,12 +12,12 @@ use axum::http::{Method, Uri};
 use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
 use growbot_client::status::RobotStatus;
+use growbot_remote::page_urls::PageUrls;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::audit::CommandSource;
-pub use super::command_routes::MaintenanceRequest;
 use super::command_routes::{emergency_stop, maintain, send_command, send_live_command, stop};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_view, jobs, live, live_update_socket, live_updates, new_job, resume};
@@ -28,7 +28,6 @@ use super::request_kind::MAX_BODY;
 use super::service::Service;
 use super::{command_socket, event_routes, openapi};
 use crate::access::Access;
-use crate::page_urls::PageUrls;
 
 /// Returns the router of the API, and the OpenAPI document of its main routes.
 pub fn routes() -> (Router<Arc<Service>>, Value) {

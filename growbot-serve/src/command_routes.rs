@@ -9,11 +9,10 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use growbot_remote::commands::{CommandRequest, MaintenanceRequest, RobotCommand};
 
 use super::access::{Access, require_control};
-use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
+use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
@@ -71,17 +70,6 @@ async fn command_robot(
         Ok(Json(keeper.status()))
     })
     .await
-}
-
-/// A maintenance task, as `growbot maintain` runs it.
-#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MaintenanceRequest {
-    /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
-    pub task: String,
-    /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
-    #[serde(default)]
-    pub value: String,
 }
 
 pub async fn maintain(

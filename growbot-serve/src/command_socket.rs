@@ -7,11 +7,11 @@ use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, State};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
+use growbot_remote::commands::CommandRequest;
 use serde_json::Value;
 
 use super::access::Access;
 use super::command_routes::{send_command, send_live_command};
-use super::commands::CommandRequest;
 use super::handler::ServiceState;
 use super::problem::Problem;
 use super::service::Service;

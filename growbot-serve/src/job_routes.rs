@@ -23,6 +23,8 @@ use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
 use growbot_plan::run_log::{RecordedRun, utc_now};
 use growbot_plan::warning::BLOCKING;
+use growbot_remote::grow_request::GrowRequest;
+use growbot_remote::job::{Job, JobState};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::task::spawn_blocking;
@@ -30,9 +32,8 @@ use tokio::time::sleep;
 
 use super::access::{Access, require_control};
 use super::commands::COMMAND_TIMEOUT;
-use super::grow_request::{GrowRequest, PlanInScene};
+use super::grow_request::{PlanInScene, request_hash, resolve_request};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
-use super::job::{Job, JobState};
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, StreamPermit, holding};
 use super::plan_routes::scene_name;
@@ -68,7 +69,7 @@ pub async fn new_job(
     let requester = Requester(order.claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = limits.compute(move |computation| {
-        let plan = |robot: &Robot| wanted.resolve(robot, service.places(), access, computation);
+        let plan = |robot: &Robot| resolve_request(&wanted, robot, service.places(), access, computation);
         let made = make_job(&service, &keeper, &wanted, plan, order, key.as_deref());
         let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
         service.shared.audit.note(by, &name, order, &made);
@@ -104,7 +105,7 @@ pub(super) fn make_job(
     order: Order,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let hash = wanted.hash();
+    let hash = request_hash(wanted);
     let before = || {
         let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
         match found {

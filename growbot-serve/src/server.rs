@@ -15,6 +15,7 @@ use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
+use growbot_remote::page_urls::PageUrls;
 use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::runtime::Handle;
@@ -26,7 +27,6 @@ use super::connections::{ConnectionLimiter, require_place};
 use super::limits::{RoleLimits, buffer_body, limit_concurrency};
 use super::page_access::{TokenAccess, leave_address, require_token};
 use super::page_listener::listen;
-use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 use super::problem::Problem;
 pub use super::server_error::{HandOverError, ServerError};
@@ -148,8 +148,8 @@ fn site(
     };
     Router::new()
         .merge(page::routes())
-        .route(&format!("{}/openapi.json", super::PREFIX), get(openapi))
-        .nest(super::PREFIX, router)
+        .route(&format!("{}/openapi.json", growbot_remote::PREFIX), get(openapi))
+        .nest(growbot_remote::PREFIX, router)
         .fallback(api::unknown_route)
         .layer(from_fn_with_state(workers.clone(), handle_request))
         .layer(from_fn(limit_concurrency))

@@ -5,14 +5,14 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
+use growbot_remote::job::Job;
+use growbot_remote::page_urls::PageUrls;
 use tokio::sync::watch;
 
 use super::audit::Audit;
 use super::config::{NotifyEntry, RobotEntry};
-use super::job::Job;
 use super::job_store::{JobStore, JobStoreError};
 use super::notifier::{Notifier, NotifyError};
-use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::robot_worker::RobotWorker;

@@ -1,6 +1,6 @@
 //! Lease of a robot's port from the service.
 
-use growbot_serve::client::{LeasedPort, ServiceClient};
+use growbot_remote::client::{LeasedPort, ServiceClient};
 
 /// Lease of a robot's link from the service to this program. It ends when this guard is dropped. The connection to
 /// the service is dropped last.

@@ -2,12 +2,12 @@
 
 use growbot_core::link::message::State;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind};
-use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use strum::{EnumString, IntoStaticStr};
 
 /// State of a job.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, EnumString, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, EnumString, IntoStaticStr)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum JobState {
@@ -22,7 +22,8 @@ pub enum JobState {
 }
 
 impl JobState {
-    pub(super) fn name(self) -> &'static str {
+    /// Returns the name of the state in JSON.
+    pub fn name(self) -> &'static str {
         self.into()
     }
 
@@ -37,7 +38,8 @@ impl JobState {
 }
 
 /// A job of the service.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Job {
     /// Identifier, also in URLs: the time of the job's creation, then the name of the robot.
     pub id: String,
@@ -68,7 +70,7 @@ pub struct Job {
 }
 
 /// Returns the value of [`Job::reason`] for a job that ended with this result, while its board was in this state.
-pub(super) fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
+pub fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
     let emergency_stop = Some(State::EmergencyStop.name()).filter(|name| board_state == Some(*name));
     let stop = emergency_stop.filter(|_| result.outcome == OutcomeKind::Stopped);
     result.fault.clone().unwrap_or_else(|| stop.unwrap_or(result.outcome.name()).to_owned())

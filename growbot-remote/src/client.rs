@@ -1,4 +1,4 @@
-//! Client of the running service, through the service's Unix socket. growbot's command line uses it.
+//! Client of the running service, through the service's Unix socket.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};
 use growbot_client::status::RobotStatus;
+use growbot_plan::ownership::{OwnershipError, check_private, trusts_user};
 use http_body_util::BodyExt;
 use hyper::body::Incoming;
 use hyper::client::conn::http1;
@@ -18,9 +19,8 @@ use tokio::runtime::Runtime;
 use tokio::time::{Duration, timeout};
 
 use super::PREFIX;
-use super::paths::ServicePaths;
-use super::port_lease::LeaseRequest;
-use crate::ownership::{OwnershipError, trusts_user};
+use super::commands::LeaseRequest;
+use super::socket::{runtime_dir, socket_in};
 
 /// Errors of a request to the service.
 #[derive(Debug, thiserror::Error)]
@@ -102,12 +102,12 @@ impl ServiceClient {
     /// # Errors
     /// [`ServiceError`] if another user can answer in place of the service.
     pub fn find() -> Result<Option<Self>, ServiceError> {
-        let Some(places) = ServicePaths::for_user() else { return Ok(None) };
-        let socket = places.socket();
+        let Some(directory) = runtime_dir() else { return Ok(None) };
+        let socket = socket_in(&directory);
         if !socket.exists() {
             return Ok(None);
         }
-        places.check_runtime()?;
+        check_private(&directory)?;
         match Self::at(&socket) {
             Err(ServiceError::Unreachable(_)) => Ok(None),
             found => found.map(Some),
