@@ -1,26 +1,24 @@
 //! Client of the running service, through the service's Unix socket.
 
-use std::io;
-use std::path::{Path, PathBuf};
+use std::io::{self, BufRead, BufReader};
+use std::ops::ControlFlow;
+use std::os::unix::net::UnixStream;
+use std::path::PathBuf;
+use std::thread::sleep;
+use std::time::Duration;
 
-use axum::body::{Body, Bytes};
-use axum::http::{Method, Request, StatusCode};
 use growbot_client::status::RobotStatus;
 use growbot_plan::ownership::{OwnershipError, check_private, trusts_user};
-use http_body_util::BodyExt;
-use hyper::body::Incoming;
-use hyper::client::conn::http1;
-use hyper_util::rt::TokioIo;
+use rustix::net::sockopt::socket_peercred;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 use serde_json::Value;
-use tokio::net::UnixStream;
-use tokio::runtime::Runtime;
-use tokio::time::{Duration, timeout};
+use ureq::Body;
 
-use super::PREFIX;
-use super::commands::LeaseRequest;
-use super::socket::{runtime_dir, socket_in};
+use crate::PREFIX;
+use crate::api::{Job, JobState, PageUrls};
+use crate::socket::{SOCKET, runtime_dir};
+use crate::transport::{agent_on, connect_unix};
 
 /// Errors of a request to the service.
 #[derive(Debug, thiserror::Error)]
@@ -58,8 +56,22 @@ pub enum ServiceError {
 }
 
 impl ServiceError {
-    fn silent(error: impl Into<ResponseError>) -> Self {
+    /// Returns true if the request itself is invalid, or for a robot or job that does not exist.
+    pub fn is_invalid_request(&self) -> bool {
+        matches!(self, Self::Rejected { status: 404 | 422, .. })
+    }
+
+    pub(crate) fn silent(error: impl Into<ResponseError>) -> Self {
         Self::Unreachable(error.into())
+    }
+
+    /// Returns the error of a request with this time limit.
+    pub(crate) fn of_http(error: impl Into<ureq::Error>, limit: Duration) -> Self {
+        Self::Unreachable(match error.into() {
+            ureq::Error::Timeout(_) => ResponseError::Late(limit),
+            ureq::Error::Io(error) => ResponseError::Socket(error),
+            error => ResponseError::Http(error),
+        })
     }
 }
 
@@ -69,13 +81,10 @@ pub enum ResponseError {
     /// The socket cannot be used.
     #[error("{0}")]
     Socket(#[from] io::Error),
-    /// The connection or the response does not follow HTTP.
+    /// The request or the response does not follow HTTP.
     #[error("{0}")]
-    Http(#[from] hyper::Error),
-    /// The request is not valid in HTTP.
-    #[error("{0}")]
-    Request(#[from] axum::http::Error),
-    /// The body of the response or the request is not valid.
+    Http(#[from] ureq::Error),
+    /// The body of the request or of the response is not valid.
     #[error("{0}")]
     Json(#[from] serde_json::Error),
     /// The response did not arrive within this time.
@@ -83,57 +92,42 @@ pub enum ResponseError {
     Late(Duration),
 }
 
-/// A lease of a robot's port. The lease ends when this value is dropped, when its [`ServiceClient`] is dropped, or when
-/// the program ends.
-pub struct LeasedPort(#[expect(dead_code, reason = "it is held")] Incoming);
-
 /// Default timeout of a request. It is long because a command to a robot may wait for its board.
 pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// Connection to a running service of this user.
+/// Time between two attempts to reach a service that does not respond.
+const RECONNECT_DELAY: Duration = Duration::from_millis(500);
+
+/// Client of the running service of this user. Each request has a connection of its own.
+#[derive(Debug, Clone)]
 pub struct ServiceClient {
-    runtime: Runtime,
-    socket: PathBuf,
+    pub(crate) socket: PathBuf,
 }
 
 impl ServiceClient {
-    /// Connects to the service of this user. Returns `None` if no service is running.
+    /// Finds the service of this user. Returns `None` if no service is running.
     ///
     /// # Errors
     /// [`ServiceError`] if another user can answer in place of the service.
     pub fn find() -> Result<Option<Self>, ServiceError> {
-        let Some(directory) = runtime_dir() else { return Ok(None) };
-        let socket = socket_in(&directory);
-        if !socket.exists() {
+        let Some(directory) = runtime_dir().filter(|directory| directory.join(SOCKET).exists()) else {
             return Ok(None);
-        }
+        };
         check_private(&directory)?;
-        match Self::at(&socket) {
+        let client = Self { socket: directory.join(SOCKET) };
+        match client.connect() {
             Err(ServiceError::Unreachable(_)) => Ok(None),
-            found => found.map(Some),
+            connected => connected.map(|_| Some(client)),
         }
-    }
-
-    /// Connects to the service that listens on this socket.
-    ///
-    /// # Errors
-    /// No service of this user listens on the socket.
-    fn at(socket: &Path) -> Result<Self, ServiceError> {
-        let runtime =
-            tokio::runtime::Builder::new_current_thread().enable_all().build().map_err(ServiceError::silent)?;
-        let client = Self { runtime, socket: socket.to_path_buf() };
-        client.runtime.block_on(client.connect())?;
-        Ok(client)
     }
 
     /// Connects to the socket, and checks that the program that listens on it belongs to this user or root.
-    async fn connect(&self) -> Result<UnixStream, ServiceError> {
-        let stream = UnixStream::connect(&self.socket).await.map_err(ServiceError::silent)?;
-        let owner = stream.peer_cred().map_err(ServiceError::silent)?.uid();
-        if trusts_user(owner) {
-            return Ok(stream);
-        }
-        Err(ServiceError::ForeignPeer { socket: self.socket.display().to_string(), owner })
+    fn connect(&self) -> Result<UnixStream, ServiceError> {
+        let stream = connect_unix(&self.socket).map_err(ServiceError::silent)?;
+        let peer = socket_peercred(&stream).map_err(io::Error::from).map_err(ServiceError::silent)?;
+        let owner = peer.uid.as_raw();
+        let foreign = || ServiceError::ForeignPeer { socket: self.socket.display().to_string(), owner };
+        trusts_user(owner).then_some(stream).ok_or_else(foreign)
     }
 
     /// Requests the status of all robots of the service. `limit` is the timeout of the response.
@@ -141,155 +135,169 @@ impl ServiceClient {
     /// # Errors
     /// [`ServiceError`].
     pub fn robots(&self, limit: Duration) -> Result<Vec<RobotStatus>, ServiceError> {
-        self.runtime.block_on(self.request(Method::GET, "/robots", Body::empty(), limit))
+        self.request("/robots", None::<()>, Some(limit))?.json()
     }
 
-    /// Requests the status of the robot with this port. Returns `None` if the service has no robot with this port.
-    /// `limit` is the timeout of the response.
+    /// Requests a job.
     ///
     /// # Errors
     /// [`ServiceError`].
-    pub fn robot_at(&self, port: &str, limit: Duration) -> Result<Option<RobotStatus>, ServiceError> {
-        let real = |name: &str| std::fs::canonicalize(name).ok();
-        let robots = self.robots(limit)?;
-        let is_there =
-            |robot: &RobotStatus| robot.port == port || real(port).is_some_and(|at| real(&robot.port) == Some(at));
-        Ok(robots.into_iter().find(is_there))
+    pub fn job(&self, id: &str) -> Result<Job, ServiceError> {
+        self.get(&format!("/jobs/{id}"))
+    }
+
+    /// Requests the latest jobs, newest first, at most 1,000.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub fn jobs(&self) -> Result<Vec<Job>, ServiceError> {
+        self.get("/jobs?limit=1000")
+    }
+
+    /// Requests the run log of a job.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub fn job_log(&self, id: &str) -> Result<Vec<u8>, ServiceError> {
+        self.request(&format!("/jobs/{id}/log"), None::<()>, None)?.bytes()
+    }
+
+    /// Requests the URLs of the service's page.
+    ///
+    /// # Errors
+    /// [`ServiceError`].
+    pub fn page_urls(&self) -> Result<PageUrls, ServiceError> {
+        self.get("/page-urls")
     }
 
     /// Requests the JSON value at this path of the API.
-    ///
-    /// # Errors
-    /// [`ServiceError`].
-    pub fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ServiceError> {
-        self.runtime.block_on(self.request(Method::GET, path, Body::empty(), RESPONSE_TIMEOUT))
+    pub(crate) fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ServiceError> {
+        self.request(path, None::<()>, Some(RESPONSE_TIMEOUT))?.json()
     }
 
-    /// Requests the bytes at this path of the API.
-    ///
-    /// # Errors
-    /// [`ServiceError`].
-    pub fn bytes(&self, path: &str) -> Result<Vec<u8>, ServiceError> {
-        self.runtime.block_on(async {
-            let (status, incoming) = self.send(Method::GET, path, Body::empty()).await?;
-            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-            if status.is_success() { Ok(bytes.to_vec()) } else { Err(rejection(status, &bytes)) }
-        })
-    }
-
-    /// Sends `what` as JSON to this path of the API, and returns the value in the response.
-    ///
-    /// # Errors
-    /// [`ServiceError`].
-    pub fn post<T: DeserializeOwned>(&self, path: &str, what: &impl Serialize) -> Result<T, ServiceError> {
-        self.post_within(path, what, RESPONSE_TIMEOUT)
-    }
-
-    /// Like [`ServiceClient::post`], but with `limit` as the timeout of the response.
-    ///
-    /// # Errors
-    /// [`ServiceError`].
-    pub fn post_within<T: DeserializeOwned>(
+    /// Requests the response at this path of the API, whose body is not read yet. `body` is sent as JSON by POST. Without
+    /// a limit of the whole request, each wait for a part of the response has the default timeout. Returns an error if
+    /// the service rejects the request.
+    pub(crate) fn request(
         &self,
         path: &str,
-        what: &impl Serialize,
-        limit: Duration,
-    ) -> Result<T, ServiceError> {
-        let body = serde_json::to_vec(what).map_err(ServiceError::silent)?;
-        self.runtime.block_on(self.request(Method::POST, path, body.into(), limit))
-    }
-
-    async fn request<T: DeserializeOwned>(
-        &self,
-        method: Method,
-        path: &str,
-        body: Body,
-        limit: Duration,
-    ) -> Result<T, ServiceError> {
-        let response = async {
-            let (status, incoming) = self.send(method, path, body).await?;
-            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-            if !status.is_success() {
-                return Err(rejection(status, &bytes));
-            }
-            serde_json::from_slice(&bytes).map_err(ServiceError::silent)
+        body: Option<impl Serialize>,
+        limit: Option<Duration>,
+    ) -> Result<Response, ServiceError> {
+        let body = body.map(|body| serde_json::to_vec(&body)).transpose().map_err(ServiceError::silent)?;
+        let stream = self.connect()?;
+        let agent = agent_on(stream.try_clone().map_err(ServiceError::silent)?, limit, RESPONSE_TIMEOUT);
+        let limit = limit.unwrap_or(RESPONSE_TIMEOUT);
+        let url = format!("http://localhost{PREFIX}{path}");
+        let response = match body {
+            None => agent.get(url).call(),
+            Some(body) => agent.post(url).header("content-type", "application/json").send(&body),
         };
-        let late = |_| ServiceError::silent(ResponseError::Late(limit));
-        timeout(limit, response).await.map_err(late)?
-    }
-
-    async fn send(&self, method: Method, path: &str, body: Body) -> Result<(StatusCode, Incoming), ServiceError> {
-        let stream = self.connect().await?;
-        let (mut sender, connection) = http1::handshake(TokioIo::new(stream)).await.map_err(ServiceError::silent)?;
-        tokio::spawn(connection);
-        let request = Request::builder()
-            .method(method)
-            .uri(format!("{PREFIX}{path}"))
-            .header("host", "localhost")
-            .header("content-type", "application/json")
-            .body(body)
-            .map_err(ServiceError::silent)?;
-        let response = sender.send_request(request).await.map_err(ServiceError::silent)?;
-        Ok((response.status(), response.into_body()))
-    }
-
-    /// Leases the port of the robot with this name. `to` is the name of the command that requests the lease. The
-    /// service closes the port and keeps it closed until the returned value is dropped.
-    ///
-    /// # Errors
-    /// [`ServiceError`], for example if the robot has a job.
-    pub fn lease_port(&self, robot: &str, to: &str) -> Result<LeasedPort, ServiceError> {
-        let body = serde_json::to_vec(&LeaseRequest { holder: to.to_owned() }).map_err(ServiceError::silent)?;
-        let begun = async {
-            let (status, incoming) =
-                self.send(Method::POST, &format!("/robots/{robot}/port-lease"), body.into()).await?;
-            if status.is_success() {
-                return Ok(LeasedPort(incoming));
-            }
-            let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-            Err(rejection(status, &bytes))
-        };
-        let late = |_| ServiceError::silent(ResponseError::Late(RESPONSE_TIMEOUT));
-        self.runtime.block_on(async { timeout(RESPONSE_TIMEOUT, begun).await.map_err(late)? })
-    }
-
-    /// Passes the lines of a job's run log after line `after` to `take` as they arrive, until the job has ended or
-    /// `take` returns false.
-    ///
-    /// # Errors
-    /// [`ServiceError`], mostly because the service has ended. `after` is then the number of the latest line, from
-    /// which the caller can resume.
-    pub fn follow(&self, job: &str, after: &mut u64, mut take: impl FnMut(&str) -> bool) -> Result<(), ServiceError> {
-        self.runtime.block_on(async {
-            let path = format!("/jobs/{job}/events?after={after}");
-            let (status, mut incoming) = self.send(Method::GET, &path, Body::empty()).await?;
-            if !status.is_success() {
-                let bytes = incoming.collect().await.map_err(ServiceError::silent)?.to_bytes();
-                return Err(rejection(status, &bytes));
-            }
-            let mut text = Vec::new();
-            while let Some(frame) = incoming.frame().await {
-                text.extend_from_slice(frame.map_err(ServiceError::silent)?.data_ref().unwrap_or(&Bytes::new()));
-                while let Some(end) = text.windows(2).position(|pair| pair == b"\n\n") {
-                    let event: Vec<u8> = text.drain(..end + 2).collect();
-                    let event = String::from_utf8_lossy(&event);
-                    let field =
-                        |name: &str| event.lines().find_map(|line| line.strip_prefix(name)).map(str::trim_start);
-                    let Some(data) = field("data:") else { continue };
-                    *after = field("id:").and_then(|id| id.parse().ok()).unwrap_or(*after);
-                    if !take(data) {
-                        return Ok(());
-                    }
-                }
-            }
-            Ok(())
-        })
+        let (head, body) = response.map_err(|error| ServiceError::of_http(error, limit))?.into_parts();
+        let response = Response { body, stream, limit };
+        if head.status.is_success() {
+            return Ok(response);
+        }
+        let bytes = response.bytes()?;
+        let problem: Value = serde_json::from_slice(&bytes).unwrap_or_default();
+        let detail = problem.get("detail").and_then(Value::as_str);
+        let detail = detail.map_or_else(|| String::from_utf8_lossy(&bytes).into_owned(), str::to_owned);
+        Err(ServiceError::Rejected { status: head.status.as_u16(), detail })
     }
 }
 
-fn rejection(status: StatusCode, bytes: &[u8]) -> ServiceError {
-    let problem: Value = serde_json::from_slice(bytes).unwrap_or_default();
-    let detail = problem.get("detail").and_then(Value::as_str);
-    let detail = detail.map_or_else(|| String::from_utf8_lossy(bytes).into_owned(), str::to_owned);
-    ServiceError::Rejected { status: status.as_u16(), detail }
+/// Update of a job that a program follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JobUpdate<'a> {
+    /// The next line of the job's run log.
+    Line(&'a str),
+    /// The service responds, but the log has no new line.
+    NoChange,
+    /// The service does not respond. It is tried again, because it resumes its jobs when it runs again.
+    NoResponse,
+}
+
+impl ServiceClient {
+    /// Passes the lines of a job's run log to `take` as they are written, each once and in order, and other updates
+    /// from time to time. Returns the job when it has ended, or `None` if `take` breaks off before.
+    ///
+    /// # Errors
+    /// [`ServiceError`], but not for a service that does not respond.
+    pub fn follow_job(
+        &self,
+        id: &str,
+        mut take: impl FnMut(JobUpdate) -> ControlFlow<()>,
+    ) -> Result<Option<Job>, ServiceError> {
+        let mut after = 0;
+        loop {
+            let job = match self.read_events(id, &mut after, &mut take) {
+                Ok(ControlFlow::Break(())) => return Ok(None),
+                // The events end with the job. A service that ends closes the connection, too.
+                Ok(ControlFlow::Continue(())) => self.job(id),
+                Err(error) => Err(error),
+            };
+            match job {
+                Ok(job) if job.state != JobState::Active => return Ok(Some(job)),
+                Ok(_) => {}
+                Err(ServiceError::Unreachable(_)) if take(JobUpdate::NoResponse).is_continue() => {}
+                Err(ServiceError::Unreachable(_)) => return Ok(None),
+                Err(error) => return Err(error),
+            }
+            sleep(RECONNECT_DELAY);
+        }
+    }
+
+    /// Passes the lines after line `after` to `take` until the service ends the response. `after` is then the number of
+    /// the latest line.
+    fn read_events(
+        &self,
+        id: &str,
+        after: &mut u64,
+        take: &mut impl FnMut(JobUpdate) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>, ServiceError> {
+        // The service sends a comment after 15 s without an event.
+        let Response { body, limit, .. } =
+            self.request(&format!("/jobs/{id}/events?after={after}"), None::<()>, None)?;
+        let (mut number, mut data) = (None, None);
+        for line in BufReader::new(body.into_reader()).split(b'\n') {
+            let line = line.map_err(|error| ServiceError::of_http(error, limit))?;
+            let line = String::from_utf8_lossy(&line);
+            let line = line.trim_end_matches('\r');
+            match line.split_once(':') {
+                Some(("id", text)) => number = text.trim_start().parse().ok(),
+                Some(("data", text)) => data = Some(text.trim_start().to_owned()),
+                // An empty line ends an event. A comment has no data.
+                None if line.is_empty() => {
+                    *after = number.take().unwrap_or(*after);
+                    let data = data.take();
+                    let update = data.as_deref().map_or(JobUpdate::NoChange, JobUpdate::Line);
+                    if take(update).is_break() {
+                        return Ok(ControlFlow::Break(()));
+                    }
+                }
+                _ => {}
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+}
+
+/// A response whose body is not read yet.
+pub(crate) struct Response {
+    pub body: Body,
+    /// Connection on which the response arrives.
+    pub stream: UnixStream,
+    /// Time limit of the request, or of each wait for a part of the response.
+    pub limit: Duration,
+}
+
+impl Response {
+    fn bytes(mut self) -> Result<Vec<u8>, ServiceError> {
+        self.body.with_config().read_to_vec().map_err(|error| ServiceError::of_http(error, self.limit))
+    }
+
+    /// Reads the JSON value in the body.
+    pub fn json<T: DeserializeOwned>(self) -> Result<T, ServiceError> {
+        serde_json::from_slice(&self.bytes()?).map_err(ServiceError::silent)
+    }
 }

@@ -1,8 +1,11 @@
 //! Unix socket on which the service of this user listens.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use growbot_plan::user_dirs;
+
+/// Name of the socket in its directory.
+pub const SOCKET: &str = "serve.sock";
 
 /// Returns the directory of the service's stored state: `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`. `None`
 /// if neither `$XDG_STATE_HOME` nor `$HOME` is set.
@@ -14,9 +17,4 @@ pub fn state_dir() -> Option<PathBuf> {
 /// `None` without both.
 pub fn runtime_dir() -> Option<PathBuf> {
     user_dirs::runtime_dir().or_else(state_dir)
-}
-
-/// Returns the path of the socket in its directory.
-pub fn socket_in(runtime_dir: &Path) -> PathBuf {
-    runtime_dir.join("serve.sock")
 }

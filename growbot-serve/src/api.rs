@@ -12,13 +12,13 @@ use axum::http::{Method, Uri};
 use axum::routing::{get, post};
 use axum::{Extension, Json, Router};
 use growbot_client::status::RobotStatus;
-use growbot_remote::page_urls::PageUrls;
+use growbot_remote::api::{PageUrls, RobotCommand};
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::Value;
 
 use super::audit::CommandSource;
-use super::command_routes::{emergency_stop, maintain, send_command, send_live_command, stop};
+use super::command_routes::{command_robot, maintain, send_command, send_live_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_view, jobs, live, live_update_socket, live_updates, new_job, resume};
 use super::plan_routes::{new_plan, new_scene, view_plan};
@@ -71,12 +71,15 @@ pub fn routes() -> (Router<Arc<Service>>, Value) {
         )
         .api_route(
             "/robots/{robot}/stop",
-            post_with(stop, describe("Stop. The body of the request is ignored, and the request waits for no other.")),
+            post_with(
+                |state, access, permits, name| command_robot(state, access, permits, name, RobotCommand::Stop),
+                describe("Stop. The body of the request is ignored, and the request waits for no other."),
+            ),
         )
         .api_route(
             "/robots/{robot}/emergency-stop",
             post_with(
-                emergency_stop,
+                |state, access, permits, name| command_robot(state, access, permits, name, RobotCommand::EmergencyStop),
                 describe(
                     "Turn everything off. The body of the request is ignored, and the request waits for no other.",
                 ),

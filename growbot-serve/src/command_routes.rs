@@ -9,7 +9,7 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
-use growbot_remote::commands::{CommandRequest, MaintenanceRequest, RobotCommand};
+use growbot_remote::api::{CommandRequest, MaintenanceRequest, RobotCommand};
 
 use super::access::{Access, require_control};
 use super::commands::{COMMAND_TIMEOUT, run_command};
@@ -34,26 +34,8 @@ pub async fn send_command(
     command_robot(state, access, permits, name, command).await
 }
 
-pub async fn stop(
-    state: ServiceState,
-    access: Extension<Access>,
-    permits: Extension<ArrivalPermits>,
-    name: Path<String>,
-) -> ApiResult<RobotStatus> {
-    command_robot(state, access, permits, name, RobotCommand::Stop).await
-}
-
-pub async fn emergency_stop(
-    state: ServiceState,
-    access: Extension<Access>,
-    permits: Extension<ArrivalPermits>,
-    name: Path<String>,
-) -> ApiResult<RobotStatus> {
-    command_robot(state, access, permits, name, RobotCommand::EmergencyStop).await
-}
-
 /// Sends a command to a robot, and returns the robot's status after the command.
-async fn command_robot(
+pub async fn command_robot(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Extension(permits): Extension<ArrivalPermits>,

@@ -7,7 +7,7 @@ use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, State};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use growbot_remote::commands::CommandRequest;
+use growbot_remote::api::CommandRequest;
 use serde_json::Value;
 
 use super::access::Access;

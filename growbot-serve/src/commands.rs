@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::stop_signal::{Permit, StopLevel};
 use growbot_plan::job::Command;
-use growbot_remote::commands::RobotCommand;
+use growbot_remote::api::RobotCommand;
 
 use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;

@@ -17,7 +17,7 @@ use axum::response::{IntoResponse, Response};
 use futures_util::stream::{Stream, StreamExt, unfold};
 use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
-use growbot_remote::job::JobState;
+use growbot_remote::api::JobState;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::{sleep, timeout};

@@ -13,7 +13,7 @@ use growbot_plan::plan_file::{self, LoadedPlan};
 use growbot_plan::pose_text::{parse_goal, parse_pose};
 use growbot_plan::sanitize::json_line;
 use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
-use growbot_remote::grow_request::GrowRequest;
+use growbot_remote::api::GrowRequest;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
 use serde::Deserialize;
 use serde_json::value::RawValue;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::State;
-use growbot_remote::job::Job;
+use growbot_remote::api::Job;
 use tokio::task::spawn_blocking;
 
 use super::problem::Problem;

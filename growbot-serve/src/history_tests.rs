@@ -5,8 +5,7 @@ use std::sync::Arc;
 
 use growbot_client::stop_signal::StopLevel;
 use growbot_core::link::message::State as BoardState;
-use growbot_remote::commands::RobotCommand;
-use growbot_remote::job::{Job, JobState};
+use growbot_remote::api::{Job, JobState, RobotCommand};
 
 use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::NotifyEntry;

@@ -4,7 +4,7 @@ use std::sync::{MutexGuard, PoisonError};
 
 use growbot_core::link::message::{State, Status};
 use growbot_plan::run_log::{RecordedRun, RunLog, utc_now};
-use growbot_remote::job::{Job, JobState, end_reason};
+use growbot_remote::api::{Job, JobState, end_reason};
 use rusqlite::named_params;
 
 use super::job_store::{COLUMNS, JobStore, JobStoreError, of_row};

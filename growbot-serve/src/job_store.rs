@@ -8,7 +8,7 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use growbot_plan::run_log::{RecordedRun, utc_now};
-use growbot_remote::job::{Job, JobState, end_reason};
+use growbot_remote::api::{Job, JobState, end_reason};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 
 use super::job_updates::KeptUpdates;
@@ -392,7 +392,7 @@ fn written_time(compact: &str) -> String {
 mod tests {
     use super::super::notification::NotificationChannel;
     use super::*;
-    use growbot_remote::commands::RobotCommand as C;
+    use growbot_remote::api::RobotCommand as C;
 
     #[test]
     fn names_in_the_database_and_in_urls() {

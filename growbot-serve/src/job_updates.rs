@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use growbot_remote::job::JobState;
+use growbot_remote::api::JobState;
 use rusqlite::{Connection, named_params};
 
 use super::alert::AlertUpdate;

@@ -6,7 +6,7 @@ use std::os::unix::fs::DirBuilderExt;
 use std::path::PathBuf;
 
 use growbot_plan::ownership::{self, OwnershipError, Protection, check_private};
-use growbot_remote::socket::{self, socket_in};
+use growbot_remote::socket::{self, SOCKET};
 
 /// Directories of the service: one for its stored state, one for its socket. Only the user can access them.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -97,6 +97,6 @@ impl ServicePaths {
 
     /// Returns the path of the Unix socket on which growbot's commands reach the service.
     pub fn socket(&self) -> PathBuf {
-        socket_in(&self.runtime)
+        self.runtime.join(SOCKET)
     }
 }

@@ -9,7 +9,7 @@ use axum::{Extension, Json};
 use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
-use growbot_remote::grow_request::GrowRequest;
+use growbot_remote::api::GrowRequest;
 use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};

@@ -11,7 +11,7 @@ use axum::extract::{Path, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use growbot_remote::commands::LeaseRequest;
+use growbot_remote::api::LeaseRequest;
 use tokio::task::spawn_blocking;
 
 use super::access::Access;

@@ -2,7 +2,7 @@
 
 use growbot_client::port::time_since_boot;
 use growbot_core::link::message::{BoardInfo, Status};
-use growbot_remote::job::Job;
+use growbot_remote::api::Job;
 
 use super::alert::{Alert, AlertState};
 use super::notification::{NotificationContext, NotificationEvent};

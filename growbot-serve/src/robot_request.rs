@@ -8,7 +8,7 @@ use growbot_client::stop_signal::{Generation, Permit};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
 use growbot_plan::plan::Plan;
-use growbot_remote::job::Job;
+use growbot_remote::api::Job;
 use growbot_scene::scene_file::LoadedScene;
 
 use super::robot_error::RobotRequestError;

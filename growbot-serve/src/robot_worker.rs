@@ -18,7 +18,7 @@ use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::run_log::RunLog;
-use growbot_remote::job::JobState;
+use growbot_remote::api::JobState;
 use growbot_sim::port::{OpenError, OpenPort, PortName};
 use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::sim_daemon::process::switch_on;

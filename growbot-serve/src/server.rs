@@ -15,7 +15,7 @@ use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
-use growbot_remote::page_urls::PageUrls;
+use growbot_remote::api::PageUrls;
 use serde_json::Value;
 use tokio::net::{TcpListener, UnixListener};
 use tokio::runtime::Handle;

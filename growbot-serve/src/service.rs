@@ -5,8 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
-use growbot_remote::job::Job;
-use growbot_remote::page_urls::PageUrls;
+use growbot_remote::api::{Job, PageUrls};
 use tokio::sync::watch;
 
 use super::audit::Audit;

@@ -16,9 +16,7 @@ use axum::http::HeaderMap;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
 use growbot_plan::robot_file;
-use growbot_remote::commands::RobotCommand;
-use growbot_remote::grow_request::GrowRequest;
-use growbot_remote::job::{Job, JobState};
+use growbot_remote::api::{GrowRequest, Job, JobState, RobotCommand};
 use strum::VariantArray;
 
 use super::access::Access;

@@ -2,7 +2,7 @@
 //! that `stop_model` runs.
 
 use growbot_core::link::message::{PauseCause, State as BoardState};
-use growbot_remote::commands::RobotCommand;
+use growbot_remote::api::RobotCommand;
 
 use super::commands::run_command;
 use super::fake_board::LineState;

@@ -22,7 +22,6 @@ use super::growth_monitor::{GrowthMonitor, ResultFormat};
 use super::interrupt::stop_on_interrupt;
 use super::maintenance_task::maintain;
 use super::port_arg::{Connection, SelectedPort};
-use super::port_lease::PortLeaseGuard;
 use super::remedies;
 use super::robot_arg::RobotArg;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
@@ -215,10 +214,6 @@ impl RobotHandle for LocalRobot<'_> {
             parked: following.when_parked(),
         };
         following.follow(&job, board)
-    }
-
-    fn lease(self: Box<Self>, _: &str) -> Result<Option<PortLeaseGuard>, Failure> {
-        Ok(None)
     }
 }
 
