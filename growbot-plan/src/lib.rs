@@ -22,9 +22,9 @@
 //!   expected finish time of a growth;
 //! - [`table`]: tables as CSV, JSON, text and HTML; [`figures`]: numbers as text; [`text_wrap`]: line breaks in texts;
 //! - [`file_report`]: reports of written files, as JSON;
-//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`], [`remedy`], [`parallel`]: bounded reading,
-//!   atomic writing, text without control characters, suggestions for mistyped names, the user's directories, texts of
-//!   errors with remedies, and work on all cores.
+//! - [`input`], [`atomic_file`], [`sanitize`], [`suggest`], [`user_dirs`], [`ownership`], [`remedy`], [`parallel`]:
+//!   bounded reading, atomic writing, text without control characters, suggestions for mistyped names, the user's
+//!   directories, files that another user can change, texts of errors with remedies, and work on all cores.
 //!
 //! The feature `schema` derives JSON Schemas of robot files, plans, run logs and results. The feature `robot-editing` has
 //! the modules that keep the comments of robot files, and the feature `text-wrap` has [`text_wrap`].
@@ -49,6 +49,7 @@ pub mod growth_report;
 pub mod input;
 pub mod job;
 pub mod margin;
+pub mod ownership;
 pub mod parallel;
 pub mod plan;
 pub mod plan_deviation;

@@ -6,7 +6,9 @@ use std::fmt::Display;
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::plan::PlanError;
 use growbot_core::pose::PoseError;
+use growbot_plan::ownership::OwnershipError;
 use growbot_plan::scene_planning::ScenePlanError;
+use growbot_remote::client::ServiceError;
 use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
@@ -139,6 +141,22 @@ impl From<Error> for PyErr {
 impl From<PyErr> for Error {
     fn from(error: PyErr) -> Self {
         Self::Python(error)
+    }
+}
+
+impl From<ServiceError> for Error {
+    fn from(error: ServiceError) -> Self {
+        let message = remedies::message(&error);
+        match &error {
+            ServiceError::Ownership(OwnershipError::Owner { owner, .. }) | ServiceError::ForeignPeer { owner, .. } => {
+                Self::Growbot { kind: ErrorKind::Board, message, value: Some(f64::from(*owner).into()), limit: None }
+            }
+            ServiceError::Ownership(OwnershipError::Mode { mode, .. }) => {
+                Self::with(ErrorKind::Board, message, format!("{mode:04o}"), "0700")
+            }
+            _ if error.is_invalid_request() => Self::new(ErrorKind::Input, message),
+            _ => Self::new(ErrorKind::Board, message),
+        }
     }
 }
 

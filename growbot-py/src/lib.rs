@@ -5,10 +5,12 @@
 //! - `path_frames`: positions along a path
 //! - `conditions`, `simulate`, `summary`: growths without a board, one or many, and their statistics
 //! - `run`: logs of growths
-//! - `board`, `preconditions`: growths on a board
+//! - `board`, `board_handle`: robots at a port, which this program owns (`local_board`) or the user's service
+//!   (`remote_board`)
+//! - `growth`, `preconditions`: growths on a board
 //! - `arguments`: conversion and checks of arguments; `arrays`: arrays with named fields
 //! - `page`: the page that shows a body
-//! - `interruptible`: computations that Ctrl-C ends
+//! - `interruptible`: computations and waits that Ctrl-C ends
 //! - `pickle`: state of plans for Python's pickle
 //! - `error`: conversion of errors to Python exceptions
 //!
@@ -20,9 +22,12 @@
 mod arguments;
 mod arrays;
 mod board;
+mod board_handle;
 mod conditions;
 mod error;
+mod growth;
 mod interruptible;
+mod local_board;
 mod page;
 mod path_frames;
 mod pickle;
@@ -31,6 +36,7 @@ mod pose;
 mod preconditions;
 mod py_plan;
 mod remedies;
+mod remote_board;
 mod robot;
 mod run;
 mod scene;
@@ -43,7 +49,9 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _growbot {
     #[pymodule_export]
-    use crate::board::{Growth, PyBoard};
+    use crate::board::PyBoard;
+    #[pymodule_export]
+    use crate::growth::Growth;
     #[pymodule_export]
     use crate::plan::{PlanWarning, PySegment, plan, plan_many};
     #[pymodule_export]

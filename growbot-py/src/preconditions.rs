@@ -16,17 +16,17 @@ use crate::scene::{PyScene, through};
 /// Returns the scene for the growth of a plan, and the reason why the plan is not clear of it: the argument `scene`, or
 /// else the scene through which the plan was made. `None` without a scene.
 pub fn scene_for_growth(
+    py: Python<'_>,
     plan: &PyPlan,
-    scene: Option<&Bound<PyAny>>,
+    scene: Option<PyScene>,
 ) -> Result<(Option<PyScene>, Option<SceneCheckError>), Error> {
-    let Some(given) = scene else { return Ok((through(&plan.inner)?, None)) };
-    let scene = PyScene::given(given)?;
+    let Some(scene) = scene else { return Ok((through(&plan.inner)?, None)) };
     let file = scene.file.display().to_string();
     match check_clearance(&plan.inner, &plan.robot, &file, &scene.loaded) {
         Err(unclear) => Ok((Some(scene), Some(unclear))),
         Ok(found) => {
             if let Some(near) = near_obstacle(&plan.inner, &plan.robot, &scene.loaded, found.clearance) {
-                warn(given.py(), &near.message)?;
+                warn(py, &near.message)?;
             }
             Ok((Some(scene), None))
         }

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use growbot_client::growth::DEFAULT_SEED;
 use growbot_core::layer::Layer;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::{SimulatedBody, Subject};
@@ -54,7 +55,7 @@ impl PySimulationResult {
 
 /// Converts the argument `seed`, the seed of random errors. The default is 1.
 pub fn seed_of(value: Option<&Bound<PyAny>>) -> Result<u64, Error> {
-    value.map_or(Ok(1), |value| integer("seed", value, 0, u64::MAX))
+    value.map_or(Ok(DEFAULT_SEED), |value| integer("seed", value, 0, u64::MAX))
 }
 
 #[pymethods]

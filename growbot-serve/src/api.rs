@@ -8,16 +8,15 @@ use axum::extract::{Path, State};
 use axum::routing::{get, post};
 use axum::{Extension, Json};
 use growbot_client::recovery::RecoverySequence;
+use growbot_remote::api::{PageUrls, RobotCommand};
 
 use super::access::Access;
 use super::audit::CommandSource;
-pub use super::command_routes::MaintenanceRequest;
-use super::command_routes::{emergency_stop, maintain, robot_commands, send_command, stop};
+use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::live_routes;
 use super::openapi::describe;
-use super::page_urls::PageUrls;
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
@@ -58,12 +57,15 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         )
         .api_route(
             "/robots/{robot}/stop",
-            post_with(stop, describe("Stop. The body of the request is ignored, and the request waits for no other.")),
+            post_with(
+                |order: Order| command_robot(order, RobotCommand::Stop),
+                describe("Stop. The body of the request is ignored, and the request waits for no other."),
+            ),
         )
         .api_route(
             "/robots/{robot}/emergency-stop",
             post_with(
-                emergency_stop,
+                |order: Order| command_robot(order, RobotCommand::EmergencyStop),
                 describe(
                     "Turn everything off. The body of the request is ignored, and the request waits for no other.",
                 ),

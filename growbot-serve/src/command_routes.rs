@@ -9,12 +9,11 @@ use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use growbot_remote::api::{CommandRequest, MaintenanceRequest, RobotCommand};
 use serde_json::Value;
 
 use super::access::{Access, require_control};
-use super::commands::{COMMAND_TIMEOUT, CommandRequest, RobotCommand, run_command};
+use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
 use super::page_source::{ArrivalPermits, PageSource as _};
 use super::problem::Problem;
@@ -26,18 +25,10 @@ use crate::watch::sockets::{CommandMessage, command_socket};
 const COOL_DOWN: &str = "cooldown";
 
 /// Parts of a request for an order to a robot.
-type Order = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
+pub type Order = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
 
 pub async fn send_command(order: Order, Json(request): Json<CommandRequest>) -> ApiResult<RobotStatus> {
     command_robot(order, request.command).await
-}
-
-pub async fn stop(order: Order) -> ApiResult<RobotStatus> {
-    command_robot(order, RobotCommand::Stop).await
-}
-
-pub async fn emergency_stop(order: Order) -> ApiResult<RobotStatus> {
-    command_robot(order, RobotCommand::EmergencyStop).await
 }
 
 /// Opens a WebSocket, and carries out the commands to any robot that arrive on it. A browser opens few connections to a
@@ -65,7 +56,7 @@ pub async fn robot_commands(
 }
 
 /// Sends a command to a robot, and returns the robot's status after the command.
-async fn command_robot(
+pub async fn command_robot(
     (State(service), Extension(access), Extension(permits), Path(name)): Order,
     command: RobotCommand,
 ) -> ApiResult<RobotStatus> {
@@ -79,17 +70,6 @@ async fn command_robot(
         Ok(Json(keeper.status()))
     })
     .await
-}
-
-/// A maintenance task, as `growbot maintain` runs it.
-#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct MaintenanceRequest {
-    /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
-    pub task: String,
-    /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
-    #[serde(default)]
-    pub value: String,
 }
 
 pub async fn maintain(

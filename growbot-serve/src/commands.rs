@@ -4,9 +4,7 @@ use std::time::{Duration, Instant};
 
 use growbot_client::stop_signal::{Permit, StopLevel};
 use growbot_plan::job::Command;
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use strum::IntoStaticStr;
+use growbot_remote::api::RobotCommand;
 
 use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
@@ -18,46 +16,6 @@ pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
 const RECONNECTIONS: u32 = 2;
 /// Interval of the checks whether the board has confirmed a stop.
 const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
-
-/// Command to a robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, JsonSchema, IntoStaticStr)]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum RobotCommand {
-    /// Pause after the current layer.
-    Pause,
-    /// Continue after a pause.
-    Continue,
-    /// Turn off heater and steppers. The body can be resumed.
-    Stop,
-    /// Turn everything off, before any other command.
-    EmergencyStop,
-    /// Clear a fault or an emergency stop.
-    ClearFault,
-    /// Discard the body that hangs on the robot.
-    Cancel,
-    /// Drop a stop that the board has not confirmed.
-    WithdrawStop,
-}
-
-impl RobotCommand {
-    /// Returns true if the command stops or pauses the robot. Such a command is never refused because of its age.
-    pub(super) fn stops_or_pauses(self) -> bool {
-        matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
-    }
-
-    pub(super) fn name(self) -> &'static str {
-        self.into()
-    }
-}
-
-/// Request to send a command.
-#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct CommandRequest {
-    /// Command to send.
-    pub command: RobotCommand,
-}
 
 /// Sends a command to a robot, with the permit that was issued when the command arrived. Waits until the board has
 /// carried the command out. Pause and continue are only queued for the active growth.

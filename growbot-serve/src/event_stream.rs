@@ -11,11 +11,11 @@ use std::time::Duration;
 use futures_util::stream::{Stream, unfold};
 use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
+use growbot_remote::api::JobState;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
 
-use super::job::JobState;
 use super::page_source::PageSource;
 use super::service::Service;
 use super::stream_event::{StreamEvent, state_events};

@@ -1,4 +1,4 @@
-//! Request for a job or a plan, and the planning of its path.
+//! Planning of the path of a request for a job or a plan.
 
 use std::path::{Path, PathBuf};
 
@@ -14,10 +14,9 @@ use growbot_plan::plan_file::{self, LoadedPlan};
 use growbot_plan::pose_text::{parse_goal, parse_pose};
 use growbot_plan::sanitize::json_line;
 use growbot_plan::scene_planning::{self, EFFORT, MAX_LENGTH_MM, SceneOptions};
+use growbot_remote::api::GrowRequest;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, load};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde::Deserialize;
 use serde_json::value::RawValue;
 
 use super::access::Access;
@@ -31,45 +30,6 @@ use super::scene_store;
 const MAX_VIA: usize = 100;
 /// Maximum length of the name of a job, characters.
 const MAX_NAME: usize = 512;
-
-/// A request to grow or to plan.
-#[derive(Debug, Clone, Default, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct GrowRequest {
-    /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
-    #[schemars(with = "Option<Value>")]
-    pub plan: Option<Box<RawValue>>,
-    /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
-    pub to: Option<String>,
-    /// Start pose. The default is `0,0,0,0,90`.
-    pub from: Option<String>,
-    /// Poses or positions that the path passes through, in order.
-    #[serde(default)]
-    #[schemars(length(max = 100))]
-    pub via: Vec<String>,
-    /// Radius of the bends, mm. The default is the robot's planning radius.
-    pub radius_mm: Option<f64>,
-    /// Scene to keep clear of: the name of a scene that `/scenes` has stored. On the user's socket it can also be the
-    /// absolute path of a file.
-    #[serde(default)]
-    pub scene: Option<String>,
-    /// Minimum distance between the outside of the tube and the scene, mm. The default is `margin_mm` of the scene, or
-    /// else the deviation that is expected of the robot.
-    #[schemars(range(min = 0.0, max = 1e7))]
-    pub margin_mm: Option<f64>,
-    /// Measure each layer, and plan the rest of the path again from the measured tip.
-    #[serde(default)]
-    pub feedback: bool,
-    /// Grow despite the warnings self-collision, filament-short and layer-limit.
-    #[serde(default)]
-    pub force: bool,
-    /// Grow although the plan is not clear of the scene, and do not keep corrections clear of it.
-    #[serde(default)]
-    pub ignore_scene: bool,
-    /// Name of the job for users.
-    #[schemars(length(max = 512))]
-    pub name: Option<String>,
-}
 
 /// The fields of a plan in JSON that are needed before the whole plan is parsed and checked.
 #[derive(Default, Deserialize)]
@@ -98,145 +58,143 @@ pub struct PlanInScene {
     pub scene: Option<LoadedScene>,
 }
 
-impl GrowRequest {
-    /// Returns the hash of the request, by which a repetition with the same idempotency key is recognised.
-    pub fn hash(&self) -> String {
-        let mut hasher = Hasher::default();
-        hasher.write_bytes(json_line(self).as_bytes());
-        format!("{:016x}", hasher.finish())
-    }
+/// Returns the hash of the request, by which a repetition with the same idempotency key is recognised.
+pub fn request_hash(request: &GrowRequest) -> String {
+    let mut hasher = Hasher::default();
+    hasher.write_bytes(json_line(request).as_bytes());
+    format!("{:016x}", hasher.finish())
+}
 
-    /// Returns the plan that the request contains, or plans a path to the goal of the request. `robot` is the robot
-    /// that will grow the plan.
-    pub fn resolve(
-        &self,
-        robot: &Robot,
-        places: &ServicePaths,
-        access: Access,
-        computation: &Computation,
-    ) -> Result<PlanInScene, Problem> {
-        self.check_lengths()?;
-        let scene = self.scene_file(places, access)?;
-        let resolved = match (&self.plan, &self.to) {
-            (Some(_), Some(_)) => {
-                return Err(Problem::bad("the request has both \"plan\" and \"to\": remove one of them"));
-            }
-            (None, None) => {
-                return Err(Problem::bad("the request has neither \"plan\" nor \"to\": give one of them"));
-            }
-            (Some(plan), None) => self.given(plan, robot, scene.as_deref())?,
-            (None, Some(goal)) => self.to_goal(goal, robot, scene.as_deref(), computation)?,
-        };
-        ensure_storable(resolved.plan.requirements.layers as u64)?;
-        computation.check()?;
-        Ok(resolved)
-    }
+/// Returns the plan that the request contains, or plans a path to the goal of the request. `robot` is the robot that
+/// will grow the plan.
+pub fn resolve_request(
+    request: &GrowRequest,
+    robot: &Robot,
+    places: &ServicePaths,
+    access: Access,
+    computation: &Computation,
+) -> Result<PlanInScene, Problem> {
+    check_lengths(request)?;
+    let scene = scene_file(request, places, access)?;
+    let resolved = match (&request.plan, &request.to) {
+        (Some(_), Some(_)) => {
+            return Err(Problem::bad("the request has both \"plan\" and \"to\": remove one of them"));
+        }
+        (None, None) => {
+            return Err(Problem::bad("the request has neither \"plan\" nor \"to\": give one of them"));
+        }
+        (Some(plan), None) => given(request, plan, robot, scene.as_deref())?,
+        (None, Some(goal)) => to_goal(request, goal, robot, scene.as_deref(), computation)?,
+    };
+    ensure_storable(resolved.plan.requirements.layers as u64)?;
+    computation.check()?;
+    Ok(resolved)
+}
 
-    /// Returns an error if the request has too many waypoints or the name of the job is too long.
-    fn check_lengths(&self) -> Result<(), Problem> {
-        let via = self.via.len();
-        if via > MAX_VIA {
-            return Err(Problem::bad(format!("\"via\" has {via} waypoints: give at most {MAX_VIA}")));
-        }
-        let name = self.name.as_ref().map_or(0, |name| name.chars().count());
-        if name > MAX_NAME {
-            return Err(Problem::bad(format!("\"name\" has {name} characters: give at most {MAX_NAME}")));
-        }
-        Ok(())
+/// Returns an error if the request has too many waypoints or the name of the job is too long.
+fn check_lengths(request: &GrowRequest) -> Result<(), Problem> {
+    let via = request.via.len();
+    if via > MAX_VIA {
+        return Err(Problem::bad(format!("\"via\" has {via} waypoints: give at most {MAX_VIA}")));
     }
-
-    /// Returns the path of the scene's file. `None` if neither the request nor its plan names a scene. Only growbot's
-    /// commands on this machine can name a file that the service has not stored.
-    fn scene_file(&self, places: &ServicePaths, access: Access) -> Result<Option<PathBuf>, Problem> {
-        let named_by_plan = || PlanOutline::of(self.plan.as_deref()?).scene?.file;
-        let Some(name) = self.scene.clone().or_else(named_by_plan) else { return Ok(None) };
-        if access == Access::Control(CommandSource::Socket) && Path::new(&name).is_absolute() {
-            return Ok(Some(PathBuf::from(name)));
-        }
-        scene_store::find(places, &name).map(Some)
+    let name = request.name.as_ref().map_or(0, |name| name.chars().count());
+    if name > MAX_NAME {
+        return Err(Problem::bad(format!("\"name\" has {name} characters: give at most {MAX_NAME}")));
     }
+    Ok(())
+}
 
-    /// Loads a scene from this file. The margin of the request, if there is one, replaces that of the scene.
-    fn load(&self, file: &Path) -> Result<LoadedScene, Problem> {
-        let mut loaded = load(file).map_err(Problem::bad)?;
-        if let Some(margin) = self.margin_mm {
-            if !(0.0..=MAX_LENGTH).contains(&margin) {
-                return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH} mm")));
-            }
-            loaded.margin = Some(margin);
-        }
-        Ok(loaded)
+/// Returns the path of the scene's file. `None` if neither the request nor its plan names a scene. Only growbot's
+/// commands on this machine can name a file that the service has not stored.
+fn scene_file(request: &GrowRequest, places: &ServicePaths, access: Access) -> Result<Option<PathBuf>, Problem> {
+    let named_by_plan = || PlanOutline::of(request.plan.as_deref()?).scene?.file;
+    let Some(name) = request.scene.clone().or_else(named_by_plan) else { return Ok(None) };
+    if access == Access::Control(CommandSource::Socket) && Path::new(&name).is_absolute() {
+        return Ok(Some(PathBuf::from(name)));
     }
+    scene_store::find(places, &name).map(Some)
+}
 
-    fn given(&self, plan: &RawValue, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
-        // A plan whose number of layers does not match its segments is refused before its clearance is proven.
-        ensure_storable(PlanOutline::of(plan).layers.unwrap_or(0))?;
-        let opened = plan_file::read_in_scene(plan.get(), "the plan", None, scene);
-        let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
-        if of.hash() != robot.hash() {
-            return Err(Problem::conflict(format!(
-                "the plan is for {} ({:016x}), but the robot is {} ({:016x}): plan for that robot",
-                of.name(),
-                of.hash(),
-                robot.name(),
-                robot.hash()
-            )));
+/// Loads a scene from this file. The margin of the request, if there is one, replaces that of the scene.
+fn load_scene(request: &GrowRequest, file: &Path) -> Result<LoadedScene, Problem> {
+    let mut loaded = load(file).map_err(Problem::bad)?;
+    if let Some(margin) = request.margin_mm {
+        if !(0.0..=MAX_LENGTH).contains(&margin) {
+            return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH} mm")));
         }
-        let (Some(file), true) = (scene, within.is_none() || self.margin_mm.is_some()) else {
-            return Ok(PlanInScene { plan, scene: within });
-        };
-        // The plan was made without the scene, or for another margin.
-        let loaded = self.load(file)?;
-        match scene_planning::attach_scene(&mut plan, robot, &file.display().to_string(), &loaded) {
-            Ok(()) => {}
-            Err(_) if self.ignore_scene => {}
-            Err(unclear) => {
-                let detail = format!("{unclear}; or set \"ignore_scene\" to grow without checking the scene");
-                let code = Some(GrowthRefusal::Scene(&unclear).code());
-                return Err(Problem { code, ..Problem::bad(detail) });
-            }
-        }
-        Ok(PlanInScene { plan, scene: Some(loaded) })
+        loaded.margin = Some(margin);
     }
+    Ok(loaded)
+}
 
-    fn to_goal(
-        &self,
-        goal: &str,
-        robot: &Robot,
-        scene: Option<&Path>,
-        computation: &Computation,
-    ) -> Result<PlanInScene, Problem> {
-        let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
-        let start = parse_pose(self.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
-        let via: Result<Vec<_>, _> = self.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
-        let via = via.map_err(Problem::bad)?;
-        let goals: Vec<Goal> = via.iter().copied().chain([goal]).collect();
-        ensure_storable(min_layers(robot, &start, &goals))?;
-        let search = PlanOptions {
-            radius: self.radius_mm.unwrap_or(robot.description().planning_radius_mm),
-            planner: Planner::Shortest,
-            avoid_self_collision: true,
-        };
-        let Some(file) = scene else {
-            let check = || computation.check();
-            let plan = Plan::through_waypoints_while(robot, &start, &via, &goal, &search, &check)?;
-            return Ok(PlanInScene { plan, scene: None });
-        };
-        let loaded = self.load(file)?;
-        let through = SceneOptions {
-            file: &file.display().to_string(),
-            loaded: &loaded,
-            margin: planning_margin_mm(robot, &loaded),
-            grown: None,
-            effort: EFFORT,
-            deadline: Some(computation.deadline()),
-            max_length: MAX_LENGTH_MM,
-            first_only: false,
-        };
+fn given(request: &GrowRequest, plan: &RawValue, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
+    // A plan whose number of layers does not match its segments is refused before its clearance is proven.
+    ensure_storable(PlanOutline::of(plan).layers.unwrap_or(0))?;
+    let opened = plan_file::read_in_scene(plan.get(), "the plan", None, scene);
+    let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
+    if of.hash() != robot.hash() {
+        return Err(Problem::conflict(format!(
+            "the plan is for {} ({:016x}), but the robot is {} ({:016x}): plan for that robot",
+            of.name(),
+            of.hash(),
+            robot.name(),
+            robot.hash()
+        )));
+    }
+    let (Some(file), true) = (scene, within.is_none() || request.margin_mm.is_some()) else {
+        return Ok(PlanInScene { plan, scene: within });
+    };
+    // The plan was made without the scene, or for another margin.
+    let loaded = load_scene(request, file)?;
+    match scene_planning::attach_scene(&mut plan, robot, &file.display().to_string(), &loaded) {
+        Ok(()) => {}
+        Err(_) if request.ignore_scene => {}
+        Err(unclear) => {
+            let detail = format!("{unclear}; or set \"ignore_scene\" to grow without checking the scene");
+            let code = Some(GrowthRefusal::Scene(&unclear).code());
+            return Err(Problem { code, ..Problem::bad(detail) });
+        }
+    }
+    Ok(PlanInScene { plan, scene: Some(loaded) })
+}
+
+fn to_goal(
+    request: &GrowRequest,
+    goal: &str,
+    robot: &Robot,
+    scene: Option<&Path>,
+    computation: &Computation,
+) -> Result<PlanInScene, Problem> {
+    let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
+    let start = parse_pose(request.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
+    let via: Result<Vec<_>, _> = request.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
+    let via = via.map_err(Problem::bad)?;
+    let goals: Vec<Goal> = via.iter().copied().chain([goal]).collect();
+    ensure_storable(min_layers(robot, &start, &goals))?;
+    let search = PlanOptions {
+        radius: request.radius_mm.unwrap_or(robot.description().planning_radius_mm),
+        planner: Planner::Shortest,
+        avoid_self_collision: true,
+    };
+    let Some(file) = scene else {
         let check = || computation.check();
-        let plan = scene_planning::plan_while(robot, &start, &goals, &search, &through, &check)?;
-        Ok(PlanInScene { plan, scene: Some(loaded) })
-    }
+        let plan = Plan::through_waypoints_while(robot, &start, &via, &goal, &search, &check)?;
+        return Ok(PlanInScene { plan, scene: None });
+    };
+    let loaded = load_scene(request, file)?;
+    let through = SceneOptions {
+        file: &file.display().to_string(),
+        loaded: &loaded,
+        margin: planning_margin_mm(robot, &loaded),
+        grown: None,
+        effort: EFFORT,
+        deadline: Some(computation.deadline()),
+        max_length: MAX_LENGTH_MM,
+        first_only: false,
+    };
+    let check = || computation.check();
+    let plan = scene_planning::plan_while(robot, &start, &goals, &search, &through, &check)?;
+    Ok(PlanInScene { plan, scene: Some(loaded) })
 }
 
 /// Returns an error if no board can store a job of this many layers.

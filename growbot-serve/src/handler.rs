@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use axum::Json;
 use axum::extract::State;
+use growbot_remote::api::Job;
 use tokio::task::spawn_blocking;
 
-use super::job::Job;
 use super::problem::Problem;
 use super::robot_worker::RobotWorker;
 use super::service::Service;

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use growbot_client::stop_signal::StopLevel;
 use growbot_core::link::message::State as BoardState;
+use growbot_remote::api::{Job, JobState, RobotCommand};
 
-use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
+use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::NotifyEntry;
 use super::fake_board::LineState;
-use super::job::{Job, JobState};
 use super::job_store::JobStore;
 use super::notification::NotificationChannel;
 use super::robot_error::RobotRequestError;

@@ -4,13 +4,12 @@ use std::sync::{MutexGuard, PoisonError};
 
 use growbot_core::link::message::{State, Status};
 use growbot_plan::run_log::{RecordedRun, RunLog, utc_now};
+use growbot_remote::api::{Job, JobState, end_reason};
 use rusqlite::named_params;
 
-use super::job::{Job, JobState};
 use super::job_store::{COLUMNS, JobStore, JobStoreError, of_row};
 use super::job_updates::JobUpdate;
 use super::robot_worker::RobotWorker;
-use crate::job::end_reason;
 
 /// Reason of a job that failed because the board no longer stores it. If a board that stores the job is connected
 /// later, the job can be resumed.

@@ -12,14 +12,14 @@ use growbot_pictures::view::page::PageAccess;
 use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_plan::job::Command;
 use growbot_plan::run_log::RecordedRun;
+use growbot_remote::api::{Job, JobState, RobotCommand};
 use serde_json::json;
 use tokio::sync::watch;
 use tokio::time::sleep;
 
 use super::audit::CommandSource;
-use super::commands::{RobotCommand, run_command};
+use super::commands::run_command;
 use super::handler::{find_robot, found_job, run_blocking};
-use super::job::{Job, JobState};
 use super::limits::RoleLimits;
 use super::page_source::{ArrivalPermits, PageSource};
 use super::plan_routes::scene_name;

@@ -17,6 +17,7 @@ use growbot_core::robot::Robot;
 use growbot_plan::plan::Plan;
 use growbot_plan::run_log::utc_now;
 use growbot_plan::warning::BLOCKING;
+use growbot_remote::api::{GrowRequest, Job, JobState};
 use schemars::JsonSchema;
 use serde::Deserialize;
 use tokio::task::spawn_blocking;
@@ -24,9 +25,8 @@ use tokio::task::spawn_blocking;
 use super::access::{Access, require_control};
 use super::commands::COMMAND_TIMEOUT;
 use super::event_stream::job_events;
-use super::grow_request::{GrowRequest, PlanInScene};
+use super::grow_request::{PlanInScene, request_hash, resolve_request};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
-use super::job::{Job, JobState};
 use super::job_pages::page_of;
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, holding};
@@ -58,7 +58,7 @@ pub async fn new_job(
     let requester = Requester(order.claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = limits.compute(move |computation| {
-        let plan = |robot: &Robot| wanted.resolve(robot, service.places(), access, computation);
+        let plan = |robot: &Robot| resolve_request(&wanted, robot, service.places(), access, computation);
         let made = make_job(&service, &keeper, &wanted, plan, order, key.as_deref());
         let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
         service.shared.audit.note(by, &name, order, &made);
@@ -94,7 +94,7 @@ pub(super) fn make_job(
     order: Order,
     key: Option<&str>,
 ) -> Result<(StatusCode, Json<Job>), Problem> {
-    let hash = wanted.hash();
+    let hash = request_hash(wanted);
     let before = || {
         let found = key.map_or(Ok(None), |key| service.shared.jobs().find_by_key(key)).map_err(Problem::internal)?;
         match found {

@@ -16,12 +16,12 @@ use growbot_plan::growth_report::Outcome;
 use growbot_plan::job::{Command, Job as BoardJob, JobEvent};
 use growbot_plan::plan::Plan;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunLog};
+use growbot_remote::api::{Job, JobState, end_reason};
 use growbot_scene::scene_file::LoadedScene;
 use growbot_sim::simulated_tip::ground_truth;
 use time::OffsetDateTime;
 
 use super::connector::BoardConnection;
-use super::job::{Job, JobState, end_reason};
 use super::notification::NotificationEvent;
 use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{NewJob, Reply};

@@ -8,12 +8,11 @@ use std::sync::mpsc::Sender;
 use std::time::Duration;
 
 use growbot_plan::run_log::{RecordedRun, utc_now};
+use growbot_remote::api::{Job, JobState, end_reason};
 use rusqlite::{Connection, OpenFlags, OptionalExtension, Row, named_params};
 
-use super::job::end_reason;
 use super::job_updates::KeptUpdates;
 use super::paths::ServicePaths;
-use crate::job::{Job, JobState};
 use crate::job_updates::JobUpdate;
 
 /// Time for which a change waits for other users of the database.
@@ -391,9 +390,9 @@ fn written_time(compact: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::super::commands::RobotCommand as C;
     use super::super::notification::NotificationChannel;
     use super::*;
+    use growbot_remote::api::RobotCommand as C;
 
     #[test]
     fn names_in_the_database_and_in_urls() {

@@ -3,10 +3,10 @@
 
 use std::collections::VecDeque;
 
+use growbot_remote::api::JobState;
 use rusqlite::{Connection, named_params};
 
 use super::alert::AlertUpdate;
-use super::job::JobState;
 use super::notification::{MAX_QUEUED_PER_CHANNEL, NotificationChannel};
 
 /// A change of the database.

@@ -8,8 +8,8 @@
 //!   `robot_stops` raises and delivers the stops of a robot, and `robot_alerts` sends the notices about it. `stopper`
 //!   sends emergency stops, and `stop_file` stores an unconfirmed stop on disk. `job_run` carries out a job on the
 //!   board.
-//! - `job_store` is a database of all [`job`]s that can be rebuilt from their run logs. `job_updates` are the changes
-//!   of the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
+//! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are the changes of
+//!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
 //!   commands.
 //! - [`api`] is the HTTP interface: `live_routes`, `job_routes`, `plan_routes` and `command_routes`. `handler` has what
 //!   they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are the streams of
@@ -24,11 +24,10 @@
 //!   from using the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `alert` are the conditions that cause them,
 //!   `notification_queue` stores them, and `notifier` sends them.
-//! - [`client`] is the client of the user's socket.
 //! - [`watch`] is the live page of one growth. A program without a service shows it for its own growth.
 //! - [`settings`] reads the settings files, `growbot.toml`, of which one part is for all commands and the other for the
-//!   service. [`ownership`] finds files and folders that another user can change, and [`settings_paths`] resolves the
-//!   paths of a settings file. [`known_ports`] lists the ports at which robots are, or may be.
+//!   service. [`settings_paths`] resolves the paths of a settings file. [`known_ports`] lists the ports at which robots
+//!   are, or may be.
 //!
 //! Warnings of the service go to the `log` crate.
 #![forbid(unsafe_code)]
@@ -37,20 +36,18 @@ mod access;
 mod alert;
 pub mod api;
 mod audit;
-pub mod client;
 mod command_routes;
-pub mod commands;
+mod commands;
 pub mod config;
 mod connections;
 mod connector;
 mod event_stream;
 #[cfg(test)]
 mod fake_board;
-pub mod grow_request;
+mod grow_request;
 mod handler;
 #[cfg(test)]
 mod history_tests;
-pub mod job;
 mod job_history;
 mod job_pages;
 mod job_routes;
@@ -65,15 +62,13 @@ pub mod notification;
 mod notification_queue;
 mod notifier;
 mod openapi;
-pub mod ownership;
 mod page;
 mod page_access;
 pub mod page_listener;
 mod page_source;
-pub mod page_urls;
 mod paths;
 mod plan_routes;
-pub mod port_lease;
+mod port_lease;
 mod problem;
 mod request_kind;
 mod robot_alerts;
@@ -107,6 +102,3 @@ pub use self::notifier::{NotifyError, SecretError};
 pub use self::paths::ServicePaths;
 pub use self::service::{Service, StartError};
 pub use self::state_lock::LockError;
-
-/// Path of the API, below the address of the service's page or on the user's socket.
-pub const PREFIX: &str = "/api/v1";

@@ -3,11 +3,10 @@
 use std::fs;
 use std::io;
 use std::os::unix::fs::DirBuilderExt;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use growbot_plan::user_dirs;
-
-use crate::ownership::{self, OwnershipError, Protection};
+use growbot_plan::ownership::{self, OwnershipError, Protection, check_private};
+use growbot_remote::socket::{self, SOCKET};
 
 /// Directories of the service: one for its stored state, one for its socket. Only the user can access them.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -17,13 +16,9 @@ pub struct ServicePaths {
 }
 
 impl ServicePaths {
-    /// Returns the default directories. The state is in `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`. The
-    /// socket is in `growbot` in `$XDG_RUNTIME_DIR`, or with the state if that is not set. `None` if neither
-    /// `$XDG_STATE_HOME` nor `$HOME` is set.
+    /// Returns the default directories. `None` if neither `$XDG_STATE_HOME` nor `$HOME` is set.
     pub fn for_user() -> Option<Self> {
-        let state = user_dirs::state_dir()?.join("serve");
-        let runtime = user_dirs::runtime_dir().unwrap_or_else(|| state.clone());
-        Some(Self { state, runtime })
+        Some(Self { state: socket::state_dir()?, runtime: socket::runtime_dir()? })
     }
 
     /// Returns paths that are all in this directory.
@@ -47,20 +42,11 @@ impl ServicePaths {
     /// # Errors
     /// [`OwnershipError`] with the first file or directory that others can access.
     pub fn check(&self) -> Result<(), OwnershipError> {
-        self.check_runtime()?;
-        for directory in [&self.state, &self.logs(), &self.scenes(), &self.stops()] {
+        for directory in [&self.runtime, &self.state, &self.logs(), &self.scenes(), &self.stops()] {
             check_private(directory)?;
         }
         let files = fs::read_dir(&self.state).into_iter().flatten().flatten();
         { files }.try_for_each(|file| ownership::check_one(&file.path(), Protection::Access))
-    }
-
-    /// Checks that no other user can replace the service's socket.
-    ///
-    /// # Errors
-    /// [`OwnershipError`] with the first directory on the path of the socket that another user can change.
-    pub fn check_runtime(&self) -> Result<(), OwnershipError> {
-        check_private(&self.runtime)
     }
 
     /// Returns the directory of the stored state.
@@ -111,13 +97,6 @@ impl ServicePaths {
 
     /// Returns the path of the Unix socket on which growbot's commands reach the service.
     pub fn socket(&self) -> PathBuf {
-        self.runtime.join("serve.sock")
+        self.runtime.join(SOCKET)
     }
-}
-
-/// Checks that only this user and root can access a directory, and that no other user can move it.
-fn check_private(directory: &Path) -> Result<(), OwnershipError> {
-    ownership::check_path(directory)?;
-    let directory = directory.canonicalize().unwrap_or_else(|_| directory.to_path_buf());
-    ownership::check_one(&directory, Protection::Access)
 }

@@ -9,13 +9,14 @@ use axum::{Extension, Json};
 use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_plan::plan::Plan;
 use growbot_plan::plan_file::PlanFile;
+use growbot_remote::api::GrowRequest;
 use growbot_scene::scene_file::SceneBox;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::access::{Access, require_control};
-use super::grow_request::{GrowRequest, PlanInScene};
+use super::grow_request::{PlanInScene, resolve_request};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::json_body::JsonBody;
 use super::limits::RoleLimits;
@@ -54,7 +55,7 @@ pub async fn new_plan(
     let keeper = Arc::clone(find_robot(&service, &robot)?);
     let computed = limits.compute(move |computation| {
         let robot = keeper.description().map_err(Problem::conflict)?;
-        let PlanInScene { plan, scene } = wanted.resolve(&robot, service.places(), access, computation)?;
+        let PlanInScene { plan, scene } = resolve_request(&wanted, &robot, service.places(), access, computation)?;
         let scene = scene.as_ref().map(|loaded| NamedScene { file: scene_name(&plan), scene: &loaded.scene });
         let subject = Subject { name: "preview", robot: &robot, plan: &plan, run: None, laid: None, scene };
         let page = page::render(&subject).map_err(Problem::bad)?;

@@ -11,8 +11,7 @@ use axum::extract::{Path, State};
 use axum::response::sse::{Event, KeepAlive, Sse};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use schemars::JsonSchema;
-use serde::{Deserialize, Serialize};
+use growbot_remote::api::LeaseRequest;
 use tokio::task::spawn_blocking;
 
 use super::access::Access;
@@ -27,14 +26,6 @@ use super::robot_worker::RobotWorker;
 const LEASE_TIMEOUT: Duration = Duration::from_secs(10);
 /// Interval at which the service checks whether the lease has ended.
 const LEASE_POLL_INTERVAL: Duration = Duration::from_millis(50);
-
-/// Request for a lease of a robot's port.
-#[derive(Debug, Clone, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields)]
-pub struct LeaseRequest {
-    /// Name of the command that requests the port.
-    pub holder: String,
-}
 
 /// Guard of a lease. The lease ends when the guard is dropped.
 struct LeaseEndGuard(Arc<AtomicBool>);

@@ -10,10 +10,10 @@ use axum::http::{Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use growbot_core::plan::PlanError;
 use growbot_plan::scene_planning::ScenePlanError;
+use growbot_remote::PREFIX;
 use schemars::JsonSchema;
 use serde::Serialize;
 
-use super::PREFIX;
 use super::robot_error::RobotRequestError;
 
 /// Remedy for a request that the service does not know. A page that was open during an update sends such requests.

@@ -2,9 +2,9 @@
 
 use growbot_client::port::time_since_boot;
 use growbot_core::link::message::{BoardInfo, Status};
+use growbot_remote::api::Job;
 
 use super::alert::{Alert, AlertState};
-use super::job::Job;
 use super::notification::{NotificationContext, NotificationEvent};
 use super::robot_worker::RobotWorker;
 

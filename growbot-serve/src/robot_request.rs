@@ -11,9 +11,9 @@ use growbot_core::robot::Robot;
 use growbot_plan::feedback::assumed_noise;
 use growbot_plan::plan::Plan;
 use growbot_plan::robot_kind::RobotKind;
+use growbot_remote::api::Job;
 use growbot_scene::scene_file::LoadedScene;
 
-use super::job::Job;
 use super::robot_error::RobotRequestError;
 
 /// Channel on which the response to a request is sent.

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::{fs, io};
 
+use growbot_remote::api::PageUrls;
 use tokio::net::{TcpListener, UnixListener};
 
 use super::access::Access;
@@ -14,7 +15,6 @@ use super::audit::CommandSource;
 use super::config::ServeEntry;
 use super::connections::ConnectionLimiter;
 use super::page_listener::listen;
-use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 pub use super::server_error::{HandOverError, ServerError};
 use super::service::Service;

@@ -4,8 +4,9 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
+use growbot_plan::ownership::OwnershipError;
+
 use super::state_lock::LockError;
-use crate::ownership::OwnershipError;
 
 /// Errors that prevent the server from listening.
 #[derive(Debug, thiserror::Error)]

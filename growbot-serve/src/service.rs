@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
 
+use growbot_remote::api::{Job, PageUrls};
 use tokio::sync::watch;
 
 use super::audit::Audit;
 use super::config::{NotifyEntry, RobotEntry};
-use super::job::Job;
 use super::job_store::{JobStore, JobStoreError};
 use super::notifier::{Notifier, NotifyError};
-use super::page_urls::PageUrls;
 use super::paths::ServicePaths;
 use super::robot_worker::RobotWorker;
 use super::service_context::ServiceContext;

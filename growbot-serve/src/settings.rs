@@ -11,6 +11,7 @@ use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
 use growbot_plan::input::{self, InputError};
+use growbot_plan::ownership::{self, OwnershipError};
 use growbot_plan::robot_file::{self, RobotFileError};
 use growbot_plan::suggest::did_you_mean;
 use growbot_plan::user_dirs::config_dir;
@@ -18,7 +19,6 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::config::{NotifyEntry, RobotEntry, ServeEntry};
-use crate::ownership::{self, OwnershipError};
 use crate::settings_paths::{port_from, robot_from};
 
 /// Name of the settings files.

@@ -12,6 +12,7 @@ use axum::middleware::{from_fn, from_fn_with_state, map_request, map_response};
 use axum::response::{IntoResponse, Response};
 use axum::routing::get;
 use axum::{Json, Router};
+use growbot_remote::PREFIX;
 use serde_json::Value;
 use tokio::runtime::Handle;
 
@@ -45,8 +46,8 @@ impl<S: PageSource> Site<S> {
         let document = Arc::new(document);
         let openapi = move || async move { Json(Value::clone(&document)) };
         let router = page
-            .route(&format!("{}/openapi.json", super::PREFIX), get(openapi))
-            .nest(super::PREFIX, api.layer(DefaultBodyLimit::max(MAX_BODY)))
+            .route(&format!("{}/openapi.json", PREFIX), get(openapi))
+            .nest(PREFIX, api.layer(DefaultBodyLimit::max(MAX_BODY)))
             .fallback(unknown_route)
             .layer(from_fn_with_state(workers, handle_request));
         Self { source, router }

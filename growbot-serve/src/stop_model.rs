@@ -16,15 +16,15 @@ use axum::http::HeaderMap;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
 use growbot_plan::robot_file;
+use growbot_remote::api::{GrowRequest, Job, JobState, RobotCommand};
 use strum::VariantArray;
 
 use super::access::Access;
 use super::audit::{Audit, CommandSource};
-use super::commands::{COMMAND_TIMEOUT, RobotCommand, run_command};
+use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
-use super::grow_request::GrowRequest;
-use super::job::{Job, JobState};
+use super::grow_request::resolve_request;
 use super::job_routes::{Order, make_job, new_job};
 use super::job_store::JobStore;
 use super::json_body::JsonBody;
@@ -222,7 +222,7 @@ impl<'a> Case<'a> {
                 let access = Access::Control(CommandSource::Socket);
                 let order = Order { permit, claim: Claim::default() };
                 let computation = Computation::new(&Arc::default());
-                let plan = |robot: &Robot| wanted.resolve(robot, self.service.places(), access, &computation);
+                let plan = |robot: &Robot| resolve_request(&wanted, robot, self.service.places(), access, &computation);
                 let made = make_job(self.service, &self.worker, &wanted, plan, order, None);
                 return made.map(drop);
             }
@@ -380,7 +380,9 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
     let robot = worker.description().unwrap();
     let access = Access::Control(CommandSource::Socket);
     let computation = Computation::new(&Arc::default());
-    let plan = wanted.resolve(&robot, &service.places, access, &computation).unwrap_or_else(|_| panic!("no plan")).plan;
+    let plan = resolve_request(&wanted, &robot, &service.places, access, &computation)
+        .unwrap_or_else(|_| panic!("no plan"))
+        .plan;
     let job = Job {
         id: "20261123T014500123_lab".to_owned(),
         robot: "lab".to_owned(),

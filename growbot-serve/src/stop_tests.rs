@@ -2,8 +2,9 @@
 //! that `stop_model` runs.
 
 use growbot_core::link::message::{PauseCause, State as BoardState};
+use growbot_remote::api::RobotCommand;
 
-use super::commands::{RobotCommand, run_command};
+use super::commands::run_command;
 use super::fake_board::LineState;
 use super::stop_model::{Case, Step, service};
 

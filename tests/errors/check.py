@@ -23,7 +23,7 @@ TEXTS_OF_SERVICE = 0
 # of other programs. This number may only fall.
 OPTIONS = 10
 
-CRATES = ("core", "scene", "plan", "client", "sim", "pictures", "serve", "paper", "host")
+CRATES = ("core", "scene", "plan", "client", "remote", "sim", "pictures", "serve", "paper", "host")
 TEXT = r"(?:String|&(?:'static )?str|Box<dyn [\w:]*Error\b[^;{]*?>|anyhow::Error|Cow<'static, str>)"
 TEXT_ERRORS = re.compile(
     # A result with a text as its error. The type of its value may contain angle brackets.

@@ -17,7 +17,7 @@ import tempfile
 # Lines of a product file, without its tests.
 MAX_LINES = 600
 
-CRATES = ("core", "firmware", "scene", "plan", "client", "sim", "pictures", "serve", "paper", "host", "py")
+CRATES = ("core", "firmware", "scene", "plan", "client", "remote", "sim", "pictures", "serve", "paper", "host", "py")
 ITEM = re.compile(
     r"^\s*(?:pub(?:\([^)]*\))?\s+)?(?:(?:const|async|unsafe|extern \"C\")\s+)*"
     r"(?:fn|struct|enum|union|trait|const|static|type|macro_rules!)\s+(?:mut\s+)?([A-Za-z_]\w*)",

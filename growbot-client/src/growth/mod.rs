@@ -17,7 +17,7 @@ use growbot_plan::growth_report::GrowthReport;
 use growbot_plan::job::{Job, JobEvent};
 
 pub use self::commands::CommandQueue;
-pub use self::request::{Beginning, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
+pub use self::request::{Beginning, DEFAULT_SEED, GrowthBoard, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use crate::client::{Client, ClientError};
 use crate::stop_signal::Permit;
 

@@ -141,6 +141,20 @@ pub enum LogTarget {
     Replaced(PathBuf),
 }
 
+impl LogTarget {
+    /// Returns the file for a copy of a run log that another program writes. `None` if no file is requested.
+    ///
+    /// # Errors
+    /// [`RunLogError::Exists`] if a new file is requested and the file exists.
+    pub fn copy(self) -> Result<Option<PathBuf>, RunLogError> {
+        match self {
+            Self::File(file) if file.exists() => Err(RunLogError::Exists { file: file.display().to_string() }),
+            Self::File(file) | Self::Replaced(file) => Ok(Some(file)),
+            Self::Disabled | Self::StandardOutput => Ok(None),
+        }
+    }
+}
+
 /// Board of a growth, with the body of its simulated tip.
 pub struct GrowthBoard<'a> {
     /// Connection to the board.

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_client::port::serial::serial_devices;
 use growbot_client::status::RobotStatus;
-use growbot_serve::client::{ServiceClient, ServiceError};
+use growbot_remote::client::{ServiceClient, ServiceError};
 use growbot_serve::known_ports::{KnownPort, PortSource, known_robots};
 use growbot_serve::settings::{FILE_NAME, InvalidFiles, Key};
 

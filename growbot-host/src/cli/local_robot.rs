@@ -22,7 +22,6 @@ use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
 use super::maintenance_task::maintain;
 use super::port_arg::{Connection, SelectedPort};
-use super::port_lease::PortLeaseGuard;
 use super::remedies;
 use super::robot_arg::RobotArg;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
@@ -216,10 +215,6 @@ impl RobotHandle for LocalRobot<'_> {
             print,
         };
         self.run(growth, connection, board.status.layers_laid as usize)
-    }
-
-    fn lease(self: Box<Self>, _: &str) -> Result<Option<PortLeaseGuard>, Failure> {
-        Ok(None)
     }
 }
 

@@ -35,7 +35,6 @@ mod plan;
 mod plan_source;
 mod plan_table;
 mod port_arg;
-mod port_lease;
 mod ports;
 mod power;
 mod recover;

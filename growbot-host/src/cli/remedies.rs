@@ -20,8 +20,8 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{ReadRunLogError, RunLogError};
 use growbot_plan::scene_planning::{NoPathError, SceneCheckError};
 use growbot_plan::warning::{SELF_COLLISION, Warning};
+use growbot_remote::client::ServiceError;
 use growbot_serve::LockError;
-use growbot_serve::client::ServiceError;
 use growbot_serve::server::ServerError;
 use growbot_serve::watch::WatchError;
 use growbot_sim::sim_daemon::SimDaemonError;
@@ -282,7 +282,7 @@ mod tests {
     use growbot_plan::batch::QueryError;
     use growbot_plan::plan_file;
     use growbot_plan::scene_planning::ScenePlanError;
-    use growbot_serve::client::ResponseError;
+    use growbot_remote::client::ResponseError;
     use growbot_sim::port::OpenError;
 
     use super::*;

@@ -5,13 +5,13 @@ use std::path::PathBuf;
 use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
 use growbot_core::link::message::{HostSilencePolicy, State};
 use growbot_plan::robot_kind::RobotKind;
+use growbot_remote::remote_robot::LeasedPort;
 use growbot_sim::crash::FirmwareImage;
 
 use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::port_lease::PortLeaseGuard;
 use super::watch_options::WatchArgs;
 
 /// A robot that a command controls. This program owns its port, or a service does, and the command does not know which.
@@ -53,9 +53,11 @@ pub trait RobotHandle {
     /// Resumes an unfinished body, shows it, and prints its result.
     fn resume(&self, growth: ResumedGrowth) -> Result<(), Failure>;
 
-    /// Leases the port for a command that communicates with the board itself. The lease ends when the guard is dropped.
+    /// Leases the port for a command that communicates with the board itself. The lease ends when it is dropped.
     /// `None` if no other program owns the port.
-    fn lease(self: Box<Self>, command: &str) -> Result<Option<PortLeaseGuard>, Failure>;
+    fn lease(&self, _command: &str) -> Result<Option<LeasedPort>, Failure> {
+        Ok(None)
+    }
 }
 
 /// Returns the message after the request to clear, which the board had received in this state.

@@ -4,7 +4,7 @@ use std::sync::Once;
 use std::time::Duration;
 
 use growbot_client::status::RobotStatus;
-use growbot_serve::client::ServiceClient;
+use growbot_remote::client::ServiceClient;
 use growbot_serve::settings::{self, InvalidFiles, SettingsError};
 
 use super::remedies;

@@ -17,7 +17,7 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
     let given = Arc::clone(&orders);
     let (mut line, name, ends_with_us) = (client.emergency_port(), port.text().to_string(), port.is_in_process());
     let kind = port.kind().prefix();
-    let installed = on_interrupt(move || {
+    react_to_interrupt(move || {
         if given.interrupt() {
             // The line is held to the end, so that the rest of the program does not continue in between.
             let _line = if ends_with_us { None } else { stop_at_once(line.take(), &name) };
@@ -28,13 +28,17 @@ pub fn stop_on_interrupt(client: &mut Client, port: &SelectedPort) -> Arc<Comman
              {kind}robot"
         );
     });
-    if let Err(error) = installed {
+    orders
+}
+
+/// Sets the reaction to Ctrl-C, to SIGTERM and to the end of the terminal. If that fails, a warning is printed.
+pub fn react_to_interrupt(action: impl FnMut() + Send + 'static) {
+    if let Err(error) = on_interrupt(action) {
         growbot_host::warning!(
             "Ctrl-C will end this program, but will not stop the robot ({error}): stop the robot with `growbot stop` \
              or `growbot estop`"
         );
     }
-    orders
 }
 
 /// Sends the emergency stop on the port `line`, and prints the result. Returns the client of that port.

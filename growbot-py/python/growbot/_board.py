@@ -13,7 +13,6 @@ from growbot import _growbot
 from growbot._conditions import Conditions
 from growbot._errors import BoardError
 from growbot._growbot import Plan, Robot, Scene
-from growbot._service import ServiceBoard, ServiceGrowth, ServiceClient
 from growbot.events import Event, Status, event_from_dict
 
 
@@ -27,10 +26,6 @@ def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, tak
             for event in board.grow(plan):
                 print(event)
     """
-    service = ServiceClient.find()
-    robot_status = service.robot_at(port) if service is not None and isinstance(port, str) else None
-    if service is not None and robot_status is not None:
-        return Board(ServiceBoard(service, robot_status))
     return Board(_growbot.Board(port, robot, take_over))
 
 
@@ -41,7 +36,7 @@ class Growth(Iterator[Event]):
     If your loop ends before the growth does, the robot is stopped, unless a service owns it.
     """
 
-    def __init__(self, inner: Union[_growbot.Growth, ServiceGrowth]) -> None:
+    def __init__(self, inner: _growbot.Growth) -> None:
         self._inner = inner
 
     def __iter__(self) -> Growth:
@@ -100,7 +95,7 @@ class Growth(Iterator[Event]):
 class Board:
     """A robot at a port. The end of the with block stops a growth in progress, and disconnects."""
 
-    def __init__(self, inner: Union[_growbot.Board, ServiceBoard]) -> None:
+    def __init__(self, inner: _growbot.Board) -> None:
         self._inner = inner
         self._growth: Callable[[], Optional[Growth]] = lambda: None
 
@@ -147,25 +142,21 @@ class Board:
             warnings.warn(message, RuntimeWarning, stacklevel=2)
         growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
-        self._growth = (lambda: growth) if isinstance(self._inner, ServiceBoard) else weakref.ref(growth)
+        self._growth = (lambda: growth) if self._inner.is_remote else weakref.ref(growth)
         return growth
 
     def attach(self) -> Growth:
         """Returns the current growth of a robot that a service owns, from its first event on."""
         self._must_be_idle()
-        growth = Growth(self._service_board("attach to").attach())
+        growth = Growth(self._inner.attach())
         self._growth = lambda: growth
         return growth
 
     def detach(self) -> None:
         """Detaches from the growth, which the service owns. It continues after the with block and this program have ended."""
-        self._service_board("leave the growth to")
+        if not self._inner.is_remote:
+            raise BoardError("no service owns the robot: start `growbot serve` with this robot, and connect again")
         self._growth = lambda: None
-
-    def _service_board(self, what: str) -> ServiceBoard:
-        if not isinstance(self._inner, ServiceBoard):
-            raise BoardError(f"there is no service to {what}: start `growbot serve` with this robot, and connect again")
-        return self._inner
 
     def _under_way(self) -> Optional[Growth]:
         growth = self._growth()

@@ -36,6 +36,7 @@ use growbot_core::layer_bytes::LayerBytes;
 use growbot_pictures::view::{Subject, ViewError};
 use growbot_plan::job::Job;
 use growbot_plan::run_log::GrowthResult;
+use growbot_remote::PREFIX;
 use tokio::sync::oneshot;
 use tokio::time::sleep;
 
@@ -43,11 +44,11 @@ pub use self::live_growth::LiveGrowth;
 use self::watched_growth::{JOB, WatchedGrowth};
 use crate::config::ServeEntry;
 use crate::connections::ConnectionLimiter;
+use crate::live_routes;
 use crate::page_listener::listen;
 use crate::server_error::ServerError;
 use crate::site::Site;
 use crate::tokens::new_token;
-use crate::{PREFIX, live_routes};
 
 /// Maximum time for which the program waits at the end until the open pages have received the result.
 const LAST_WORDS: Duration = Duration::from_secs(3);

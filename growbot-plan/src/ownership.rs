@@ -177,6 +177,16 @@ fn check_links(path: &Path, links: usize) -> Result<(), OwnershipError> {
     Ok(())
 }
 
+/// Checks that only this user and root can access a directory, and that no other user can move it.
+///
+/// # Errors
+/// [`OwnershipError`] with the first file or directory that another user can access or change.
+pub fn check_private(directory: &Path) -> Result<(), OwnershipError> {
+    check_path(directory)?;
+    let directory = directory.canonicalize().unwrap_or_else(|_| directory.to_path_buf());
+    check_one(&directory, Protection::Access)
+}
+
 #[cfg(test)]
 mod tests {
     use std::os::unix::fs::{PermissionsExt, chown, symlink};

@@ -1,0 +1,191 @@
+//! Requests to the service, and its responses.
+
+use growbot_core::link::message::State;
+use growbot_plan::run_log::{GrowthResult, OutcomeKind};
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use strum::{EnumString, IntoStaticStr};
+
+/// Command to a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, IntoStaticStr)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum RobotCommand {
+    /// Pause after the current layer.
+    Pause,
+    /// Continue after a pause.
+    Continue,
+    /// Turn off heater and steppers. The body can be resumed.
+    Stop,
+    /// Turn everything off, before any other command.
+    EmergencyStop,
+    /// Clear a fault or an emergency stop.
+    ClearFault,
+    /// Discard the body that hangs on the robot.
+    Cancel,
+    /// Drop a stop that the board has not confirmed.
+    WithdrawStop,
+}
+
+impl RobotCommand {
+    /// Returns true if the command stops or pauses the robot. Such a command is never refused because of its age.
+    pub fn stops_or_pauses(self) -> bool {
+        matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
+    }
+
+    /// Returns the name of the command in JSON.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// Request to send a command.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct CommandRequest {
+    /// Command to send.
+    pub command: RobotCommand,
+}
+
+/// A maintenance task, as `growbot maintain` runs it.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct MaintenanceRequest {
+    /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
+    pub task: String,
+    /// Value of the task: a temperature in C, a length in mm, an angle in degrees, or a material.
+    #[serde(default)]
+    pub value: String,
+}
+
+/// Request for a lease of a robot's port.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LeaseRequest {
+    /// Name of the command that requests the port.
+    pub holder: String,
+}
+
+/// A request to grow or to plan.
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct GrowRequest {
+    /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<serde_json::Value>"))]
+    pub plan: Option<Box<RawValue>>,
+    /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
+    pub to: Option<String>,
+    /// Start pose. The default is `0,0,0,0,90`.
+    pub from: Option<String>,
+    /// Poses or positions that the path passes through, in order.
+    #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(length(max = 100)))]
+    pub via: Vec<String>,
+    /// Radius of the bends, mm. The default is the robot's planning radius.
+    pub radius_mm: Option<f64>,
+    /// Scene to keep clear of: the name of a scene that `/scenes` has stored. On the user's socket it can also be the
+    /// absolute path of a file.
+    #[serde(default)]
+    pub scene: Option<String>,
+    /// Minimum distance between the outside of the tube and the scene, mm. The default is `margin_mm` of the scene, or
+    /// else the deviation that is expected of the robot.
+    #[cfg_attr(feature = "schema", schemars(range(min = 0.0, max = 1e7)))]
+    pub margin_mm: Option<f64>,
+    /// Measure each layer, and plan the rest of the path again from the measured tip.
+    #[serde(default)]
+    pub feedback: bool,
+    /// Grow despite the warnings self-collision, filament-short and layer-limit.
+    #[serde(default)]
+    pub force: bool,
+    /// Grow although the plan is not clear of the scene, and do not keep corrections clear of it.
+    #[serde(default)]
+    pub ignore_scene: bool,
+    /// Name of the job for users.
+    #[cfg_attr(feature = "schema", schemars(length(max = 512)))]
+    pub name: Option<String>,
+}
+
+/// State of a job.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, EnumString, IntoStaticStr)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum JobState {
+    /// The board has the job or is receiving it, and heats, homes, grows or pauses.
+    Active,
+    /// The job was left unfinished and can be resumed.
+    Interrupted,
+    /// All layers are laid.
+    Done,
+    /// The job ended in another way and cannot be resumed by the service.
+    Failed,
+}
+
+impl JobState {
+    /// Returns the name of the state in JSON.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+
+    /// Returns the state of a job after a growth with this outcome.
+    pub fn from_outcome(outcome: OutcomeKind) -> Self {
+        match outcome {
+            OutcomeKind::Done => Self::Done,
+            OutcomeKind::Refused => Self::Failed,
+            _ => Self::Interrupted,
+        }
+    }
+}
+
+/// A job of the service.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct Job {
+    /// Identifier, also in URLs: the time of the job's creation, then the name of the robot.
+    pub id: String,
+    /// Name of the robot in the service.
+    pub robot: String,
+    /// Name for users.
+    pub name: String,
+    /// State of the job.
+    pub state: JobState,
+    /// Hash of the layers when the job was created, 16 hexadecimal digits.
+    pub plan_id: String,
+    /// Number of layers.
+    pub layers: u32,
+    /// Number of laid layers.
+    pub laid: u32,
+    /// Length of the path, mm.
+    pub length_mm: f64,
+    /// True if the robot is simulated.
+    pub simulated: bool,
+    /// True if the body was grown without regard to its scene.
+    pub ignore_scene: bool,
+    /// Time of creation, RFC 3339.
+    pub created_utc: String,
+    /// Time when the job ended, RFC 3339. Null while it is active.
+    pub ended_utc: Option<String>,
+    /// Outcome of the job, or the reason why it was interrupted or failed. Null while it is active.
+    pub reason: Option<String>,
+}
+
+/// Returns the value of [`Job::reason`] for a job that ended with this result, while its board was in this state.
+pub fn end_reason(result: &GrowthResult, board_state: Option<&str>) -> String {
+    let emergency_stop = Some(State::EmergencyStop.name()).filter(|name| board_state == Some(*name));
+    let stop = emergency_stop.filter(|_| result.outcome == OutcomeKind::Stopped);
+    result.fault.clone().unwrap_or_else(|| stop.unwrap_or(result.outcome.name()).to_owned())
+}
+
+/// URLs of the service's page. Only growbot's commands can request them, on the user's socket.
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
+pub struct PageUrls {
+    /// URL of the page that can send commands.
+    pub control_url: String,
+    /// URL of the read-only page.
+    pub view_url: String,
+}
