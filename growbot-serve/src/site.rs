@@ -46,7 +46,7 @@ impl<S: PageSource> Site<S> {
         let document = Arc::new(document);
         let openapi = move || async move { Json(Value::clone(&document)) };
         let router = page
-            .route(&format!("{}/openapi.json", PREFIX), get(openapi))
+            .route(&format!("{PREFIX}/openapi.json"), get(openapi))
             .nest(PREFIX, api.layer(DefaultBodyLimit::max(MAX_BODY)))
             .fallback(unknown_route)
             .layer(from_fn_with_state(workers, handle_request));

@@ -26,11 +26,11 @@ use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::interrupt::react_to_interrupt;
 use super::port_arg::SelectedPort;
 use super::replay;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
 use super::service_lookup::{EMERGENCY, service_in_emergency};
+use super::stop_on_interrupt::react_to_interrupt;
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
