@@ -4,7 +4,8 @@
 //! - [`view`]: a body in three dimensions, as an HTML page or as a picture, and plots along it
 //! - [`drawing`]: canvas, colours and charts, and conversion to PNG and PDF (feature `raster`)
 //! - [`export`]: STL, OBJ, GLB, CSV and TUM, 3MF (feature `3mf`), and MCAP (feature `mcap`)
-//! - [`layer_table`]: the layers of a plan as CSV; [`growth_table`]: the result of a growth as text
+//! - [`layer_table`]: the layers of a plan as CSV; [`plan_table`]: a plan as text; [`growth_table`]: the result of a
+//!   growth as text
 //! - [`duration`], [`clock_text`]: durations and times of day as text
 //! - [`workspace`]: goals within reach as a picture
 //!
@@ -17,5 +18,6 @@ pub mod duration;
 pub mod export;
 pub mod growth_table;
 pub mod layer_table;
+pub mod plan_table;
 pub mod view;
 pub mod workspace;

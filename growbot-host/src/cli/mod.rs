@@ -33,7 +33,6 @@ mod output_dir;
 mod output_format;
 mod plan;
 mod plan_source;
-mod plan_table;
 mod port_arg;
 mod ports;
 mod power;

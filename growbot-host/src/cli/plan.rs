@@ -9,6 +9,7 @@ use growbot_core::robot::Robot;
 use growbot_host::output::{is_standard_output, print, write_to};
 use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::clock_text::now_here;
+use growbot_pictures::plan_table;
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension};
 use growbot_plan::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
 use growbot_plan::input::{self, BoundedLines};
@@ -19,11 +20,11 @@ use growbot_plan::scene_planning::MAX_LENGTH_MM;
 
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
+use super::remedies;
 use super::robot_arg::RobotArg;
 use super::scene_options::{SceneArgs, plan_failure};
 use super::search::PlanningOptions;
 use super::units::mm;
-use super::{plan_table, remedies};
 
 /// Plan a path from one pose to another, or through several
 ///
@@ -142,7 +143,7 @@ fn run_one(args: &PlanArgs, robot: &Robot, plan: &Plan) -> Result<(), Failure> {
     }
     // The time is not printed into a pipe, where the same plan must give the same text.
     let now = io::stdout().is_terminal().then(now_here);
-    Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan, now) })?)
+    Ok(print(&if args.json { written.to_line() } else { plan_table::table(plan, now, remedies::warning_message) })?)
 }
 
 /// Formats of the answers to a batch.

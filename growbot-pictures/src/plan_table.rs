@@ -6,22 +6,22 @@ use growbot_core::angle::degrees;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
-use growbot_pictures::clock_text::clock_text;
-use growbot_pictures::duration::duration_text;
 use growbot_plan::degrees::{shortest_degrees, shortest_heading};
 use growbot_plan::figures::direction_text;
 use growbot_plan::plan::{Plan, SceneClearance, SearchSummary, path_type};
 use growbot_plan::text_wrap::{TERMINAL_WIDTH, wrap};
+use growbot_plan::warning::Warning;
 use time::{Duration, OffsetDateTime};
 
-use super::remedies;
+use crate::clock_text::clock_text;
+use crate::duration::duration_text;
 
 /// Start of the second line of an entry and of those after it.
 const INDENT: &str = "            ";
 
 /// Returns the table, within 80 columns. If `now` is given, the table contains the finish time of a growth that
-/// starts then.
-pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
+/// starts then. `warning_text` returns the message of a warning with its remedy.
+pub fn table(plan: &Plan, now: Option<OffsetDateTime>, warning_text: fn(&Warning) -> String) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
     text += &format!("  from      {}\n", pose(&plan.start));
     for (index, (leg, free)) in plan.legs.iter().zip(&plan.free_directions).enumerate() {
@@ -75,7 +75,7 @@ pub fn table(plan: &Plan, now: Option<OffsetDateTime>) -> String {
         text += &format!("  margin    {margin:.2} mm\n");
     }
     for warning in &plan.warnings {
-        let warning = format!("warning ({}): {}", warning.code, remedies::warning_message(warning));
+        let warning = format!("warning ({}): {}", warning.code, warning_text(warning));
         text += &format!("\n{}", wrap(&warning, TERMINAL_WIDTH, "", "  "));
     }
     text
