@@ -67,6 +67,8 @@ try {
   await waitForState("growing");
   await press("Stop");
   await waitForState("stopped");
+  // A click this soon after another one heats nothing.
+  await page.waitForTimeout(1_000);
   await press("Resume");
   await waitForState("heating|homing|growing");
   const done = practice.job("done");

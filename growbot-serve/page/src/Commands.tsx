@@ -20,14 +20,14 @@ export function Commands({ robot }: { robot: Robot }) {
   return (
     <>
       <div class="row" role="group" aria-label="Commands">
-        {FIXED.map(([command, label]) => (
-          <HeatingButton
-            key={command} aria-describedby={hint} disabled={!isControl || !allowed[command]}
-            onPress={() => void giveCommand(name, command)}
-          >
-            {label}
-          </HeatingButton>
-        ))}
+        {FIXED.map(([command, label]) => {
+          const shared = { "aria-describedby": hint, disabled: !isControl || !allowed[command] };
+          const press = () => void giveCommand(name, command);
+          // A stop or a pause counts however soon it follows another click.
+          return command === "continue"
+            ? <HeatingButton key={command} {...shared} onPress={press}>{label}</HeatingButton>
+            : <button key={command} type="button" {...shared} onClick={press}>{label}</button>;
+        })}
       </div>
       {isControl && (job || allowed.cancel || allowed["withdraw-stop"]) && (
         <div class="row" role="group" aria-label="Body">
