@@ -12,7 +12,7 @@ import { partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
-const TIMEOUT_MS = 600_000;
+const TIMEOUT_MS = 1_200_000;
 const errors = [];
 
 const chapter = await readFile(join(import.meta.dirname, "../../book/src/tutorial.md"), "utf8");
@@ -23,7 +23,7 @@ const scene = [...chapter.matchAll(/^printf '(.*)' >+ pipe\.toml$/gm)].map(([, t
 const [, goal] = /As the goal, type `(.*?)`/.exec(chapter);
 
 // Faster than in the tutorial, where a person watches.
-const lab = await startLab(growbot, ["practice"], 100, "growbot-a");
+const lab = await startLab(growbot, ["practice"], 200, "growbot-a");
 const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 try {
