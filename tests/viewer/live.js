@@ -57,7 +57,9 @@ async function open(browser, address, path, update) {
   const message = JSON.stringify({ event: "update", data: update });
   if (update) await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
   page.setDefaultTimeout(TIMEOUT_MS);
-  page.on("console", (message) => errors.push(`console ${message.type()}: ${message.text()}`));
+  // On a busy machine a page gives up a connection that is too slow, and makes another. The browser reports that.
+  const isRetry = (message) => message.text().includes("closed before the connection is established");
+  page.on("console", (message) => isRetry(message) || errors.push(`console ${message.type()}: ${message.text()}`));
   page.on("pageerror", (error) => errors.push(error.stack));
   watchRequests(page, address, path, errors);
   await page.goto(address);
