@@ -24,7 +24,8 @@ pub enum GrowthMessage {
     NoChange,
 }
 
-/// Function that sends a command to a growth. Returns the channel of the result, or `None` for a command that is queued.
+/// Function that sends a command to a growth. Returns the channel of the result, or `None` for a command that is
+/// queued.
 pub type CommandSender = Box<dyn Fn(Command) -> Option<Receiver<Result<(), Error>>> + Send + Sync>;
 
 /// Returns an error for a growth that ended in another way than done or stopped, or whose log is incomplete.

@@ -1,5 +1,5 @@
-//! A board whose port this program owns. A thread owns the connection and receives requests as messages, so that Python's
-//! threads can run, and Ctrl-C has an effect, while a body grows.
+//! A board whose port this program owns. A thread owns the connection and receives requests as messages, so that
+//! Python's threads can run, and Ctrl-C has an effect, while a body grows.
 
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex};

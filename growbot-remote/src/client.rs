@@ -175,9 +175,9 @@ impl ServiceClient {
         self.request(path, None::<()>, Some(RESPONSE_TIMEOUT))?.json()
     }
 
-    /// Requests the response at this path of the API, whose body is not read yet. `body` is sent as JSON by POST. Without
-    /// a limit of the whole request, each wait for a part of the response has the default timeout. Returns an error if
-    /// the service rejects the request.
+    /// Requests the response at this path of the API, whose body is not read yet. `body` is sent as JSON by POST.
+    /// Without a limit of the whole request, each wait for a part of the response has the default timeout. Returns an
+    /// error if the service rejects the request.
     pub(crate) fn request(
         &self,
         path: &str,

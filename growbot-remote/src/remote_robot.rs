@@ -39,8 +39,8 @@ pub struct RemoteRobot {
 }
 
 impl ServiceClient {
-    /// Finds the robot with this port. Returns `None` if the service has no robot with this port. `limit` is the timeout
-    /// of the response.
+    /// Finds the robot with this port. Returns `None` if the service has no robot with this port. `limit` is the
+    /// timeout of the response.
     ///
     /// # Errors
     /// [`ServiceError`].
@@ -145,8 +145,8 @@ impl RemoteRobot {
         self.client.request(&format!("/jobs/{job}/resume"), Some(json!({})), Some(RESPONSE_TIMEOUT)).map(drop)
     }
 
-    /// Leases the port to the command with this name. The service closes the port and keeps it closed until the returned
-    /// value is dropped.
+    /// Leases the port to the command with this name. The service closes the port and keeps it closed until the
+    /// returned value is dropped.
     ///
     /// # Errors
     /// [`ServiceError`], for example if the robot has a job.

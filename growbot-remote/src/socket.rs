@@ -7,8 +7,8 @@ use growbot_plan::user_dirs;
 /// Name of the socket in its directory.
 pub const SOCKET: &str = "serve.sock";
 
-/// Returns the directory of the service's stored state: `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`. `None`
-/// if neither `$XDG_STATE_HOME` nor `$HOME` is set.
+/// Returns the directory of the service's stored state: `growbot/serve` in `$XDG_STATE_HOME` or `~/.local/state`.
+/// `None` if neither `$XDG_STATE_HOME` nor `$HOME` is set.
 pub fn state_dir() -> Option<PathBuf> {
     Some(user_dirs::state_dir()?.join("serve"))
 }

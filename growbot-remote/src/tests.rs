@@ -74,7 +74,8 @@ fn send_chunk(stream: &mut UnixStream, text: &str) {
 fn job(state: JobState) -> Job {
     let job = json!({
         "id": "1", "robot": "lab", "name": "a job", "state": state, "plan_id": "0", "layers": 3, "laid": 0,
-        "length_mm": 1.0, "simulated": true, "ignore_scene": false, "created_utc": "", "ended_utc": null, "reason": null,
+        "length_mm": 1.0, "simulated": true, "ignore_scene": false, "created_utc": "", "ended_utc": null,
+        "reason": null,
     });
     serde_json::from_value(job).unwrap()
 }

@@ -103,8 +103,8 @@ pub async fn maintain(
     .await
 }
 
-/// Returns the command by which an active growth runs a maintenance task in its pause. `None` for other tasks, and for a
-/// task with a value.
+/// Returns the command by which an active growth runs a maintenance task in its pause. `None` for other tasks, and for
+/// a task with a value.
 fn filament_command(task: &str, value: &str) -> Option<Command> {
     let filament = [Command::Preheat, Command::Unload, Command::Load, Command::Purge];
     filament.into_iter().find(|command| command.name() == task && value.is_empty())

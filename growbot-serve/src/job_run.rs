@@ -26,7 +26,7 @@ use super::notification::NotificationEvent;
 use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{NewJob, Reply};
 use super::robot_worker::{LinkState, RobotWorker, is_loss};
-use crate::watch::LiveGrowth;
+use crate::watch::live_growth::LiveGrowth;
 
 impl RobotWorker {
     /// Starts a new job, and follows it until it ends or the connection is lost.

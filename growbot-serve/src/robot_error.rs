@@ -81,8 +81,8 @@ pub enum RobotRequestError {
     #[error("robot {robot} has an active job: stop the job first")]
     CancelDuringJob { robot: String },
     #[error(
-        "robot {robot} has an active job: to preheat, load, unload or purge without a value, pause the job first; for other \
-         maintenance, stop the job first"
+        "robot {robot} has an active job: to preheat, load, unload or purge without a value, pause the job first; \
+         for other maintenance, stop the job first"
     )]
     MaintenanceDuringJob { robot: String },
     #[error(

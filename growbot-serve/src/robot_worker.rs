@@ -33,8 +33,8 @@ use super::robot_request::{Claim, PendingRequest, PortLease, Reply, RobotRequest
 use super::service_context::ServiceContext;
 use super::stop_file::{PauseFile, StopFile};
 use super::stopper::Stopper;
-use crate::watch::LiveGrowth;
 use crate::watch::heartbeat::status_age_s;
+use crate::watch::live_growth::LiveGrowth;
 
 /// Time between two status requests to a board without a job. A request to the robot's thread waits at most this time
 /// before it is handled.

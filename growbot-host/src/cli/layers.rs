@@ -20,7 +20,8 @@ use super::failure::Failure;
 #[derive(Args)]
 #[command(
     after_help = "Examples:\n  growbot layers plan.json > layers.csv\n  growbot layers plan.json -o layers.csv\n  \
-                  growbot layers plan.json --json > layers.json\n  growbot plan --to 0,0,500,0,90 --json | growbot layers -"
+                  growbot layers plan.json --json > layers.json\n  \
+                  growbot plan --to 0,0,500,0,90 --json | growbot layers -"
 )]
 pub struct LayersArgs {
     /// The plan, as `growbot plan -o` writes it (- for standard input)

@@ -5,8 +5,8 @@ const PLAY_DURATION_S = 12;
 
 /**
  * Connects the controls of the page to a body of `count` layers, or of another `unit`. `show(position)` is called with
- * the visible part, and first with the whole body. `step(position)` shows another part. `setCount(count)` sets a greater
- * length. If the end was visible, the new end is shown.
+ * the visible part, and first with the whole body. `step(position)` shows another part. `setCount(count)` sets a
+ * greater length. If the end was visible, the new end is shown.
  */
 export function makePlayer(count, show, unit = "layers") {
   const slider = document.querySelector("#slider");

@@ -17,7 +17,7 @@
 pub(crate) mod allowed_origins;
 mod growth_tracker;
 pub(crate) mod heartbeat;
-mod live_growth;
+pub(crate) mod live_growth;
 pub(crate) mod origin_check;
 pub(crate) mod sockets;
 mod watched_growth;
@@ -40,7 +40,7 @@ use growbot_remote::PREFIX;
 use tokio::sync::oneshot;
 use tokio::time::sleep;
 
-pub use self::live_growth::LiveGrowth;
+use self::live_growth::LiveGrowth;
 use self::watched_growth::{JOB, WatchedGrowth};
 use crate::config::ServeEntry;
 use crate::connections::ConnectionLimiter;
