@@ -1,7 +1,8 @@
 //! Guided sequences: the steps by which a person brings a robot out of a state that needs a person.
 //!
-//! A sequence follows from the status of the robot alone. So a program that shows it requests the status again after
-//! each step, and a person can leave it after any step: the robot then stays in the state that its board reports.
+//! A sequence follows from the status of the robot alone. A program that has begun it requests the status again after
+//! each step, and gives it up for a situation that interrupts it. A person can leave it after any step: the robot then
+//! stays in the state that its board reports.
 
 use growbot_core::link::message::{PauseCause, State};
 use serde::Serialize;
@@ -41,6 +42,11 @@ pub enum Situation {
 impl Situation {
     /// All situations.
     pub const ALL: &'static [Self] = Self::VARIANTS;
+
+    /// Returns true if a sequence for another situation must not go on once the robot is in this one.
+    pub const fn interrupts(self) -> bool {
+        matches!(self, Self::UnconfirmedStop | Self::Disconnected | Self::Fault | Self::EmergencyStop)
+    }
 
     /// Returns the code of the situation.
     pub fn code(self) -> &'static str {
@@ -373,10 +379,7 @@ mod tests {
     #[test]
     fn nothing_heats_or_moves_in_a_robot_that_is_off_for_a_cause() {
         for (situation, status) in statuses() {
-            if matches!(
-                situation,
-                Situation::UnconfirmedStop | Situation::Disconnected | Situation::Fault | Situation::EmergencyStop
-            ) {
+            if situation.interrupts() {
                 let steps = RecoverySequence::of(&status).unwrap().steps;
                 assert!(steps.iter().all(|step| step.effect == StepEffect::Safe), "{steps:?}");
             }

@@ -102,5 +102,12 @@ fn recover_asks_before_each_step() {
         assert!(state().contains(&format!("state        {left}\n")), "{answers:?}: {}", state());
     }
     assert!(run(&["recover", "sim:./robot"]).contains("the simulated robot needs nothing"));
+    run(&["maintain", "preheat", "60", "--port", "sim:./robot"]);
+    let mut child = on_terminal("recover sim:./robot", directory);
+    let text = read_until(&mut child, "Do it? [y/N]");
+    assert!(text.contains("maintenance of the simulated robot") && text.contains("Switch the heater off."), "{text}");
+    child.stdin.take().unwrap().write_all(b"y\n").unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(state().contains("heater off"), "{}", state());
     run(&["power", "off", "--port", "sim:./robot"]);
 }

@@ -1,7 +1,7 @@
 //! Class `growbot._growbot.Growth`: a growth in progress, on a board of this program or of the service.
 
 use std::sync::Mutex;
-use std::sync::mpsc::{Receiver, RecvTimeoutError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
 
 use growbot_plan::job::Command;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind};
@@ -51,6 +51,13 @@ pub fn check_outcome(result: &GrowthResult) -> Result<(), Error> {
     Err(Error::with(ErrorKind::Board, why, outcome, "done"))
 }
 
+/// Returns the error for a stop that was not sent, because the program can have no thread for it.
+fn unsent_stop() -> Error {
+    let message = "the stop was not sent, because this program can start no thread: run `growbot estop`, or cut the \
+                   robot's power";
+    Error::new(ErrorKind::Board, message)
+}
+
 /// A growth in progress.
 #[pyclass(frozen, module = "growbot._growbot")]
 pub struct Growth {
@@ -78,7 +85,7 @@ impl Growth {
     /// Returns the next event as JSON, or None at the end.
     fn next_json(&self, py: Python<'_>) -> Result<Option<String>, Error> {
         let mut interrupted = None;
-        let mut stopped = None;
+        let mut stopped: Option<Receiver<_>> = None;
         loop {
             let next = py.detach(|| lock(&self.messages).as_ref().map(|messages| messages.recv_timeout(LOOK)));
             match next {
@@ -95,7 +102,14 @@ impl Growth {
                     self.end(None, Err(disconnected()))?;
                 }
             }
-            stopped.as_ref().and_then(|stopped| Receiver::try_recv(stopped).ok()).unwrap_or(Ok(()))?;
+            match stopped.as_ref().map(Receiver::try_recv) {
+                Some(Ok(response)) => {
+                    stopped = None;
+                    response?;
+                }
+                Some(Err(TryRecvError::Disconnected)) => return Err(unsent_stop()),
+                Some(Err(TryRecvError::Empty)) | None => {}
+            }
             if let Err(error) = py.check_signals() {
                 // The first Ctrl-C stops the robot. A second one sends the emergency stop.
                 stopped = (self.commands)(if interrupted.is_some() { Command::EmergencyStop } else { Command::Stop });

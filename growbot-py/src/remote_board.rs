@@ -12,7 +12,7 @@ use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{BoardStatus, GrowthResult, RunEvent};
 use growbot_remote::api::{Job, RobotCommand};
-use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, ServiceError};
+use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::RemoteRobot;
 use pyo3::prelude::*;
 
@@ -54,7 +54,7 @@ impl RemoteBoard {
 impl BoardHandle for RemoteBoard {
     fn status(&self, py: Python<'_>) -> Result<BoardStatus, Error> {
         let RobotStatus { state, fault, temperature_c, target_c, laid, uptime_s, finish_utc, .. } =
-            self.request(py, RemoteRobot::status)?;
+            self.request(py, RemoteRobot::request_status)?;
         let uptime_ms = uptime_s.map(|seconds| (seconds * 1000.0).round() as u64);
         Ok(BoardStatus { state, fault, temperature_c, target_c, laid: Some(laid), uptime_ms, finish_utc })
     }
@@ -83,13 +83,18 @@ impl BoardHandle for RemoteBoard {
         let file = given.or_else(|| Some(PathBuf::from(&arguments.plan.inner.scene.as_ref()?.file)));
         // The service runs in another directory.
         let file = file.map(|file| std::path::absolute(&file).unwrap_or(file).display().to_string());
-        let grow = move |robot: &RemoteRobot| robot.grow(&arguments.request(kind), "from Python".to_owned(), file);
-        follow(robot, self.request(py, grow)?.id, log)
+        let handle = RequestHandle::default();
+        let sent = handle.clone();
+        let grow =
+            move |robot: &RemoteRobot| robot.grow(&arguments.request(kind), "from Python".to_owned(), file, &sent);
+        // After Ctrl-C nothing may begin that this program does not follow.
+        let job = self.request(py, grow).inspect_err(|_| handle.give_up())?;
+        follow(robot, job.id, log)
     }
 
     fn attach(&self, py: Python<'_>) -> Result<Growth, Error> {
         let robot = self.robot()?;
-        let job = self.request(py, RemoteRobot::status)?.job.ok_or_else(|| {
+        let job = self.request(py, RemoteRobot::request_status)?.job.ok_or_else(|| {
             let message = format!("robot {} has no active job: start a growth", robot.name);
             Error::with(ErrorKind::Board, message, "none", "a job")
         })?;

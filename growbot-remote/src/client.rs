@@ -1,9 +1,11 @@
 //! Client of the running service, through the service's Unix socket.
 
 use std::io::{self, BufRead, BufReader};
+use std::net::Shutdown;
 use std::ops::ControlFlow;
 use std::os::unix::net::UnixStream;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::sleep;
 use std::time::Duration;
 
@@ -98,6 +100,43 @@ pub const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Time between two attempts to reach a service that does not respond.
 const RECONNECT_DELAY: Duration = Duration::from_millis(500);
 
+/// Handle by which another thread gives a request up. The service withdraws an order whose client is gone before the
+/// order begins.
+#[derive(Debug, Clone, Default)]
+pub struct RequestHandle(Arc<Mutex<RequestState>>);
+
+#[derive(Debug, Default)]
+enum RequestState {
+    #[default]
+    NotSent,
+    /// The request is sent on this connection.
+    Sent(UnixStream),
+    GivenUp,
+}
+
+impl RequestHandle {
+    /// Closes the connection of the request, or prevents the request if it is not sent yet.
+    pub fn give_up(&self) {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if let RequestState::Sent(stream) = &*state {
+            // If the service has ended, so has the request.
+            let _ = stream.shutdown(Shutdown::Both);
+        }
+        *state = RequestState::GivenUp;
+    }
+
+    /// Connects the request by `connect`. Returns an error if the request is given up.
+    fn send_on(&self, connect: impl FnOnce() -> Result<UnixStream, ServiceError>) -> Result<UnixStream, ServiceError> {
+        let stream = connect()?;
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        if matches!(*state, RequestState::GivenUp) {
+            return Err(ServiceError::silent(io::Error::from(io::ErrorKind::Interrupted)));
+        }
+        *state = RequestState::Sent(stream.try_clone().map_err(ServiceError::silent)?);
+        Ok(stream)
+    }
+}
+
 /// Client of the running service of this user. Each request has a connection of its own.
 #[derive(Debug, Clone)]
 pub struct ServiceClient {
@@ -184,8 +223,19 @@ impl ServiceClient {
         body: Option<impl Serialize>,
         limit: Option<Duration>,
     ) -> Result<Response, ServiceError> {
+        self.request_by(&RequestHandle::default(), path, body, limit)
+    }
+
+    /// Like [`Self::request`], but the request can be given up by a handle.
+    pub(crate) fn request_by(
+        &self,
+        handle: &RequestHandle,
+        path: &str,
+        body: Option<impl Serialize>,
+        limit: Option<Duration>,
+    ) -> Result<Response, ServiceError> {
         let body = body.map(|body| serde_json::to_vec(&body)).transpose().map_err(ServiceError::silent)?;
-        let stream = self.connect()?;
+        let stream = handle.send_on(|| self.connect())?;
         let agent = agent_on(stream.try_clone().map_err(ServiceError::silent)?, limit, RESPONSE_TIMEOUT);
         let limit = limit.unwrap_or(RESPONSE_TIMEOUT);
         let url = format!("http://localhost{PREFIX}{path}");

@@ -15,7 +15,7 @@ use serde_json::json;
 use serde_json::value::to_raw_value;
 
 use crate::api::{CommandRequest, GrowRequest, Job, LeaseRequest, MaintenanceRequest, RobotCommand};
-use crate::client::{RESPONSE_TIMEOUT, ServiceClient, ServiceError};
+use crate::client::{RESPONSE_TIMEOUT, RequestHandle, ServiceClient, ServiceError};
 
 /// A lease of a robot's port. The lease ends when this value is dropped, or when the program ends.
 pub struct LeasedPort(UnixStream);
@@ -72,7 +72,7 @@ impl RemoteRobot {
     ///
     /// # Errors
     /// [`ServiceError`].
-    pub fn status(&self) -> Result<RobotStatus, ServiceError> {
+    pub fn request_status(&self) -> Result<RobotStatus, ServiceError> {
         self.client.get(&self.route(""))
     }
 
@@ -119,11 +119,17 @@ impl RemoteRobot {
     }
 
     /// Starts a growth from its first layer. `scene` is the absolute path of a scene, if it is not the one of the plan.
-    /// The service neither disturbs layers nor measurements.
+    /// The service neither disturbs layers nor measurements. `handle` can give the order up until it has begun.
     ///
     /// # Errors
     /// [`ServiceError`].
-    pub fn grow(&self, growth: &GrowthRequest, name: String, scene: Option<String>) -> Result<Job, ServiceError> {
+    pub fn grow(
+        &self,
+        growth: &GrowthRequest,
+        name: String,
+        scene: Option<String>,
+        handle: &RequestHandle,
+    ) -> Result<Job, ServiceError> {
         let plan = PlanFile::with_robot(growth.plan, growth.robot);
         let request = GrowRequest {
             plan: Some(to_raw_value(&plan).map_err(ServiceError::silent)?),
@@ -134,7 +140,7 @@ impl RemoteRobot {
             name: Some(name),
             ..GrowRequest::default()
         };
-        self.client.request(&self.route("/jobs"), Some(request), Some(RESPONSE_TIMEOUT))?.json()
+        self.client.request_by(handle, &self.route("/jobs"), Some(request), Some(RESPONSE_TIMEOUT))?.json()
     }
 
     /// Resumes an unfinished job.

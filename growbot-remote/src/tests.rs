@@ -13,7 +13,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use crate::api::{Job, JobState};
-use crate::client::{JobUpdate, ResponseError, ServiceClient, ServiceError};
+use crate::client::{JobUpdate, RequestHandle, ResponseError, ServiceClient, ServiceError};
 use crate::remote_robot::RemoteRobot;
 use crate::transport::connect_unix;
 
@@ -213,5 +213,33 @@ fn a_lease_lasts_until_it_is_dropped_however_much_the_service_sends() {
     let lease = robot.lease_port("a test").unwrap();
     sent.recv_timeout(PATIENCE).unwrap();
     drop(lease);
+    service.join().unwrap();
+}
+
+#[test]
+fn a_request_that_is_given_up_closes_its_connection_or_is_not_sent() {
+    let (received, has_received) = mpsc::channel();
+    let (client, _socket, service) = start(move |listener| {
+        let (mut stream, head) = accept(&listener);
+        assert!(head.starts_with("POST"), "{head}");
+        // The body of the request.
+        stream.read_exact(&mut [0; 2]).unwrap();
+        received.send(()).unwrap();
+        assert!(is_closed(&mut stream), "the connection is open");
+        // The other request is not sent, so its connection is closed without a byte.
+        let (mut stream, _) = listener.accept().unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        assert!(is_closed(&mut stream), "a request was sent");
+    });
+    let handle = RequestHandle::default();
+    let (sent, requests) = (handle.clone(), client.clone());
+    let request = thread::spawn(move || {
+        requests.request_by(&sent, "/robots/lab/jobs", Some(json!({})), Some(PATIENCE)).map(drop)
+    });
+    has_received.recv_timeout(PATIENCE).unwrap();
+    handle.give_up();
+    assert!(matches!(request.join().unwrap(), Err(ServiceError::Unreachable(_))));
+    let late = client.request_by(&handle, "/robots/lab/jobs", Some(json!({})), Some(PATIENCE)).map(drop);
+    assert!(matches!(late, Err(ServiceError::Unreachable(ResponseError::Socket(_)))));
     service.join().unwrap();
 }

@@ -22,6 +22,8 @@ import { watchRequests } from "./service.js";
 
 const growbot = resolve(process.argv[2]);
 const TIMEOUT_MS = 600_000;
+/** Connections of a page that may be too slow. More are a fault. */
+const MAX_RETRIES = 3;
 const errors = [];
 const children = [];
 
@@ -58,8 +60,11 @@ async function open(browser, address, path, update) {
   if (update) await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
   page.setDefaultTimeout(TIMEOUT_MS);
   // On a busy machine a page gives up a connection that is too slow, and makes another. The browser reports that.
-  const isRetry = (message) => message.text().includes("closed before the connection is established");
-  page.on("console", (message) => isRetry(message) || errors.push(`console ${message.type()}: ${message.text()}`));
+  let retries = 0;
+  page.on("console", (message) => {
+    if (message.text().includes("closed before the connection is established") && retries < MAX_RETRIES) retries += 1;
+    else errors.push(`console ${message.type()}: ${message.text()}`);
+  });
   page.on("pageerror", (error) => errors.push(error.stack));
   watchRequests(page, address, path, errors);
   await page.goto(address);

@@ -112,7 +112,7 @@ try {
   // Filament can be changed in the pause.
   await press("Preheat");
   await press("Run preheat");
-  await lab1.result.filter({ hasText: "Preheat: done" }).waitFor();
+  await lab1.result.filter({ hasText: "Preheat: ordered" }).waitFor();
   await picture(page, "paused");
   await press("Continue");
   await waitForState("growing");
@@ -168,6 +168,16 @@ try {
   await history.getByRole("combobox").selectOption("done");
   await history.getByText("No job matches").waitFor();
   await history.getByRole("combobox").selectOption("");
+
+  // The second click of a double click heats nothing, even if another button has come under the pointer.
+  await lab1.button("Resume").evaluate((resume) => {
+    for (const target of [document.body, resume]) {
+      target.dispatchEvent(new MouseEvent("click", { bubbles: true, detail: 1 }));
+    }
+  });
+  await lab1.result.filter({ hasText: "too soon after another click" }).waitFor();
+  assert.equal((await lab.robot("lab")).job, null);
+  await page.waitForTimeout(1_000);
 
   // The emergency stop of a growth that is resumed. It is shown that a person is needed, and what to do.
   await job.getByRole("button", { name: "Resume" }).click();

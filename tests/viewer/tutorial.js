@@ -12,6 +12,7 @@ import { partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const pictures = process.argv[3];
+// The body is laid at some 20 times real time, in 8 to 10 minutes.
 const TIMEOUT_MS = 1_200_000;
 const errors = [];
 

@@ -85,7 +85,7 @@ impl PortArg {
         if let (None, Some((file, record))) = (&self.port, log) {
             let is_set = matches!(Setting::load(Key::Port)?.origin, SettingOrigin::Environment(_));
             if !is_set && !record.port.is_empty() {
-                growbot_host::detail!("port {}, from: {}", record.port, display_name(file));
+                growbot_host::note!("port {}, from: {}", record.port, display_name(file));
                 return self.link.at(record.port.clone());
             }
         }

@@ -2,7 +2,7 @@
 
 use std::io::{self, IsTerminal};
 use std::thread::sleep;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::Args;
 use growbot_client::growth::OnInterrupted;
@@ -24,6 +24,8 @@ use super::watch_options::WatchArgs;
 
 /// Difference to the target below which the nozzle counts as hot, C.
 const HOT_WITHIN_C: f64 = 5.0;
+/// Time after which the status of a growth that pauses has the new target.
+const SETTLING_TIME: Duration = Duration::from_secs(5);
 /// Interval of the requests for the temperature while the nozzle heats.
 const HEATING_POLL_INTERVAL: Duration = Duration::from_millis(500);
 
@@ -61,33 +63,61 @@ pub fn run(args: &RecoverArgs) -> Result<(), Failure> {
     let Some(mut sequence) = sequence else {
         return Ok(print(&format!("the {}robot needs nothing: see `growbot status`\n", port.kind().prefix()))?);
     };
-    print(&text_of(&sequence, port.kind().prefix()))?;
-    if !io::stdin().is_terminal() {
-        return Ok(());
-    }
-    let mut done = 0;
-    while let Some(step) = sequence.steps.get(done) {
-        match ask(step, sequence.alternative.as_ref())? {
-            Answer::Leave => return Ok(print(&format!("left. {}\n", sequence.safety))?),
-            Answer::Do => match step.action.map_or(Ok(()), |action| carry_out(action, robot()?.as_ref())) {
-                Ok(()) => done += 1,
-                Err(failure) => failure.print(),
-            },
-            Answer::Alternative(action) => {
-                carry_out(action, robot()?.as_ref()).unwrap_or_else(|failure| failure.print());
-            }
+    loop {
+        print(&text_of(&sequence, port.kind().prefix()))?;
+        if !io::stdin().is_terminal() {
+            return Ok(());
         }
-        let now = RecoverySequence::of(&robot()?.status(None)?.status);
-        match now {
+        let ended = run_sequence(&sequence, robot)?;
+        if ended == SequenceEnd::Left {
+            return Ok(print(&format!("left. {}\n", sequence.safety))?);
+        }
+        match RecoverySequence::of(&robot()?.status(None)?.status) {
             None => return Ok(print("the robot needs nothing else\n")?),
-            Some(now) if now.situation != sequence.situation => {
-                print(&text_of(&now, port.kind().prefix()))?;
-                (sequence, done) = (now, 0);
+            Some(next) if ended == SequenceEnd::Done && next.situation == sequence.situation => {
+                return Ok(print("these were all steps: see `growbot status`\n")?);
             }
-            Some(_) => {}
+            Some(next) => sequence = next,
         }
     }
-    Ok(print("these were all steps: see `growbot status`\n")?)
+}
+
+/// End of a sequence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum SequenceEnd {
+    /// All steps are done.
+    Done,
+    /// The robot is in another situation, which interrupts the sequence, or the alternative was chosen.
+    Interrupted,
+    /// The person has left.
+    Left,
+}
+
+/// Prompts for each step of a sequence, and carries it out. A step changes the situation, and the sequence goes on
+/// unless the new situation interrupts it.
+fn run_sequence<'a>(
+    sequence: &RecoverySequence,
+    robot: impl Fn() -> Result<Box<dyn RobotHandle + 'a>, Failure>,
+) -> Result<SequenceEnd, Failure> {
+    for step in &sequence.steps {
+        match ask(step, sequence.alternative.as_ref())? {
+            Answer::Leave => return Ok(SequenceEnd::Left),
+            Answer::Alternative(action) => {
+                carry_out(action, robot()?.as_ref())?;
+                return Ok(SequenceEnd::Interrupted);
+            }
+            Answer::Do => {
+                if let Some(action) = step.action {
+                    carry_out(action, robot()?.as_ref())?;
+                }
+            }
+        }
+        let now = RecoverySequence::of(&robot()?.status(None)?.status).map(|now| now.situation);
+        if now.is_some_and(|now| now.interrupts() && now != sequence.situation) {
+            return Ok(SequenceEnd::Interrupted);
+        }
+    }
+    Ok(SequenceEnd::Done)
 }
 
 /// Answer of the person to a step.
@@ -167,13 +197,18 @@ fn carry_out(action: RecoveryAction, robot: &dyn RobotHandle) -> Result<(), Fail
 
 /// Waits until the nozzle is at its target. The board's supervision ends a heating that takes too long with a fault.
 fn wait_until_hot(robot: &dyn RobotHandle) -> Result<(), Failure> {
+    let began = Instant::now();
     loop {
+        sleep(HEATING_POLL_INTERVAL);
         let RobotStatus { temperature_c, target_c, fault, state, .. } = robot.status(None)?.status;
+        if fault.is_none() && began.elapsed() < SETTLING_TIME {
+            continue;
+        }
         match (temperature_c, target_c) {
             (Some(temperature), Some(target)) if temperature > target - HOT_WITHIN_C => {
                 return Ok(print(&format!("the nozzle is at {temperature:.0} C\n"))?);
             }
-            (_, Some(_)) => sleep(HEATING_POLL_INTERVAL),
+            (_, Some(_)) => {}
             (_, None) => {
                 let why = fault.or(state).unwrap_or_else(|| "unknown state".to_owned());
                 return Err(Failure::request_failed(format!(

@@ -16,7 +16,7 @@ use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_remote::PREFIX;
 use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls, RobotCommand};
-use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, ServiceError};
+use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::{LeasedPort, RemoteRobot};
 use growbot_sim::crash::FirmwareImage;
 use time::OffsetDateTime;
@@ -137,7 +137,7 @@ impl RobotHandle for RemoteRobot {
     }
 
     fn status(&self, _: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
-        Ok(BoardReport::of_status(self.found.clone()))
+        Ok(BoardReport::of_status(self.request_status()?))
     }
 
     fn stop(&self) -> Result<(), Failure> {
@@ -201,7 +201,7 @@ impl RobotHandle for RemoteRobot {
         }
         let log = log.copy()?;
         let page = watching.of_service()?;
-        let job = RemoteRobot::grow(self, &request, name, scene_path)?;
+        let job = RemoteRobot::grow(self, &request, name, scene_path, &RequestHandle::default())?;
         growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
         say_page(self, &job, page)?;
         follow(self, &job, print, log.as_deref())

@@ -25,13 +25,13 @@ export function Commands({ robot }: { robot: Robot }) {
           const press = () => void giveCommand(name, command);
           // A stop or a pause counts however soon it follows another click.
           return command === "continue"
-            ? <HeatingButton key={command} {...shared} onPress={press}>{label}</HeatingButton>
+            ? <HeatingButton key={command} robot={name} {...shared} onPress={press}>{label}</HeatingButton>
             : <button key={command} type="button" {...shared} onClick={press}>{label}</button>;
         })}
       </div>
       {isControl && (job || allowed.cancel || allowed["withdraw-stop"]) && (
         <div class="row" role="group" aria-label="Body">
-          {job && <HeatingButton class="primary" onPress={() => resume(job)}>Resume</HeatingButton>}
+          {job && <HeatingButton robot={name} class="primary" onPress={() => resume(job)}>Resume</HeatingButton>}
           {allowed.cancel && (
             <button type="button" onClick={() => void giveCommand(name, "cancel")}>Discard body</button>
           )}

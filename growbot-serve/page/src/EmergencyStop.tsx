@@ -22,7 +22,7 @@ export function EmergencyStop() {
   const timer = useRef<ReturnType<typeof setTimeout> | undefined>(undefined);
   const begin = () => {
     clearTimeout(timer.current);
-    setPress((before) => before ?? { targets, label });
+    setPress({ targets, label });
   };
   useEffect(() => {
     const end = () => {
@@ -35,7 +35,7 @@ export function EmergencyStop() {
     };
   }, []);
   const stop = () => {
-    const stopped = press?.targets ?? targets;
+    const stopped = press?.targets.length ? press.targets : targets;
     setPress(null);
     if (stopped.length) stopRobots(stopped);
     else showBanner("No robot is known yet: cut the robot's power, or run `growbot estop` on its machine.");
@@ -43,8 +43,9 @@ export function EmergencyStop() {
   const isDisabled = canControl.value === false;
   return (
     <button
-      type="button" id="emergency-stop" disabled={isDisabled} onPointerDown={begin} onClick={stop}
-      onKeyDown={({ key }) => { if (key === " " || key === "Enter") begin(); }}
+      type="button" id="emergency-stop" disabled={isDisabled} onClick={stop}
+      onPointerDown={({ isPrimary }) => { if (isPrimary) begin(); }}
+      onKeyDown={({ key, repeat }) => { if ((key === " " || key === "Enter") && !repeat) begin(); }}
       title={isDisabled ? "This URL is read-only: open the control URL." : `Turns everything off at once: ${
         (press?.targets ?? targets).join(", ") || [...robots.value.keys()].join(", ")}`}
     >

@@ -1,9 +1,12 @@
 // A button that heats or moves the robot at once.
 
 import type { ComponentChildren } from "preact";
+import { showMessage } from "./page_state";
 import { isSecondClick } from "./second_click";
 
 interface HeatingButtonProps {
+  /** Name of the robot that heats or moves. */
+  robot: string;
   onPress(): void;
   disabled?: boolean;
   children: ComponentChildren;
@@ -11,7 +14,10 @@ interface HeatingButtonProps {
   class?: string;
 }
 
-export function HeatingButton({ onPress, children, ...rest }: HeatingButtonProps) {
-  const press = (event: MouseEvent) => { if (!isSecondClick(event)) onPress(); };
+export function HeatingButton({ robot, onPress, children, ...rest }: HeatingButtonProps) {
+  const press = (event: MouseEvent) => {
+    if (!isSecondClick(event)) onPress();
+    else showMessage(robot, "Ignored, because it came too soon after another click: press again", true);
+  };
   return <button type="button" {...rest} onClick={press}>{children}</button>;
 }

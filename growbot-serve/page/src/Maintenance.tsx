@@ -12,15 +12,12 @@ import { runAction } from "./robot_commands";
 import { maintenanceBlockedBy } from "./robot_texts";
 import { robotPath } from "./service";
 
-/** Runs a task. In a pause, the growth does it with the default lengths. */
+/** Runs a task. In a pause of its job, the growth does it later, with the default lengths. */
 function run({ name, job }: RobotStatus, task: MaintenanceTask, value: string): void {
-  const order = `${task.label} of ${name}`;
   void runAction(name, task.label, async () => {
-    if (job) {
-      await sendOrder(order, `jobs/${job}/live/commands/${task.name}`, {});
-      return;
-    }
-    setRobots([await sendOrder<RobotStatus>(order, `${robotPath(name)}/maintenance`, { task: task.name, value })]);
+    const order = { task: task.name, value };
+    setRobots([await sendOrder<RobotStatus>(`${task.label} of ${name}`, `${robotPath(name)}/maintenance`, order)]);
+    return job ? `${task.label}: ordered` : undefined;
   });
 }
 
@@ -37,6 +34,9 @@ export function Maintenance({ robot }: { robot: Robot }) {
     setChosen(name === chosen ? null : name);
     setValue("");
   };
+  const shared = { class: "primary", "aria-describedby": effect };
+  const start = () => { if (task) run(status, task, hasValue ? value.trim() : ""); };
+  const label = task && `Run ${task.label.toLowerCase()}`;
   return (
     <section class="maintenance" aria-label="Maintenance">
       <h3>Maintenance</h3>
@@ -62,12 +62,9 @@ export function Maintenance({ robot }: { robot: Robot }) {
             </label>
           )}
           <p class="note" id={effect}>{task.effect}</p>
-          <HeatingButton
-            class="primary" aria-describedby={effect}
-            onPress={() => run(status, task, hasValue ? value.trim() : "")}
-          >
-            Run {task.label.toLowerCase()}
-          </HeatingButton>
+          {task.name === "cooldown"
+            ? <button type="button" {...shared} onClick={start}>{label}</button>
+            : <HeatingButton robot={status.name} {...shared} onPress={start}>{label}</HeatingButton>}
         </form>
       )}
     </section>

@@ -29,11 +29,13 @@ function blockedBy(robot: Robot): string {
 
 async function confirmGrow({ name }: RobotStatus): Promise<void> {
   if (!formOf(name).plan && !await preview(name)) return;
-  const { plan } = formOf(name);
+  // What is confirmed is what grows, even if something else is entered while the question is open.
+  const form = formOf(name);
+  const { plan } = form;
   if (!plan) return;
   const text = `Is the last body removed? ${name} heats its nozzle, homes, and lays ${plan.layers} layers in `
     + `${formatDuration(plan.duration_s)}.`;
-  if (await ask({ title: `Grow on ${name}?`, text, action: "Heat and grow", destroys: false })) grow(name);
+  if (await ask({ title: `Grow on ${name}?`, text, action: "Heat and grow", destroys: false })) grow(name, form);
 }
 
 function Options({ robot, form }: { robot: string; form: NextBodyForm }) {

@@ -3,6 +3,7 @@
 import { Commands } from "./Commands";
 import { fragmentOf, robots } from "./page_state";
 import type { Robot } from "./page_state";
+import { PersonNeeded } from "./PersonNeeded";
 import { Progress } from "./Progress";
 import { portText, temperatureText } from "./robot_texts";
 
@@ -12,6 +13,7 @@ function RobotCard({ robot }: { robot: Robot }) {
   return (
     <section class="card robot" aria-label={`Robot ${status.name}`}>
       <h2><a href={fragmentOf(status.name)}>{status.name}</a> <span class="about">· {portText(status)}</span></h2>
+      <PersonNeeded robot={robot} />
       <Progress robot={robot} />
       {temperature && <dl><div><dt>Nozzle</dt><dd>{temperature}</dd></div></dl>}
       <Commands robot={robot} />

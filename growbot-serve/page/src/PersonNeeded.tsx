@@ -1,7 +1,6 @@
 // Banner when a robot needs a person: the cause, what is safe, and the one next step.
 
 import { formatTitle } from "./format";
-import { HeatingButton } from "./HeatingButton";
 import { canControl, isStale } from "./page_state";
 import type { Robot } from "./page_state";
 import { giveCommand } from "./robot_commands";
@@ -44,10 +43,10 @@ function needOf(robot: Robot): Need | null {
     };
   }
   if (status.state === "parked" && status.job) {
-    return {
-      title: "Parked.", cause: "The pause was long.", safe: kept,
-      step: "Press Continue: the robot heats and homes first.",
-    };
+    const step = status.pause_cause === "filament-out"
+      ? "Press Stop, load filament under Maintenance, and press Resume."
+      : "Press Continue: the robot heats and homes first.";
+    return { title: "Parked.", cause: "The pause was long.", safe: kept, step };
   }
   return null;
 }
@@ -61,9 +60,9 @@ export function PersonNeeded({ robot }: { robot: Robot }) {
         <div class="need">
           <p><b>{need.title}</b> {need.cause} {need.safe} {need.step}</p>
           {need.clears && canControl.value !== false && (
-            <HeatingButton class="primary" onPress={() => void giveCommand(name, "clear-fault")}>
+            <button type="button" class="primary" onClick={() => void giveCommand(name, "clear-fault")}>
               Clear fault
-            </HeatingButton>
+            </button>
           )}
         </div>
       )}

@@ -2,17 +2,21 @@
 
 import { useEffect, useRef, useState } from "preact/hooks";
 import { openQuestion } from "./question";
+import type { OpenQuestion } from "./question";
 
 /** Time before the answer can be given, so that a double click on the button before it does not answer. */
 const ARM_MS = 1_000;
 
 export function QuestionDialog() {
   const question = openQuestion.value;
+  // Each question has a dialog of its own, which is not armed yet.
+  return question && <Dialog key={question.id} question={question} />;
+}
+
+function Dialog({ question }: { question: OpenQuestion }) {
   const keep = useRef<HTMLButtonElement>(null);
   const [isArmed, setArmed] = useState(false);
   useEffect(() => {
-    if (!question) return undefined;
-    setArmed(false);
     const timer = setTimeout(() => setArmed(true), ARM_MS);
     keep.current?.focus();
     const onKey = (event: KeyboardEvent) => {
@@ -26,7 +30,6 @@ export function QuestionDialog() {
       document.removeEventListener("keydown", onKey, true);
     };
   }, [question]);
-  if (!question) return null;
   const { title, text, action, destroys, answer } = question;
   return (
     <>

@@ -22,10 +22,10 @@ export async function readGoalErrors(jobs: Job[]): Promise<void> {
     for (const job of jobs) {
       if (isExpired.value) break;
       if (job.state !== "done" || goalErrors.value.has(job.id)) continue;
-      goalErrors.value = new Map(goalErrors.value).set(job.id, await readGoalError(job));
+      // A log that cannot be read has none.
+      const distance = await readGoalError(job).catch(() => null);
+      goalErrors.value = new Map(goalErrors.value).set(job.id, distance);
     }
-  } catch {
-    // They are read again with the next list of jobs.
   } finally {
     isReading = false;
   }

@@ -38,11 +38,13 @@ export interface NextBodyForm {
   /** The plan of what is entered. Null before the preview, and after a change. */
   plan: Plan | null;
   isPlanning: boolean;
+  /** Number of changes of what is entered. A plan of an earlier state is not that of this one. */
+  revision: number;
 }
 
 export const EMPTY_FORM: NextBodyForm = {
   source: "goal", goal: EMPTY_GOAL, anyDirection: false, given: null, scene: null, feedback: false, force: false,
-  ignoreScene: false, problem: null, plan: null, isPlanning: false,
+  ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
 };
 
 export const forms = signal<ReadonlyMap<string, NextBodyForm>>(new Map());
@@ -57,7 +59,7 @@ function update(robot: string, changes: Partial<NextBodyForm>): void {
 
 /** Changes what is entered, so that the plan and its problem are not current any more. */
 export function enter(robot: string, changes: Partial<NextBodyForm>): void {
-  update(robot, { problem: null, plan: null, ...changes });
+  update(robot, { problem: null, plan: null, ...changes, revision: formOf(robot).revision + 1 });
 }
 
 export async function choosePlanFile(robot: string, file: File | undefined): Promise<void> {
@@ -98,7 +100,7 @@ function problemOf({ source, goal, anyDirection, given }: NextBodyForm): Problem
   return field ? { field, message } : null;
 }
 
-/** Plans what is entered, and shows the body. Returns whether it has a plan. */
+/** Plans what is entered, and shows the body. Returns whether what is entered then has a plan. */
 export async function preview(robot: string): Promise<boolean> {
   const form = formOf(robot);
   const problem = problemOf(form);
@@ -106,26 +108,28 @@ export async function preview(robot: string): Promise<boolean> {
     update(robot, { problem });
     return false;
   }
+  const isCurrent = () => formOf(robot).revision === form.revision;
   update(robot, { isPlanning: true, problem: null });
   try {
     const path = `plans?robot=${encodeURIComponent(robot)}`;
     const { plan, view_path: view } = await request<PlanResponse>(path, await requestOf(form));
+    if (!isCurrent()) return false;
     update(robot, { plan });
     chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view) });
     return true;
   } catch (error) {
     const { message } = error as Error;
     const isAboutScene = form.scene !== null && message.includes(form.scene.name);
-    update(robot, { plan: null, problem: isAboutScene ? { field: "scene", message } : fieldOfError(message) });
+    const found: Problem = isAboutScene ? { field: "scene", message } : fieldOfError(message);
+    if (isCurrent()) update(robot, { plan: null, problem: found });
     return false;
   } finally {
     update(robot, { isPlanning: false });
   }
 }
 
-/** Grows what is entered. A person has just confirmed it. */
-export function grow(robot: string): void {
-  const form = formOf(robot);
+/** Grows what was entered in this form. A person has just confirmed it. */
+export function grow(robot: string, form: NextBodyForm): void {
   const timeMs = clock.now();
   void runAction(robot, "Grow", async () => {
     const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);

@@ -52,18 +52,25 @@ export interface StopResponse {
 /** Responses to the latest stop of all robots. Null if there was none, or if they are closed. */
 export const stopResponses = signal<StopResponse[] | null>(null);
 
+/** Number of the latest stop of several robots. Responses to other stops are not listed. */
+let latestStop = 0;
+
 /** Sends the emergency stop to these robots. */
 export function stopRobots(names: string[]): void {
-  if (names.length > 1) {
+  const isListed = names.length > 1;
+  if (isListed) latestStop += 1;
+  const stop = latestStop;
+  const respond = (response: StopResponse) => { if (isListed && stop === latestStop) setStopResponse(response); };
+  if (isListed) {
     stopResponses.value = names.map((robot) => ({ robot, text: "no response yet", state: "waiting" }));
   }
   for (const name of names) {
     void runAction(name, "Emergency stop", async () => {
       try {
         setRobots([await sendCommand(name, "emergency-stop")]);
-        setStopResponse({ robot: name, text: "off, confirmed by the board", state: "stopped" });
+        respond({ robot: name, text: "off, confirmed by the board", state: "stopped" });
       } catch (error) {
-        setStopResponse({ robot: name, text: (error as Error).message, state: "failed" });
+        respond({ robot: name, text: (error as Error).message, state: "failed" });
         throw error;
       }
     });

@@ -53,6 +53,7 @@ export function maintenanceBlockedBy(robot: Robot): string {
   if (status.connection === "disconnected") return "The robot is not connected.";
   if (isStale(robot)) return "The state of the robot is not known.";
   if (status.state === "paused" && status.job) return "";
+  if (status.state === "parked") return "The robot is parked: press Continue, or Stop and then load filament.";
   if (status.job) return "A body grows: press Pause to change the filament, or Stop.";
   if (status.fault) return "A fault is latched: press Clear fault first.";
   if (status.state === "emergency-stop") return "The emergency stop is latched: press Clear fault first.";
