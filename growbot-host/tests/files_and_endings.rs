@@ -222,8 +222,8 @@ fn run_logs_are_viewed_and_exported_from_pipes() {
         fs::remove_file(&page).unwrap();
     }
     // Input that is not a log has the size limit of a plan.
-    let ran = growbot_reading(&["export", "-", "--format", "csv"], &" ".repeat((1 << 20) + 1));
-    assert!(ran.code == Some(2) && ran.err.contains("longer than 1048576 bytes"), "{}", ran.err);
+    let ran = growbot_reading(&["export", "-", "--format", "csv"], &" ".repeat((16 << 20) + 1));
+    assert!(ran.code == Some(2) && ran.err.contains("longer than 16777216 bytes"), "{}", ran.err);
 }
 
 #[test]

@@ -9,8 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use crate::atomic_file::{FileError, note_input};
 
-/// Maximum length of a plan or a robot description, bytes (16 MiB).
+/// Maximum length of a plan or a robot description, bytes (16 MiB). The longest text is a plan with its table of layers.
 pub const MAX_TEXT_BYTES: u64 = 16 << 20;
+/// Maximum length of a line of a stream, bytes (1 MiB).
+pub const MAX_LINE_BYTES: u64 = 1 << 20;
 /// Maximum length of a run log, bytes (256 MiB). A growth of weeks with frequent status requests has a shorter log.
 pub const MAX_LOG_BYTES: u64 = 256 << 20;
 
@@ -131,7 +133,7 @@ pub fn note_standard_input() -> Result<(), FileError> {
     }
 }
 
-/// Reader that fails at a line longer than [`MAX_TEXT_BYTES`]. The whole stream may have any length. The limit prevents
+/// Reader that fails at a line longer than [`MAX_LINE_BYTES`]. The whole stream may have any length. The limit prevents
 /// a line without an end from filling the memory.
 pub struct BoundedLines<R> {
     lines: R,
@@ -151,9 +153,9 @@ impl<R: Read> Read for BoundedLines<R> {
         let count = self.lines.read(buffer)?;
         for byte in buffer.get(..count).unwrap_or_default() {
             self.length = if *byte == b'\n' { 0 } else { self.length + 1 };
-            if self.length > MAX_TEXT_BYTES {
+            if self.length > MAX_LINE_BYTES {
                 let reason = format!(
-                    "a line of the input is longer than {MAX_TEXT_BYTES} bytes, the limit: check that this is the \
+                    "a line of the input is longer than {MAX_LINE_BYTES} bytes, the limit: check that this is the \
                      right file"
                 );
                 return Err(io::Error::new(io::ErrorKind::InvalidData, reason));
@@ -221,7 +223,7 @@ mod tests {
 
     #[test]
     fn an_overlong_line_is_refused_and_a_long_stream_of_lines_is_not() {
-        let line = vec![b'x'; MAX_TEXT_BYTES as usize];
+        let line = vec![b'x'; MAX_LINE_BYTES as usize];
         let lines = [&line[..], b"\n"].concat().repeat(3);
         assert_eq!(io::copy(&mut BoundedLines::of(&lines[..]), &mut io::sink()).unwrap(), lines.len() as u64);
         let endless = [&line[..], b"xy"].concat();

@@ -27,7 +27,7 @@ const MAX_BEHIND: Duration = Duration::from_secs(1);
 /// Maximum real time for which the robot's time stands still to wait for the next request of its owner, the program
 /// with the exclusive connection.
 const PATIENCE: Duration = Duration::from_secs(1);
-/// Time for which the process waits for a request if the robot's time is at most [`STEP`] late.
+/// Maximum time for which the process waits for a request if the robot's time is at most [`STEP`] late.
 const LOOK: Duration = Duration::from_millis(1);
 /// Maximum number of bytes from the board that wait for one program. Beyond this number, the oldest bytes are dropped.
 const MAX_QUEUE: usize = 1 << 16;
@@ -145,7 +145,7 @@ impl SimServer {
             }
             self.store.save(&self.sim)?;
             self.answer_waiting();
-            let wait = if due > STEP { Duration::ZERO } else { LOOK };
+            let wait = if due > STEP { Duration::ZERO } else { LOOK.min(self.time_to_deadline()) };
             match asks.recv_timeout(wait) {
                 Ok((host, event)) => {
                     if self.take(host, event)? == PowerState::Unpowered {
@@ -180,12 +180,26 @@ impl SimServer {
         behind.mul_f64(self.pace)
     }
 
+    /// Returns the earliest deadline of a program that waits for bytes, in the robot's time.
+    fn deadline(&self) -> Option<Duration> {
+        self.hosts.values().filter_map(|host| host.waits).map(|(until, _)| until).min()
+    }
+
+    /// Returns the real time in which the robot's time reaches the earliest deadline of a program that waits for bytes.
+    fn time_to_deadline(&self) -> Duration {
+        self.deadline()
+            .map(|until| until.saturating_sub(self.now()).as_secs_f64() / self.pace)
+            .and_then(|seconds| Duration::try_from_secs_f64(seconds).ok())
+            .unwrap_or(Duration::MAX)
+    }
+
     /// Advances the robot's time by at most `time`, until the board sends bytes or the deadline of a waiting program.
     /// Queues the bytes for all programs.
     fn pass(&mut self, time: Duration) {
-        let until = self.hosts.values().filter_map(|host| host.waits).map(|(until, _)| until).min();
-        let time =
-            until.map_or(time, |until| time.min(until.saturating_sub(self.now()))).max(Duration::from_micros(100));
+        let time = self
+            .deadline()
+            .map_or(time, |until| time.min(until.saturating_sub(self.now())))
+            .max(Duration::from_micros(100));
         let mut buffer = [0; 4096];
         let count = self.sim.receive(&mut buffer, time).unwrap_or(0);
         let bytes = buffer.get(..count).unwrap_or_default();
