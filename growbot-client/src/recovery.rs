@@ -192,6 +192,8 @@ impl From<&str> for RecoveryStep {
 pub struct RecoverySequence {
     /// Situation that the sequence ends.
     pub situation: Situation,
+    /// True if the situation interrupts the sequence of another one.
+    pub interrupts: bool,
     /// Cause of the situation.
     pub cause: String,
     /// State of heater and motors in the situation, as a sentence.
@@ -208,10 +210,11 @@ impl RecoverySequence {
         let situation = situation(status)?;
         Some(Self {
             situation,
+            interrupts: situation.interrupts(),
             cause: cause(situation, status),
             safety: situation.safety(),
             steps: steps(situation, status),
-            alternative: alternative(situation).map(RecoveryStep::from),
+            alternative: alternative(situation, status).map(RecoveryStep::from),
         })
     }
 }
@@ -295,10 +298,12 @@ fn steps(situation: Situation, status: &RobotStatus) -> Vec<RecoveryStep> {
     }
 }
 
-fn alternative(situation: Situation) -> Option<RecoveryAction> {
+fn alternative(situation: Situation, status: &RobotStatus) -> Option<RecoveryAction> {
     match situation {
         Situation::UnconfirmedStop => Some(RecoveryAction::WithdrawStop),
         Situation::FilamentOut | Situation::Paused => Some(RecoveryAction::Stop),
+        // The body of an active job is discarded only after a stop.
+        Situation::Parked if status.job.is_some() => Some(RecoveryAction::Stop),
         Situation::Parked | Situation::Unfinished => Some(RecoveryAction::Cancel),
         _ => None,
     }

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures_util::stream::{Stream, unfold};
+use growbot_client::recovery::RecoverySequence;
 use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
 use growbot_remote::api::JobState;
@@ -105,15 +106,21 @@ impl LogTail {
     }
 }
 
-/// Returns a stream with the status of all robots now and after each change, and with heartbeats that contain the age
-/// of each status.
+/// Returns a stream with the status of all robots now and after each change, with the sequence of recovery of each robot
+/// that needs a person, and with heartbeats that contain the age of each status.
 pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamEvent> {
-    let mut sent = String::new();
+    let (mut sent, mut sent_recovery) = (String::new(), String::new());
     state_events(source.changes(), MIN_EVENT_INTERVAL, move |is_heartbeat_due| {
         let robots = source.robots();
         if is_heartbeat_due {
             let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
             return Continue(Some(StreamEvent::heartbeat(ages.collect::<BTreeMap<_, _>>())));
+        }
+        // Comes first, because a status changes with each temperature.
+        let recovery = json_line(&robots.iter().filter_map(named_recovery).collect::<BTreeMap<_, _>>());
+        if recovery != sent_recovery {
+            sent_recovery.clone_from(&recovery);
+            return Continue(Some(StreamEvent::new("recovery", &recovery)));
         }
         // The age of a status is not a change.
         let now = json_line(&robots.iter().map(RobotStatus::without_times).collect::<Vec<_>>());
@@ -121,6 +128,11 @@ pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamE
         sent = now;
         Continue(is_new.then(|| StreamEvent::new("robots", &json_line(&robots))))
     })
+}
+
+/// Returns the name and the sequence of recovery of a robot. `None` if the robot needs no person.
+fn named_recovery(robot: &RobotStatus) -> Option<(&str, RecoverySequence)> {
+    Some((robot.name.as_deref().unwrap_or_default(), RecoverySequence::of(robot)?))
 }
 
 #[cfg(test)]

@@ -226,6 +226,8 @@ async function aLateOrderIsRefused() {
   await waitUntilLive(page);
   await partsOfLab(page).robot.getByRole("button", { name: "Pause" }).click();
   await waitForText(partsOfLab(page).state, /^paused$/);
+  // A click this soon after another one moves nothing.
+  await page.waitForTimeout(1_000);
   lab.signal("SIGSTOP");
   await partsOfLab(page).robot.getByRole("button", { name: "Continue" }).click();
   await waitForText(partsOfLab(page).banners, /Continue of lab: not confirmed after \d+ s.*unknown/);

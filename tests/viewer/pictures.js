@@ -2,8 +2,8 @@
 //
 //   node pictures.js GROWBOT DIRECTORY [STATE...]
 //
-// The robots are simulated. For a fault and a lost robot, the status of a growing robot is changed on its way to the
-// page.
+// The robots are simulated. For a fault and a lost robot, the status and the guided sequence of a growing robot are
+// changed on their way to the page.
 
 import { join, resolve } from "node:path";
 import { chromium } from "playwright-core";
@@ -25,10 +25,21 @@ const fault = {
   fault_explanation: "the extruder turned, but the filament did not move: clear the nozzle",
 };
 const lost = { connection: "disconnected", connection_error: "the port does not respond: check cable and power" };
+const faultRecovery = {
+  situation: "fault", interrupts: true, cause: `filament-jam: ${fault.fault_explanation}`, alternative: null,
+  safety: "Heater and motors are off, until the cause is cleared.",
+  steps: [{ text: "Remove the cause: clear the nozzle.", action: null, effect: "safe" },
+    { text: "Clear it.", action: "clear-fault", effect: "safe" }],
+};
+const lostRecovery = {
+  situation: "disconnected", interrupts: true, cause: lost.connection_error, alternative: null,
+  safety: "The board acts alone: it pauses at the latest when its layers end, and parks later.",
+  steps: [{ text: "Check the robot's power and its cable.", action: null, effect: "safe" }],
+};
 /** States: the robot whose page is shown, and changes of its status. */
 const STATES = {
-  empty: { name: "lab-2" }, growing: { name: NAME }, paused: { name: NAME }, fault: { name: NAME, changes: fault },
-  disconnected: { name: NAME, changes: lost }, three: { name: null },
+  empty: { name: "lab-2" }, growing: { name: NAME }, paused: { name: NAME }, fault: { name: NAME, changes: fault, recovery: faultRecovery },
+  disconnected: { name: NAME, changes: lost, recovery: lostRecovery }, three: { name: null },
 };
 
 const lab = await startLab(growbot, [NAME, "lab-2", "practice"], 30, "growbot-a");
@@ -36,7 +47,7 @@ const args = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swifts
 const browser = await chromium.launch({ executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args });
 
 async function takePicture(state, size) {
-  const { name, changes } = STATES[state];
+  const { name, changes, recovery } = STATES[state];
   const context = await browser.newContext(SIZES[size]);
   const page = await context.newPage();
   if (changes) {
@@ -47,7 +58,7 @@ async function takePicture(state, size) {
         const message = JSON.parse(text);
         if (message.event === "robots") {
           message.data = message.data.map((robot) => (robot.name === name ? { ...robot, ...changes } : robot));
-        }
+        } else if (message.event === "recovery") message.data = { [name]: recovery };
         socket.send(JSON.stringify(message));
       });
     });

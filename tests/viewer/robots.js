@@ -148,8 +148,17 @@ try {
   await held.stop.click({ trial: true });
   await phone.close();
 
-  await press("Continue");
+  // The guided sequence of a pause. After its first step, it can be left.
+  const need = page.getByRole("alert").filter({ hasText: "Next:" });
+  await need.getByText(/^Paused: .*Next: Inspect the tip/).waitFor();
+  await press("Done", need);
+  await need.getByText(/Next: Continue the growth/).waitFor();
+  await press("Leave", need);
+  await press("Done", need);
+  await page.waitForTimeout(1_000);
+  await press("Continue growth", need);
   await waitForState("growing");
+  await need.waitFor({ state: "detached" });
 
   // The growth is stopped and can be compared with its plan.
   await press("Stop");
@@ -193,6 +202,7 @@ try {
   await checkAccessibility(page, axe, "emergency stop, dark");
   await page.emulateMedia({ colorScheme: "light", contrast: "more" });
   await checkAccessibility(page, axe, "emergency stop, high contrast");
+  await press("Done", alert);
   await press("Clear fault", alert);
   await waitForState("idle");
 

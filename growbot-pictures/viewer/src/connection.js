@@ -12,7 +12,7 @@ export const CONFIRM_MS = 2_000;
 const SILENCE_MS = 8_000;
 /** First and maximum delay of a reconnection. */
 const [FIRST_DELAY_MS, MAX_DELAY_MS] = [500, 10_000];
-const EVENT_NAMES = ["heartbeat", "robots", "update", "end"];
+const EVENT_NAMES = ["heartbeat", "robots", "recovery", "update", "end"];
 
 /** Returns the delay before a reconnection. Half of it is random, so that many pages do not return at once. */
 export function retryDelay(failures) {

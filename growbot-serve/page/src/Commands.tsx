@@ -31,7 +31,7 @@ export function Commands({ robot }: { robot: Robot }) {
       </div>
       {isControl && (job || allowed.cancel || allowed["withdraw-stop"]) && (
         <div class="row" role="group" aria-label="Body">
-          {job && <HeatingButton robot={name} class="primary" onPress={() => resume(job)}>Resume</HeatingButton>}
+          {job && <HeatingButton robot={name} class="primary" onPress={() => void resume(job)}>Resume</HeatingButton>}
           {allowed.cancel && (
             <button type="button" onClick={() => void giveCommand(name, "cancel")}>Discard body</button>
           )}

@@ -47,7 +47,7 @@ function JobRow({ job, withRobot }: { job: Job; withRobot: boolean }) {
         {robot && (job.laid > 0 || job.state === "done") && (
           <button type="button" onClick={() => { select(); growAgain(job); }}>Grow again</button>
         )}
-        {isResumable && <HeatingButton robot={job.robot} onPress={() => resume(job)}>Resume</HeatingButton>}
+        {isResumable && <HeatingButton robot={job.robot} onPress={() => void resume(job)}>Resume</HeatingButton>}
         {(job.laid > 0 || job.state === "active") && <a href={`${API}jobs/${job.id}/log`}>Run log</a>}
       </td>
     </tr>

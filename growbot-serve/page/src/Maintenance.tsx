@@ -1,25 +1,11 @@
 // Maintenance of a robot: a task is chosen first, and then run.
 
 import { useId, useState } from "preact/hooks";
-import type { RobotStatus } from "./api_types";
 import { HeatingButton } from "./HeatingButton";
 import { TASKS } from "./maintenance_tasks";
-import type { MaintenanceTask } from "./maintenance_tasks";
-import { sendOrder } from "./orders";
-import { setRobots } from "./page_state";
 import type { Robot } from "./page_state";
-import { runAction } from "./robot_commands";
+import { runTask } from "./robot_commands";
 import { maintenanceBlockedBy } from "./robot_texts";
-import { robotPath } from "./service";
-
-/** Runs a task. In a pause of its job, the growth does it later, with the default lengths. */
-function run({ name, job }: RobotStatus, task: MaintenanceTask, value: string): void {
-  void runAction(name, task.label, async () => {
-    const order = { task: task.name, value };
-    setRobots([await sendOrder<RobotStatus>(`${task.label} of ${name}`, `${robotPath(name)}/maintenance`, order)]);
-    return job ? `${task.label}: ordered` : undefined;
-  });
-}
 
 export function Maintenance({ robot }: { robot: Robot }) {
   const { status } = robot;
@@ -35,7 +21,7 @@ export function Maintenance({ robot }: { robot: Robot }) {
     setValue("");
   };
   const shared = { class: "primary", "aria-describedby": effect };
-  const start = () => { if (task) run(status, task, hasValue ? value.trim() : ""); };
+  const start = () => { if (task) void runTask(status, task.name, hasValue ? value.trim() : ""); };
   const label = task && `Run ${task.label.toLowerCase()}`;
   return (
     <section class="maintenance" aria-label="Maintenance">

@@ -1,71 +1,65 @@
-// Banner when a robot needs a person: the cause, what is safe, and the one next step.
+// Banner when a robot needs a person: the cause, what is safe, and the one next step of the guided sequence.
 
+import { useId } from "preact/hooks";
+import type { RecoveryStep } from "./api_types";
 import { formatTitle } from "./format";
-import { canControl, isStale } from "./page_state";
+import { HeatingButton } from "./HeatingButton";
+import { canControl, isServiceSilent } from "./page_state";
 import type { Robot } from "./page_state";
-import { giveCommand } from "./robot_commands";
+import { ACTION_LABELS, doAlternative, doStep, leaveRecovery, recoveryOf, stepBlockedBy } from "./recovery";
 
-interface Need {
-  title: string;
-  cause: string;
-  safe: string;
-  /** The one next step. */
-  step: string;
-  /** True if the step is to clear the fault. */
-  clears?: boolean;
+interface StepButtonProps {
+  robot: Robot;
+  step: RecoveryStep;
+  isMain?: boolean;
+  /** Id of the text that describes the step. */
+  describedBy: string;
+  onPress(): void;
 }
 
-/** Returns why a robot needs a person. Null if it does not. */
-function needOf(robot: Robot): Need | null {
-  const { status } = robot;
-  if (status.connection === "disconnected" || isStale(robot)) return null;
-  const layers = `${status.laid} of ${status.layers} layers`;
-  const kept = status.layers > status.laid && status.laid > 0
-    ? `Heater and motors are off, and the board keeps ${layers}.` : "Heater and motors are off.";
-  const clears = !status.job;
-  if (status.fault) {
-    return {
-      title: `Fault: ${formatTitle(status.fault).toLowerCase()}.`, cause: `${status.fault_explanation}.`, safe: kept,
-      step: "After that, press Clear fault.", clears,
-    };
-  }
-  if (status.state === "emergency-stop") {
-    return {
-      title: "Emergency stop.", cause: "The robot stays off until the stop is cleared.", safe: kept,
-      step: "When it is safe, press Clear fault.", clears,
-    };
-  }
-  if (status.pause_cause === "filament-out" && status.state === "paused") {
-    return {
-      title: "Out of filament.", cause: `${status.pause_explanation}.`,
-      safe: "The robot waits after a whole layer, with a warm nozzle.",
-      step: "Under Maintenance, unload and load filament, then press Continue.",
-    };
-  }
-  if (status.state === "parked" && status.job) {
-    const step = status.pause_cause === "filament-out"
-      ? "Press Stop, load filament under Maintenance, and press Resume."
-      : "Press Continue: the robot heats and homes first.";
-    return { title: "Parked.", cause: "The pause was long.", safe: kept, step };
-  }
-  return null;
+/** Button of a step. A step that heats or moves is not pressed by the second click of a double click. */
+function StepButton({ robot, step: { action, effect }, isMain, describedBy, onPress }: StepButtonProps) {
+  const shared = { class: isMain ? "primary" : undefined, "aria-describedby": describedBy };
+  const label = action ? ACTION_LABELS[action] : "Done";
+  return effect === "safe"
+    ? <button type="button" {...shared} onClick={onPress}>{label}</button>
+    : <HeatingButton robot={robot.status.name} {...shared} onPress={onPress}>{label}</HeatingButton>;
 }
 
 export function PersonNeeded({ robot }: { robot: Robot }) {
-  const need = needOf(robot);
+  const id = useId();
   const { name } = robot.status;
+  const progress = isServiceSilent.value ? null : recoveryOf(robot);
+  if (!progress) return <div role="alert" class="need-place" />;
+  const { sequence: { situation, interrupts, cause, safety, steps, alternative }, done } = progress;
+  const step = steps[done];
+  const blockedBy = stepBlockedBy(robot, step);
+  const isLast = done + 1 === steps.length;
   return (
     <div role="alert" class="need-place">
-      {need && (
-        <div class="need">
-          <p><b>{need.title}</b> {need.cause} {need.safe} {need.step}</p>
-          {need.clears && canControl.value !== false && (
-            <button type="button" class="primary" onClick={() => void giveCommand(name, "clear-fault")}>
-              Clear fault
-            </button>
-          )}
-        </div>
-      )}
+      <div class={interrupts ? "need urgent" : "need"}>
+        <p id={id}>
+          <b>{formatTitle(situation)}:</b> {cause.replace(/\.$/, "")}. {safety} <b>Next:</b> {step.text}{" "}
+          {canControl.value === true && blockedBy}
+        </p>
+        {canControl.value === true && (
+          <div class="row">
+            {done > 0 && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
+            {alternative?.action && !stepBlockedBy(robot, alternative) && (
+              <StepButton
+                robot={robot} step={alternative} describedBy={id}
+                onPress={() => { if (alternative.action) void doAlternative(robot, alternative.action); }}
+              />
+            )}
+            {(step.action || !isLast) && !blockedBy && (
+              <StepButton
+                key={done} robot={robot} step={step} describedBy={id} isMain
+                onPress={() => void doStep(robot, progress)}
+              />
+            )}
+          </div>
+        )}
+      </div>
     </div>
   );
 }

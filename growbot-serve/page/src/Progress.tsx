@@ -3,18 +3,17 @@
 import { formatClock, formatDuration } from "./format";
 import { isStale } from "./page_state";
 import type { Robot } from "./page_state";
-import { ageText, alarmText, stateText } from "./robot_texts";
+import { ageText, stateText } from "./robot_texts";
 
 export function Progress({ robot }: { robot: Robot }) {
   const { status } = robot;
   const { layers, laid, left_s: left, finish_utc: finish } = status;
   const state = isStale(robot) ? "stale" : status.fault ? "fault" : status.state ?? "";
-  const alarm = alarmText(robot);
   return (
     <div class={isStale(robot) ? "progress stale" : "progress"}>
       <p class="state" role="status" aria-label="State" data-state={state}>{stateText(robot)}</p>
       <p class="age" role="status" aria-label="Age of the state">{ageText(robot)}</p>
-      <div role="alert">{alarm && <p class="alarm">{alarm}</p>}</div>
+      <div role="alert">{status.command_error && <p class="alarm">{status.command_error}</p>}</div>
       {layers > 0 && (
         <>
           <progress max={layers} value={laid} aria-label="Layers laid" />

@@ -77,6 +77,29 @@ export interface GrowRequest {
   ignore_scene: boolean;
 }
 
+/** Action of the page in a step of a guided sequence. */
+export type RecoveryAction =
+  | "clear-fault" | "continue" | "resume" | "stop" | "cancel" | "withdraw-stop" | "preheat" | "load" | "purge"
+  | "cooldown";
+
+/** A step of a guided sequence. The person acts if it has no action. */
+export interface RecoveryStep {
+  text: string;
+  action: RecoveryAction | null;
+  effect: "safe" | "heats" | "moves" | "heats-and-moves" | "discards" | "may-stay-on";
+}
+
+/** The steps by which a person brings a robot out of a situation. */
+export interface RecoverySequence {
+  situation: string;
+  /** True if the situation interrupts the sequence of another one. */
+  interrupts: boolean;
+  cause: string;
+  safety: string;
+  steps: RecoveryStep[];
+  alternative: RecoveryStep | null;
+}
+
 /** Names of the commands to a robot. */
 export type CommandName =
   | "pause" | "continue" | "stop" | "emergency-stop" | "clear-fault" | "cancel" | "withdraw-stop";

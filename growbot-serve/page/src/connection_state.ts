@@ -2,13 +2,13 @@
 
 import { computed } from "@preact/signals";
 import { RejectionError, retryDelay } from "../../../growbot-pictures/viewer/src/connection.js";
-import type { RobotStatus } from "./api_types";
+import type { RecoverySequence, RobotStatus } from "./api_types";
 import { showBanner } from "./banners";
 import type { BannerHandle } from "./banners";
 import { refreshJobs } from "./job_list";
 import { startCommands, stopCommands } from "./orders";
 import {
-  canControl, heardAt, isExpired, isLost, isServiceSilent, jobsProblem, now, setAges, setRobots,
+  canControl, heardAt, isExpired, isLost, isServiceSilent, jobsProblem, now, recoveries, setAges, setRobots,
 } from "./page_state";
 import { addReadings } from "./temperature_history";
 import { clock, followService, request } from "./service";
@@ -65,7 +65,7 @@ function onMessage({ event, data, ageMs = 0 }: ServiceMessage): void {
     const states = statuses.map((robot) => `${robot.job} ${robot.state}`).join();
     if (states !== lastStates) void refreshJobs();
     lastStates = states;
-  }
+  } else if (event === "recovery") recoveries.value = data as Record<string, RecoverySequence>;
   now.value = performance.now();
 }
 

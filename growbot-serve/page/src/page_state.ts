@@ -3,7 +3,7 @@
 
 import { computed, signal } from "@preact/signals";
 import { STALE_MS } from "../../../growbot-pictures/viewer/src/connection.js";
-import type { Job, RobotStatus } from "./api_types";
+import type { Job, RecoverySequence, RobotStatus } from "./api_types";
 
 /** A robot: its latest status, the time of its board's latest report, and since when a stop is not confirmed. */
 export interface Robot {
@@ -16,6 +16,8 @@ export interface Robot {
 
 /** Robots by name, in the order of the service. */
 export const robots = signal<ReadonlyMap<string, Robot>>(new Map());
+/** Guided sequences of the robots that need a person, by the names of the robots. */
+export const recoveries = signal<Readonly<Record<string, RecoverySequence>>>({});
 /** The latest jobs, newest first. Null before the service has sent them. */
 export const jobs = signal<Job[] | null>(null);
 /** Reason why the list of jobs is not current. */

@@ -9,15 +9,27 @@ import type { Robot } from "./page_state";
 import { ask } from "./question";
 import type { Question } from "./question";
 import { refreshJobs } from "./job_list";
+import { robotPath } from "./service";
 
-/** Runs an action for a robot and shows its result. */
-export async function runAction(name: string, label: string, action: () => Promise<string | void>): Promise<void> {
+/** Runs an action for a robot and shows its result. Returns whether it succeeded. */
+export async function runAction(name: string, label: string, action: () => Promise<string | void>): Promise<boolean> {
   showMessage(name, `${label} …`);
   try {
     showMessage(name, await action() || `${label}: done`);
+    return true;
   } catch (error) {
     showMessage(name, (error as Error).message, true);
+    return false;
   }
+}
+
+/** Runs a maintenance task. In a pause of its job, the growth does it later, with the default lengths. */
+export function runTask({ name, job }: RobotStatus, task: string, value: string): Promise<boolean> {
+  const label = formatTitle(task);
+  return runAction(name, label, async () => {
+    setRobots([await sendOrder<RobotStatus>(`${label} of ${name}`, `${robotPath(name)}/maintenance`, { task, value })]);
+    return job ? `${label}: ordered` : undefined;
+  });
 }
 
 /** Questions before commands that destroy something. */
@@ -35,11 +47,12 @@ const questions: Partial<Record<CommandName, (robot: RobotStatus) => Question>> 
   }),
 };
 
-export async function giveCommand(name: string, command: CommandName): Promise<void> {
+/** Gives a command after its question, if it has one. Returns whether the robot has carried it out. */
+export async function giveCommand(name: string, command: CommandName): Promise<boolean> {
   const robot = robots.value.get(name);
   const question = questions[command];
-  if (question && (!robot || !await ask(question(robot.status)))) return;
-  await runAction(name, formatTitle(command), async () => setRobots([await sendCommand(name, command)]));
+  if (question && (!robot || !await ask(question(robot.status)))) return false;
+  return runAction(name, formatTitle(command), async () => setRobots([await sendCommand(name, command)]));
 }
 
 /** Response of a robot to the latest stop of all robots. */
@@ -109,9 +122,9 @@ export function resumableJob(robot: Robot): Job | undefined {
   return latest?.state === "interrupted" ? latest : undefined;
 }
 
-/** Resumes a job on the robot that has its body. */
-export function resume(job: Job): void {
-  void runAction(job.robot, "Resume", async () => {
+/** Resumes a job on the robot that has its body. Returns whether the service has accepted the order. */
+export function resume(job: Job): Promise<boolean> {
+  return runAction(job.robot, "Resume", async () => {
     await sendOrder(`Resume on ${job.robot}`, `jobs/${job.id}/resume`, {});
     void refreshJobs();
   });

@@ -1,9 +1,8 @@
 // Texts about the state of a robot.
 
-import { CONFIRM_MS } from "../../../growbot-pictures/viewer/src/connection.js";
 import type { RobotStatus } from "./api_types";
 import { formatDuration } from "./format";
-import { ageMs, canControl, isServiceSilent, isStale, now } from "./page_state";
+import { ageMs, canControl, isServiceSilent, isStale } from "./page_state";
 import type { Robot } from "./page_state";
 
 /** Returns the state of a robot. A state that is not current is marked. */
@@ -33,17 +32,6 @@ export function temperatureText({ state, temperature_c: celsius, target_c: targe
   const reading = celsius === null ? "no reading" : celsius.toFixed(1);
   if (target === null) return `${reading}${celsius === null ? "" : " °C"}, heater off`;
   return `${reading} / ${target.toFixed(0)} °C`;
-}
-
-/** Returns what is wrong with a robot. Empty if nothing is. */
-export function alarmText({ status, stopPendingSince }: Robot): string {
-  const fault = status.fault ? `${status.fault}: ${status.fault_explanation}` : status.command_error;
-  const alarm = status.connection_error ?? fault ?? "";
-  // Every stop is unconfirmed for a moment.
-  if (!status.pending_stop || stopPendingSince === null || now.value - stopPendingSince < CONFIRM_MS) return alarm;
-  const stop = `The board has not confirmed the ${status.pending_stop.replace("-", " ")}: cut the robot's power if it `
-    + "must be off now. The service sends the stop first when the robot is connected.";
-  return alarm ? `${stop} (${alarm})` : stop;
 }
 
 /** Returns the reason why maintenance is not possible now, empty if it is possible. */
