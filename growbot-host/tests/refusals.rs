@@ -120,7 +120,7 @@ fn each_refusal_has_the_same_reason_through_each_door() {
         if let Some(line) = line {
             let ran = growbot_reading(&["console", "--port", "sim", "--robot", description], line);
             let words = ran.err.split_whitespace().collect::<Vec<_>>().join(" ");
-            assert!(ran.code == Some(1) && words.contains(reason), "{reason}: {}", ran.err);
+            assert!(ran.code == Some(1) && words.contains(&format!("{refusal}: {reason}")), "{reason}: {}", ran.err);
         }
     }
     // Nothing was begun.

@@ -1,5 +1,5 @@
-//! Conversion of errors to Python exceptions, which contain a message with a remedy, the value and the limit. Their
-//! classes are in `python/growbot/_errors.py`.
+//! Conversion of errors to Python exceptions, which contain a message, the value, the limit and a code. Their classes are
+//! in `python/growbot/_errors.py`.
 
 use std::fmt::Display;
 
@@ -71,6 +71,8 @@ pub enum Error {
         value: Option<ErrorValue>,
         /// Limit that the value violates. `None` without a limit.
         limit: Option<ErrorValue>,
+        /// Code of the reason. `None` if it has none.
+        code: Option<String>,
     },
     /// An exception that Python has raised, such as `KeyboardInterrupt` for Ctrl-C.
     Python(PyErr),
@@ -79,7 +81,7 @@ pub enum Error {
 impl Error {
     /// Creates an error without a value and a limit.
     pub fn new(kind: ErrorKind, message: impl Display) -> Self {
-        Self::Growbot { kind, message: message.to_string(), value: None, limit: None }
+        Self::Growbot { kind, message: message.to_string(), value: None, limit: None, code: None }
     }
 
     /// Creates the error for an error of a library.
@@ -94,27 +96,32 @@ impl Error {
         value: impl Into<ErrorValue>,
         limit: impl Into<ErrorValue>,
     ) -> Self {
-        Self::Growbot { kind, message: message.to_string(), value: Some(value.into()), limit: Some(limit.into()) }
+        let (value, limit) = (Some(value.into()), Some(limit.into()));
+        Self::Growbot { kind, message: message.to_string(), value, limit, code: None }
+    }
+
+    /// Adds the code of the reason.
+    pub fn with_code(mut self, reason: Option<&str>) -> Self {
+        if let Self::Growbot { code, .. } = &mut self {
+            *code = reason.map(str::to_owned);
+        }
+        self
     }
 
     /// Adds the index of an array's row to the message.
-    pub fn of_row(self, row: usize) -> Self {
-        match self {
-            Self::Growbot { kind, message, value, limit } => {
-                Self::Growbot { kind, message: format!("row {row}: {message}"), value, limit }
-            }
-            python @ Self::Python(_) => python,
+    pub fn of_row(mut self, row: usize) -> Self {
+        if let Self::Growbot { message, .. } = &mut self {
+            *message = format!("row {row}: {message}");
         }
+        self
     }
 }
 
-/// Creates the Python exception for the parts of an error.
+/// Creates the Python exception of this class from its arguments: message, value, limit and code.
 fn exception(
     py: Python<'_>,
     kind: ErrorKind,
-    message: String,
-    value: Option<ErrorValue>,
-    limit: Option<ErrorValue>,
+    (message, value, limit, code): (String, Option<ErrorValue>, Option<ErrorValue>, Option<String>),
 ) -> PyResult<PyErr> {
     static CLASSES: [PyOnceLock<Py<PyType>>; 5] = [const { PyOnceLock::new() }; 5];
     let name = ["InputError", "InputTypeError", "FileError", "NoPathError", "BoardError"];
@@ -124,15 +131,15 @@ fn exception(
         Some(ErrorValue::Number(number)) => number.into_py_any(py),
         Some(ErrorValue::Text(text)) => text.into_py_any(py),
     };
-    Ok(PyErr::from_value(class.call1((message, python_value(value)?, python_value(limit)?))?))
+    Ok(PyErr::from_value(class.call1((message, python_value(value)?, python_value(limit)?, code))?))
 }
 
 impl From<Error> for PyErr {
     fn from(error: Error) -> Self {
         match error {
             Error::Python(error) => error,
-            Error::Growbot { kind, message, value, limit } => {
-                Python::attach(|py| exception(py, kind, message, value, limit).unwrap_or_else(|error| error))
+            Error::Growbot { kind, message, value, limit, code } => {
+                Python::attach(|py| exception(py, kind, (message, value, limit, code)).unwrap_or_else(|error| error))
             }
         }
     }
@@ -149,12 +156,17 @@ impl From<ServiceError> for Error {
         let message = remedies::message(&error);
         match &error {
             ServiceError::Ownership(OwnershipError::Owner { owner, .. }) | ServiceError::ForeignPeer { owner, .. } => {
-                Self::Growbot { kind: ErrorKind::Board, message, value: Some(f64::from(*owner).into()), limit: None }
+                let value = Some(f64::from(*owner).into());
+                Self::Growbot { kind: ErrorKind::Board, message, value, limit: None, code: None }
             }
             ServiceError::Ownership(OwnershipError::Mode { mode, .. }) => {
                 Self::with(ErrorKind::Board, message, format!("{mode:04o}"), "0700")
             }
-            _ if error.is_invalid_request() => Self::new(ErrorKind::Input, message),
+            ServiceError::Rejected { code, .. } => {
+                let is_refusal = code.is_some() || error.is_invalid_request();
+                let kind = if is_refusal { ErrorKind::Input } else { ErrorKind::Board };
+                Self::new(kind, message).with_code(code.as_deref())
+            }
             _ => Self::new(ErrorKind::Board, message),
         }
     }

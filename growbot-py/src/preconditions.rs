@@ -56,7 +56,8 @@ pub fn refused(refusal: &GrowthRefusal) -> Error {
     let remedy = match refusal {
         GrowthRefusal::Warnings { codes } => {
             let message = format!("{refusal}: change the plan, or ignore the warnings with force=True");
-            return Error::with(ErrorKind::Input, message, codes.join(", "), "no such warning");
+            return Error::with(ErrorKind::Input, message, codes.join(", "), "no such warning")
+                .with_code(Some(refusal.code()));
         }
         GrowthRefusal::Scene(_) => "or set ignore_scene=True",
         GrowthRefusal::Clearance(_) => "plan with a larger margin_mm or another radius_mm, or set ignore_scene=True",
@@ -65,5 +66,5 @@ pub fn refused(refusal: &GrowthRefusal) -> Error {
         GrowthRefusal::NoSensor { .. } => "give it sensors.filament_motion or sensors.orientation, or remove feedback",
     };
     let separator = if matches!(refusal, GrowthRefusal::Scene(_)) { ";" } else { ":" };
-    Error::new(ErrorKind::Input, format!("{refusal}{separator} {remedy}"))
+    Error::new(ErrorKind::Input, format!("{refusal}{separator} {remedy}")).with_code(Some(refusal.code()))
 }

@@ -120,14 +120,16 @@ def test_orders_and_leaving_stop_it() -> None:
 
 def test_what_cannot_be_grown_is_refused() -> None:
     with growbot.connect("sim") as board:
-        for call, words in [
-            (lambda: board.grow(growbot.plan(START, (20, 10, 60, 0, 80))), "because of self-collision.*force"),
-            (lambda: board.grow(growbot.plan(START, (0, 0, 4000, 0, 90))), "because of filament-short.*force"),
-            (lambda: board.grow(PLAN, conditions=growbot.Conditions(sag=True)), "without a board"),
-            (lambda: board.grow(PLAN, log="/nowhere/run.jsonl").wait(), "/nowhere/run.jsonl"),
+        meets, empties = growbot.plan(START, (20, 10, 60, 0, 80)), growbot.plan(START, (0, 0, 4000, 0, 90))
+        for call, words, code in [
+            (lambda: board.grow(meets), "because of self-collision.*force", "plan-warnings"),
+            (lambda: board.grow(empties), "because of filament-short.*force", "plan-warnings"),
+            (lambda: board.grow(PLAN, conditions=growbot.Conditions(sag=True)), "without a board", None),
+            (lambda: board.grow(PLAN, log="/nowhere/run.jsonl").wait(), "/nowhere/run.jsonl", None),
         ]:
-            with pytest.raises(growbot.Error, match=words):
+            with pytest.raises(growbot.Error, match=words) as refused:
                 call()
+            assert refused.value.code == code
         twisted = growbot.plan(START, (20, 10, 60, 0, 80))
         with pytest.raises(growbot.InputError, match="self-collision.*force=True"):
             board.grow(twisted, ignore_scene=True, overwrite=True)

@@ -146,9 +146,9 @@ def test_anything(name: str) -> None:
         try:
             FUNCTIONS[name](it)
         except growbot.Error as error:
-            assert str(error) and error.remedy and len(str(error)) < 2000, (name, it)
+            assert 0 < len(str(error)) < 2000, (name, it)
             again = pickle.loads(pickle.dumps(error))
-            assert type(again) is type(error) and str(again) == str(error) and again.remedy == error.remedy
+            assert type(again) is type(error) and str(again) == str(error) and again.code == error.code
         except (OSError, MemoryError):
             assert name in ("Plan.view",), name
 
@@ -175,12 +175,12 @@ def test_anything_at_random(name: str, it: Any) -> None:
     try:
         FUNCTIONS[name](it)
     except growbot.Error as error:
-        assert error.remedy
+        assert str(error)
     except OSError:
         assert name == "Plan.view"
 
 
-def test_refusals_tell_value_limit_and_remedy() -> None:
+def test_refusals_tell_value_and_limit() -> None:
     for call, kind, value, limit in [
         (lambda: growbot.plan(START, (0, 0, 400), radius_mm=5), growbot.InputError, 5.0, 98.2),
         (lambda: growbot.Pose(0, 0, 2e7, 0, 0), growbot.InputError, 2e7, 1e7),
@@ -201,7 +201,6 @@ def test_refusals_tell_value_limit_and_remedy() -> None:
         with pytest.raises(kind) as refused:
             call()
         assert value is None or (refused.value.value, refused.value.limit) == (value, limit), str(refused.value)
-        assert str(refused.value).endswith(refused.value.remedy)
     with pytest.raises(growbot.InputError, match="row 1: pitch is 95 deg"):
         growbot.plan_many(START, [(0, 0, 1, 0, 0), (0, 0, 1, 0, 95)])
     assert issubclass(growbot.InputError, ValueError) and issubclass(growbot.InputTypeError, TypeError)

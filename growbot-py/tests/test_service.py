@@ -99,8 +99,9 @@ def test_the_service_grows_in_the_scene_that_is_given(lab: Path, monkeypatch: py
     Path("wall.toml").write_text(head + "[[box]]\ncenter_mm = [0, 0, 60]\nsize_mm = [200, 200, 60]\n")
     Path("aside.toml").write_text(head + "[[ball]]\ncenter_mm = [300, 0, 20]\nradius_mm = 20\n")
     with growbot.connect("sim:lab") as board:
-        with pytest.raises(growbot.InputError, match="wall.toml"):
+        with pytest.raises(growbot.InputError, match="wall.toml") as refused:
             board.grow(PLAN, scene=growbot.Scene("wall.toml"))
+        assert refused.value.code == "scene-not-clear"
         aside = growbot.Scene("aside.toml")
         assert board.grow(PLAN, scene=aside).wait()["outcome"] == "done"
         # The file's name in the plan is relative to this directory, but the service runs in another one.

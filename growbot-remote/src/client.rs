@@ -54,6 +54,8 @@ pub enum ServiceError {
         status: u16,
         /// Reason of the rejection.
         detail: String,
+        /// Code of the reason, for programs. `None` if the reason has none.
+        code: Option<String>,
     },
 }
 
@@ -250,9 +252,9 @@ impl ServiceClient {
         }
         let bytes = response.bytes()?;
         let problem: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-        let detail = problem.get("detail").and_then(Value::as_str);
-        let detail = detail.map_or_else(|| String::from_utf8_lossy(&bytes).into_owned(), str::to_owned);
-        Err(ServiceError::Rejected { status: head.status.as_u16(), detail })
+        let text = |key| problem.get(key).and_then(Value::as_str).map(str::to_owned);
+        let detail = text("detail").unwrap_or_else(|| String::from_utf8_lossy(&bytes).into_owned());
+        Err(ServiceError::Rejected { status: head.status.as_u16(), detail, code: text("code") })
     }
 }
 

@@ -130,13 +130,14 @@ fn the_reason_of_a_rejection_is_read_even_if_the_request_was_not() {
     let (client, _socket, service) = start(|listener| {
         let (mut stream, head) = accept(&listener);
         assert!(head.starts_with("POST /api/v1/plans HTTP/1.1\r\n"), "{head}");
-        let body = r#"{"title":"too long","status":413,"detail":"send a shorter one"}"#;
+        let body = r#"{"title":"too long","status":413,"detail":"send a shorter one","code":"long"}"#;
         write!(stream, "HTTP/1.1 413 No\r\ncontent-length: {}\r\n\r\n{body}", body.len()).unwrap();
     });
     let request = "x".repeat(10_000_000);
     let error = client.request("/plans", Some(request), Some(PATIENCE)).err().unwrap();
     assert!(
-        matches!(&error, ServiceError::Rejected { status: 413, detail } if detail == "send a shorter one"),
+        matches!(&error, ServiceError::Rejected { status: 413, detail, code }
+            if detail == "send a shorter one" && code.as_deref() == Some("long")),
         "{error}"
     );
     service.join().unwrap();

@@ -6,7 +6,7 @@
 ('CSC', 643.0, 832)
 
 Lengths are in mm and angles in degrees, as the names state. A pose is growbot.Pose, or five numbers: x, y, z, heading,
-pitch. Pitch 90 is straight up. Every error is a growbot.Error, with value, limit and remedy.
+pitch. Pitch 90 is straight up. Every error is a growbot.Error, with value, limit and code.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Exceptions. Each has the value, the limit and the remedy."""
+"""Exceptions. Each has the value, the limit and the code of its reason."""
 
 from __future__ import annotations
 
@@ -11,18 +11,21 @@ class Error(Exception):
     """Base class of all errors of growbot.
 
     value is the value that caused the error, and limit is its limit: numbers in the unit of the message, or texts. Both
-    are None if they do not apply. remedy states what to do. It is the end of the message.
+    are None if they do not apply. code names the reason why a growth is refused, such as "plan-warnings". It is None for
+    other errors. The message ends with what to do.
     """
 
     value: ErrorValue
     limit: ErrorValue
-    remedy: str
+    code: Optional[str]
 
-    def __init__(self, message: str, value: ErrorValue = None, limit: ErrorValue = None) -> None:
+    def __init__(
+        self, message: str, value: ErrorValue = None, limit: ErrorValue = None, code: Optional[str] = None
+    ) -> None:
         super().__init__(message)
         self.value = value
         self.limit = limit
-        self.remedy = _remedy_of(message)
+        self.code = code
 
 
 class InputError(Error, ValueError):
@@ -43,9 +46,3 @@ class NoPathError(Error):
 
 class BoardError(Error, RuntimeError):
     """A board that does not respond, rejects a request, or has a fault."""
-
-
-def _remedy_of(message: str) -> str:
-    """Returns the part of a message after its last colon or semicolon. Messages end with the remedy."""
-    at = max(message.rfind(": "), message.rfind("; "))
-    return message[at + 2 :] if at >= 0 else message

@@ -113,7 +113,7 @@ fn unexpected(request: &'static str, answer: &Message) -> Failure {
     Failure::request_failed(ClientError::Unexpected { request, kind: answer.kind() })
 }
 
-/// Returns the text of a growth that the console refuses, with the remedy.
+/// Returns the text of a growth that the console refuses: code, reason and remedy.
 pub fn refusal_text(refusal: &GrowthRefusal) -> String {
-    format!("{refusal}: choose another pose, or grow it with `growbot grow --force`")
+    format!("{}: {refusal}: choose another pose, or grow it with `growbot grow --force`", refusal.code())
 }
