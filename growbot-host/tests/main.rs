@@ -1,5 +1,6 @@
 //! Tests of the `growbot` command. Each test runs the program as a user would.
 
+mod capabilities;
 mod configuring;
 mod console_commands;
 mod describing_commands;
@@ -37,6 +38,7 @@ mod serve_latency;
 mod serve_limits;
 mod serve_load;
 mod serve_notify;
+mod serve_queue;
 mod serve_roles;
 mod serve_scenes;
 mod serve_stops;

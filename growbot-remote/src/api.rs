@@ -110,6 +110,33 @@ pub struct GrowRequest {
     pub name: Option<String>,
 }
 
+/// A body that waits for its robot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct QueuedBody {
+    /// Identifier, also in URLs.
+    pub id: String,
+    /// Name for users.
+    pub name: String,
+    /// Number of layers.
+    pub layers: u32,
+    /// Length of the path, mm.
+    pub length_mm: f64,
+    /// Time that all layers take on the robot's clock, s.
+    pub duration_s: f64,
+    /// Time when the body was queued, RFC 3339.
+    pub created_utc: String,
+}
+
+/// Order to grow a queued body.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct GrowQueuedRequest {
+    /// True if a person has removed the last body from the robot. Otherwise the order is refused.
+    pub last_body_removed: bool,
+}
+
 /// State of a job.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, EnumString, IntoStaticStr)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

@@ -20,11 +20,13 @@ use super::openapi::describe;
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
+use super::queue_routes;
 use super::service::Service;
 
 /// Returns the routes of the service's API.
 pub fn routes() -> ApiRouter<Arc<Service>> {
     live_routes::routes()
+        .merge(queue_routes::routes())
         .api_route(
             "/robots/{robot}/recovery",
             get_with(

@@ -112,13 +112,15 @@ pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamE
     let (mut sent, mut sent_recovery) = (String::new(), String::new());
     state_events(source.changes(), MIN_EVENT_INTERVAL, move |is_heartbeat_due| {
         let robots = source.robots();
-        if is_heartbeat_due {
+        // The robots come first, so that a page that has any data has them.
+        let is_first = sent.is_empty();
+        if is_heartbeat_due && !is_first {
             let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
             return Continue(Some(StreamEvent::heartbeat(ages.collect::<BTreeMap<_, _>>())));
         }
-        // Comes first, because a status changes with each temperature.
+        // Comes before the robots, because a status changes with each temperature.
         let recovery = json_line(&robots.iter().filter_map(named_recovery).collect::<BTreeMap<_, _>>());
-        if recovery != sent_recovery {
+        if recovery != sent_recovery && !is_first {
             sent_recovery.clone_from(&recovery);
             return Continue(Some(StreamEvent::new("recovery", &recovery)));
         }

@@ -112,12 +112,8 @@ pub(super) fn make_job(
     if let Some(job) = before()? {
         return Ok((StatusCode::OK, Json(job)));
     }
-    let robot = keeper.description().map_err(Problem::conflict)?;
-    let PlanInScene { plan, scene } = plan(&robot)?;
-    let overrides = Override::given([(wanted.force, Override::Warnings), (wanted.ignore_scene, Override::Scene)]);
-    let body = NewBody { plan, robot, scene, overrides, feedback: wanted.feedback };
+    let body = check_body(keeper, wanted, plan)?;
     let request = body.request(keeper.is_simulated().into());
-    request.check().map_err(|refusal| refused(&refusal, &body.plan))?;
     let (ignore_scene, board_job) = (request.ignores_scene(), request.job());
     let _begins = keeper.lock_job_start();
     // Another request with the same key may have created the job in the meantime.
@@ -128,7 +124,7 @@ pub(super) fn make_job(
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
         robot: keeper.name.clone(),
-        name: wanted.name.clone().unwrap_or_else(|| wanted.to.clone().unwrap_or_else(|| "a plan".to_owned())),
+        name: job_name(wanted),
         state: JobState::Active,
         plan_id: format!("{:016x}", board_job.plan_id),
         layers: u32::try_from(board_job.layers.len()).unwrap_or(u32::MAX),
@@ -152,6 +148,25 @@ pub(super) fn make_job(
         return Err(why.into());
     }
     Ok((StatusCode::CREATED, Json(job)))
+}
+
+/// Returns the body of a request, or the reason why it is refused. `plan` plans it for the robot.
+pub(super) fn check_body(
+    keeper: &RobotWorker,
+    wanted: &GrowRequest,
+    plan: impl FnOnce(&Robot) -> Result<PlanInScene, Problem>,
+) -> Result<NewBody, Problem> {
+    let robot = keeper.description().map_err(Problem::conflict)?;
+    let PlanInScene { plan, scene } = plan(&robot)?;
+    let overrides = Override::given([(wanted.force, Override::Warnings), (wanted.ignore_scene, Override::Scene)]);
+    let body = NewBody { plan, robot, scene, overrides, feedback: wanted.feedback };
+    body.request(keeper.is_simulated().into()).check().map_err(|refusal| refused(&refusal, &body.plan))?;
+    Ok(body)
+}
+
+/// Returns the name of a request's job for users.
+pub(super) fn job_name(wanted: &GrowRequest) -> String {
+    wanted.name.clone().or_else(|| wanted.to.clone()).unwrap_or_else(|| "a plan".to_owned())
 }
 
 /// Returns the problem of a growth that is refused, with the remedy.

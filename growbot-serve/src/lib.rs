@@ -10,9 +10,9 @@
 //!   board.
 //! - `job_store` is a database of all jobs that can be rebuilt from their run logs. `job_updates` are the changes of
 //!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
-//!   commands.
-//! - [`api`] is the HTTP interface: `live_routes`, `job_routes`, `plan_routes` and `command_routes`. `handler` has what
-//!   they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are the streams of
+//!   commands. `queue_store` has the bodies that wait for a robot.
+//! - [`api`] is the HTTP interface: `live_routes`, `job_routes`, `queue_routes`, `plan_routes` and `command_routes`.
+//!   `handler` has what they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are the streams of
 //!   events.
 //! - `page_source` is the source of the robots and growths that pages show, and `job_pages` makes the service one.
 //!   `site` serves such a source to clients, after the checks of their requests.
@@ -70,6 +70,8 @@ mod paths;
 mod plan_routes;
 mod port_lease;
 mod problem;
+mod queue_routes;
+mod queue_store;
 mod request_kind;
 mod robot_alerts;
 mod robot_error;

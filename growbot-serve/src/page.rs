@@ -1,17 +1,11 @@
-//! Files of the web page that shows all robots of the service.
+//! Routes of the files of the web page that shows all robots of the service.
 
 use axum::Router;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::Html;
 use axum::routing::get;
+use growbot_page::{PAGE, SCRIPTS, STYLE};
 
-const PAGE: &str = include_str!("../page/dist/robots.html");
-const STYLE: &str = include_str!("../page/dist/robots.css");
-/// Scripts of the page: file name and content. They are bundled at development time, from growbot-serve/page/src.
-const SCRIPTS: [(&str, &str); 2] = [
-    ("robots.js", include_str!("../page/dist/robots.js")),
-    ("events-worker.js", include_str!("../page/dist/events-worker.js")),
-];
 /// Content security policy of the page. It lets the page load content only from the service.
 const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; img-src data:; connect-src 'self'; frame-src 'self'; \
                       form-action 'self'; base-uri 'none'; frame-ancestors 'none'";

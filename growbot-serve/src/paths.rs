@@ -31,7 +31,7 @@ impl ServicePaths {
     /// # Errors
     /// A directory cannot be created.
     pub fn create(&self) -> io::Result<()> {
-        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes(), &self.stops()] {
+        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes(), &self.stops(), &self.queues()] {
             fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)?;
         }
         Ok(())
@@ -42,7 +42,7 @@ impl ServicePaths {
     /// # Errors
     /// [`OwnershipError`] with the first file or directory that others can access.
     pub fn check(&self) -> Result<(), OwnershipError> {
-        for directory in [&self.runtime, &self.state, &self.logs(), &self.scenes(), &self.stops()] {
+        for directory in [&self.runtime, &self.state, &self.logs(), &self.scenes(), &self.stops(), &self.queues()] {
             check_private(directory)?;
         }
         let files = fs::read_dir(&self.state).into_iter().flatten().flatten();
@@ -68,6 +68,11 @@ impl ServicePaths {
     /// not have received.
     pub fn stops(&self) -> PathBuf {
         self.state.join("stops")
+    }
+
+    /// Returns the directory with the queue of each robot.
+    pub fn queues(&self) -> PathBuf {
+        self.state.join("queues")
     }
 
     /// Returns the path of the SQLite database with the list of jobs.

@@ -11,6 +11,7 @@ use super::config::{NotifyEntry, RobotEntry};
 use super::job_store::{JobStore, JobStoreError};
 use super::notifier::{Notifier, NotifyError};
 use super::paths::ServicePaths;
+use super::queue_store::QueueStore;
 use super::robot_worker::RobotWorker;
 use super::service_context::ServiceContext;
 
@@ -56,6 +57,7 @@ impl Service {
             audit,
             notifier,
             previews: Mutex::default(),
+            queue: QueueStore::new(&places),
             changes: watch::Sender::new(0),
         });
         let robots = robots

@@ -11,6 +11,7 @@ use super::audit::Audit;
 use super::job_store::JobStore;
 use super::notification::{NotificationContext, NotificationEvent};
 use super::notifier::Notifier;
+use super::queue_store::QueueStore;
 
 /// Maximum number of previews (pages of plans) that are kept.
 const MAX_PREVIEWS: usize = 8;
@@ -31,6 +32,7 @@ pub(super) struct ServiceContext {
     pub(super) audit: Audit,
     pub(super) notifier: Notifier,
     pub(super) previews: Mutex<Previews>,
+    pub(super) queue: QueueStore,
     /// Counter of changes of the service's state. Each open stream of events waits until the counter changes.
     pub(super) changes: watch::Sender<u64>,
 }

@@ -33,6 +33,7 @@ use super::notifier::Notifier;
 use super::page_source::PageSource as _;
 use super::paths::ServicePaths;
 use super::problem::Problem;
+use super::queue_store::QueueStore;
 use super::robot_error::RobotRequestError;
 use super::robot_request::{Claim, NewBody, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
@@ -302,6 +303,7 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
         audit: Audit::open(&places.audit()).unwrap(),
         notifier,
         previews: Mutex::default(),
+        queue: QueueStore::new(&places),
         changes: tokio::sync::watch::Sender::new(0),
     });
     Service { places, robots: BTreeMap::new(), shared, addresses: OnceLock::new() }

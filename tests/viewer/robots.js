@@ -214,8 +214,25 @@ try {
   await press("Grow", nextBody);
   await question.getByText(/Is the last body removed\?/).waitFor();
   await page.keyboard.press("Escape");
+
+  // Two bodies wait. The first one grows once a person confirms that the last one is removed.
+  const queue = page.getByRole("region", { name: "Queue" });
+  for (const count of [1, 2]) {
+    await press("Add to queue", nextBody);
+    await queue.getByRole("listitem").nth(count - 1).waitFor();
+  }
+  assert.equal((await lab.robot("lab")).job, null);
+  await picture(page, "queue");
+  await checkAccessibility(page, axe, "queue");
+  await queue.getByRole("button", { name: /^Remove / }).last().click();
+  await queue.getByRole("listitem").nth(1).waitFor({ state: "detached" });
+  await press("Grow next", queue);
+  await question.getByText(/Is the last body removed\?/).waitFor();
+  await press("Heat and grow", question);
+  await waitForState("heating|homing|growing");
+  await queue.getByText(/^Empty/).waitFor();
   assert.deepEqual(errors, []);
-  console.log("the page of all robots: planned, grew, paused, reconnected, stopped and grew again");
+  console.log("the page of all robots: planned, grew, paused, reconnected, stopped, grew again and grew from its queue");
 } finally {
   await browser.close();
   await lab.remove();

@@ -6,16 +6,17 @@ use clap::{Args, Parser};
 use growbot_client::growth::{Beginning, GrowthRefusal, GrowthRequest, LogTarget, Override};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
-use growbot_host::output::is_standard_output;
+use growbot_host::output::{is_standard_output, print};
 use growbot_plan::feedback::DEFAULT_SENSOR_NOISE;
 use growbot_plan::robot_file;
 use growbot_plan::run_log::RunLog;
+use growbot_plan::sanitize::json_line;
 
 use super::body_input::BodyInput;
 use super::disturbance::DisturbanceArgs;
 use super::failure::Failure;
 use super::find_robot::robot_at;
-use super::growth_monitor::{OnHostSilence, ResultFormat, print_refusal};
+use super::growth_monitor::{OnHostSilence, ResultFormat};
 use super::plan_source::PlanSourceArgs;
 use super::port_arg::{PortArg, SelectedPort};
 use super::remedies;
@@ -216,8 +217,11 @@ impl GrowArgs {
         if refusal.is_invalid_request() {
             return Failure::bad_input(words);
         }
-        if self.json {
-            print_refusal(&request.refused(refusal, words.clone()));
+        // If the line cannot be printed, the caller still reports why the growth did not start.
+        if self.json
+            && let Err(error) = print(&json_line(&request.refused(refusal, words.clone())))
+        {
+            Failure::from(error).print();
         }
         Failure::request_failed(words)
     }

@@ -137,9 +137,8 @@ impl GrowthMonitor<'_> {
         }
         let is_json = self.print == ResultFormat::Json;
         let printed = match &grown {
-            Err(GrowthError::Interrupted(_)) if is_json => print(&json_line(result)),
+            Err(GrowthError::Interrupted(_)) | Ok(_) if is_json => print(&json_line(result)),
             Err(error) if is_json && error.is_refusal() => print(&json_line(result)),
-            Ok(_) if is_json => print(&json_line(result)),
             Ok(grown) if self.print == ResultFormat::Table => {
                 print(&growth_table::table(self.request.plan, self.request.robot, grown, result))
             }
@@ -261,14 +260,6 @@ impl LogHealth {
         if let Some(watch) = watch {
             watch.growth().set_warning(self.fails.then_some(words));
         }
-    }
-}
-
-/// Prints the line of JSON of a growth that did not start. If the line cannot be printed, prints that error instead of
-/// returning it, so that the caller can still report why the growth did not start.
-pub fn print_refusal(result: &GrowthResult) {
-    if let Err(error) = print(&json_line(result)) {
-        Failure::from(error).print();
     }
 }
 

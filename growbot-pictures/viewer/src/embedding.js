@@ -1,5 +1,5 @@
 // The page around this one, if a page of growbot shows this one in a frame. It gets what its charts and texts show, and
-// can move the slider. Its side is growbot-serve/page/src/viewer_messages.ts.
+// can move the slider. Its side is growbot-page/src/viewer_messages.ts.
 
 /** Maximum number of points along a body, and of temperatures, that the other page gets. */
 const MAX_POINTS = 400;

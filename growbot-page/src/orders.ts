@@ -2,7 +2,7 @@
 
 import {
   CONFIRM_MS, RejectionError, openCommands, sendUntilAnswered,
-} from "../../../growbot-pictures/viewer/src/connection.js";
+} from "../../growbot-pictures/viewer/src/connection.js";
 import type { CommandName, RobotStatus } from "./api_types";
 import { showBanner } from "./banners";
 import type { BannerHandle } from "./banners";

@@ -2,7 +2,7 @@
 
 import type { RefObject } from "preact";
 import { useEffect, useRef, useState } from "preact/hooks";
-import { retryDelay } from "../../../growbot-pictures/viewer/src/connection.js";
+import { retryDelay } from "../../growbot-pictures/viewer/src/connection.js";
 import { formatNumber } from "./format";
 import { isExpired } from "./page_state";
 import { chooseBody } from "./shown_body";

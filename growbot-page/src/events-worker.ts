@@ -1,6 +1,6 @@
 // Follows the events of the service for all open pages, so that together they need one connection.
 
-import { followEvents } from "../../../growbot-pictures/viewer/src/connection.js";
+import { followEvents } from "../../growbot-pictures/viewer/src/connection.js";
 
 const pages = new Set<MessagePort>();
 /** Latest message of each kind, for pages that are opened later. */

@@ -83,7 +83,7 @@ async function storeScene(file: File): Promise<string> {
 }
 
 /** Returns the request to grow or to plan what is entered. */
-async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
+export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
   const { source, goal, anyDirection, given, scene, feedback, force, ignoreScene } = form;
   const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
   if (scene) options.scene = await storeScene(scene);

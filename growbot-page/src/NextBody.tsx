@@ -6,26 +6,18 @@ import { formatDuration } from "./format";
 import { GoalFields } from "./GoalFields";
 import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
-import { canControl, isStale } from "./page_state";
+import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
 import { PlanSummary } from "./PlanSummary";
+import { Queue } from "./Queue";
+import { enqueue } from "./queued_bodies";
 import { ask } from "./question";
+import { growthBlockedBy } from "./robot_texts";
 
 /** Warnings because of which the service refuses a plan, unless it is forced. */
 const BLOCKING = ["self-collision", "filament-short", "layer-limit"];
 const SOURCES: [NextBodyForm["source"], string][] = [["goal", "Goal"], ["plan", "Plan"]];
 const SCENE_TYPES = ".toml,.stl,.obj,.ply,.glb,.pcd";
-
-/** Returns why the robot cannot grow now. Empty if it can. */
-function blockedBy(robot: Robot): string {
-  const { status } = robot;
-  if (canControl.value === false) return "This URL is read-only: open the control URL to grow.";
-  if (status.connection === "disconnected") return "The robot is not connected.";
-  if (isStale(robot)) return "The state of the robot is not known.";
-  if (status.job) return "A body grows now. The next one can be previewed already.";
-  if (status.fault || status.state === "emergency-stop") return "The robot is latched off: press Clear fault first.";
-  return "";
-}
 
 async function confirmGrow({ name }: RobotStatus): Promise<void> {
   if (!formOf(name).plan && !await preview(name)) return;
@@ -36,6 +28,12 @@ async function confirmGrow({ name }: RobotStatus): Promise<void> {
   const text = `Is the last body removed? ${name} heats its nozzle, homes, and lays ${plan.layers} layers in `
     + `${formatDuration(plan.duration_s)}.`;
   if (await ask({ title: `Grow on ${name}?`, text, action: "Heat and grow", destroys: false })) grow(name, form);
+}
+
+async function confirmQueue(name: string): Promise<void> {
+  if (!formOf(name).plan && !await preview(name)) return;
+  const form = formOf(name);
+  if (form.plan) await enqueue(name, form);
 }
 
 function Options({ robot, form }: { robot: string; form: NextBodyForm }) {
@@ -65,7 +63,7 @@ export function NextBody({ robot }: { robot: Robot }) {
   const { name } = status;
   const sceneProblem = useId();
   const form = formOf(name);
-  const reason = blockedBy(robot);
+  const reason = growthBlockedBy(robot);
   const isReadOnly = canControl.value === false;
   const isSceneWrong = form.problem?.field === "scene";
   const problem = isSceneWrong ? null : form.problem;
@@ -120,8 +118,12 @@ export function NextBody({ robot }: { robot: Robot }) {
             Grow
           </button>
         </div>
+        <button type="button" disabled={isReadOnly || form.isPlanning} onClick={() => void confirmQueue(name)}>
+          Add to queue
+        </button>
         <p class="hint">{reason || "Preview heats nothing. Grow requests a confirmation before the robot heats."}</p>
       </form>
+      <Queue robot={robot} />
     </section>
   );
 }

@@ -2,7 +2,7 @@
 // signals and are drawn again when they change.
 
 import { computed, signal } from "@preact/signals";
-import { STALE_MS } from "../../../growbot-pictures/viewer/src/connection.js";
+import { STALE_MS } from "../../growbot-pictures/viewer/src/connection.js";
 import type { Job, RecoverySequence, RobotStatus } from "./api_types";
 
 /** A robot: its latest status, the time of its board's latest report, and since when a stop is not confirmed. */

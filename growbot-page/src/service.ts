@@ -1,6 +1,6 @@
 // Events of the service, requests to it, and its clock.
 
-import { ServiceClock, followEvents, readResponse } from "../../../growbot-pictures/viewer/src/connection.js";
+import { ServiceClock, followEvents, readResponse } from "../../growbot-pictures/viewer/src/connection.js";
 
 export const API = new URL("api/v1/", location.href).href;
 export const clock = new ServiceClock();

@@ -34,6 +34,17 @@ export function temperatureText({ state, temperature_c: celsius, target_c: targe
   return `${reading} / ${target.toFixed(0)} °C`;
 }
 
+/** Returns the reason why no body can grow now, empty if one can. */
+export function growthBlockedBy(robot: Robot): string {
+  const { status } = robot;
+  if (canControl.value === false) return "This URL is read-only: open the control URL to grow.";
+  if (status.connection === "disconnected") return "The robot is not connected.";
+  if (isStale(robot)) return "The state of the robot is not known.";
+  if (status.job) return "A body grows now. The next one can be previewed and queued already.";
+  if (status.fault || status.state === "emergency-stop") return "The robot is latched off: press Clear fault first.";
+  return "";
+}
+
 /** Returns the reason why maintenance is not possible now, empty if it is possible. */
 export function maintenanceBlockedBy(robot: Robot): string {
   const { status } = robot;

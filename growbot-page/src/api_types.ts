@@ -45,6 +45,15 @@ export interface Job {
   reason: string | null;
 }
 
+/** A body that waits for its robot. */
+export interface QueuedBody {
+  id: string;
+  name: string;
+  layers: number;
+  length_mm: number;
+  duration_s: number;
+}
+
 export interface PlanWarning {
   code: string;
   message: string;

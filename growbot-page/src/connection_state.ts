@@ -1,7 +1,7 @@
 // Messages of the service, and whether the data on the page are current.
 
-import { computed } from "@preact/signals";
-import { RejectionError, retryDelay } from "../../../growbot-pictures/viewer/src/connection.js";
+import { computed, signal } from "@preact/signals";
+import { RejectionError, retryDelay } from "../../growbot-pictures/viewer/src/connection.js";
 import type { RecoverySequence, RobotStatus } from "./api_types";
 import { showBanner } from "./banners";
 import type { BannerHandle } from "./banners";
@@ -19,6 +19,8 @@ const JOBS_REFRESH_MS = 10_000;
 const AGE_MS = 500;
 let expiredBanner: BannerHandle | null = null;
 let lastStates = "";
+/** True once the service has sent its robots. */
+const areRobotsKnown = signal(false);
 
 /** Text about the connection to the service. */
 export const connectionText = computed(() => {
@@ -29,7 +31,7 @@ export const connectionText = computed(() => {
     return isLost.value ? `${age}, connecting again…` : age;
   }
   if (isLost.value) return "Connection lost, connecting again…";
-  return heardAt.value === null ? "Connecting… If this stays, reload." : "Live";
+  return heardAt.value === null || !areRobotsKnown.value ? "Connecting… If this stays, reload." : "Live";
 });
 
 /** Shows that the service refuses the token of this page, so that it gets no data and cannot send commands. */
@@ -61,6 +63,7 @@ function onMessage({ event, data, ageMs = 0 }: ServiceMessage): void {
   } else if (event === "robots") {
     const statuses = data as RobotStatus[];
     setRobots(statuses, ageMs);
+    areRobotsKnown.value = true;
     addReadings(statuses);
     const states = statuses.map((robot) => `${robot.job} ${robot.state}`).join();
     if (states !== lastStates) void refreshJobs();

@@ -1,7 +1,7 @@
 // Guided sequences: which one a robot has, how far the person is, and what a step does.
 
 import { signal } from "@preact/signals";
-import { CONFIRM_MS } from "../../../growbot-pictures/viewer/src/connection.js";
+import { CONFIRM_MS } from "../../growbot-pictures/viewer/src/connection.js";
 import type { RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
 import { canControl, isStale, now, recoveries } from "./page_state";
 import type { Robot } from "./page_state";

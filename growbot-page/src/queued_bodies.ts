@@ -1,0 +1,65 @@
+// The bodies that wait for each robot.
+
+import { signal } from "@preact/signals";
+import type { Job, QueuedBody } from "./api_types";
+import { formatDuration } from "./format";
+import { refreshJobs } from "./job_list";
+import { requestOf } from "./next_body";
+import type { NextBodyForm } from "./next_body";
+import { sendOrder } from "./orders";
+import { isExpired } from "./page_state";
+import { ask } from "./question";
+import { runAction } from "./robot_commands";
+import { clock, request, robotPath } from "./service";
+import { chooseBody } from "./shown_body";
+
+/** Bodies that wait, by the names of the robots. The next one is first. */
+export const queues = signal<ReadonlyMap<string, QueuedBody[]>>(new Map());
+
+const queuePath = (robot: string) => `${robotPath(robot)}/queue`;
+
+function setQueue(robot: string, bodies: QueuedBody[]): void {
+  queues.value = new Map(queues.value).set(robot, bodies);
+}
+
+/** Requests the queue of a robot. A queue that cannot be read stays as it was. */
+export async function refreshQueue(robot: string): Promise<void> {
+  if (isExpired.value) return;
+  try {
+    setQueue(robot, await request<QueuedBody[]>(queuePath(robot)));
+  } catch {
+    // The page shows that the service does not respond.
+  }
+}
+
+/** Adds what is entered in this form to the queue of a robot. Nothing is heated or moved. */
+export function enqueue(robot: string, form: NextBodyForm): Promise<boolean> {
+  return runAction(robot, "Add to queue", async () => {
+    const body = await request<QueuedBody>(queuePath(robot), await requestOf(form));
+    void refreshQueue(robot);
+    return `${body.name} waits in the queue`;
+  });
+}
+
+export function removeQueued(robot: string, body: QueuedBody): Promise<boolean> {
+  return runAction(robot, "Remove", async () => {
+    setQueue(robot, await request<QueuedBody[]>(`${queuePath(robot)}/${body.id}/remove`, {}));
+    return `${body.name} is removed from the queue`;
+  });
+}
+
+/** Grows a queued body, after a person has confirmed that the last one is removed. */
+export async function growQueued(robot: string, body: QueuedBody): Promise<void> {
+  const text = `Is the last body removed? ${robot} heats its nozzle, homes, and lays ${body.layers} layers in `
+    + `${formatDuration(body.duration_s)}.`;
+  if (!await ask({ title: `Grow ${body.name} on ${robot}?`, text, action: "Heat and grow", destroys: false })) return;
+  const timeMs = clock.now();
+  await runAction(robot, "Grow", async () => {
+    const path = `${queuePath(robot)}/${body.id}/grow`;
+    const job = await sendOrder<Job>(`Grow on ${robot}`, path, { last_body_removed: true }, timeMs);
+    chooseBody(robot, null);
+    void refreshQueue(robot);
+    void refreshJobs();
+    return `Job ${job.id} started`;
+  });
+}

@@ -1,0 +1,138 @@
+//! Routes of the API for the queue of a robot.
+
+use std::sync::Arc;
+
+use aide::axum::ApiRouter;
+use aide::axum::routing::{get_with, post_with};
+use axum::extract::{Path, State};
+use axum::http::StatusCode;
+use axum::http::header::HeaderMap;
+use axum::{Extension, Json};
+use growbot_plan::run_log::utc_now;
+use growbot_remote::api::{GrowQueuedRequest, GrowRequest, Job, QueuedBody};
+
+use super::access::{Access, require_control};
+use super::audit::CommandSource;
+use super::grow_request::resolve_request;
+use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
+use super::job_routes::{check_body, job_name, new_job};
+use super::json_body::JsonBody;
+use super::limits::RoleLimits;
+use super::openapi::describe;
+use super::page_source::ArrivalPermits;
+use super::problem::Problem;
+use super::queue_store::QueueError;
+use super::service::Service;
+
+/// Returns the routes of the queues.
+pub fn routes() -> ApiRouter<Arc<Service>> {
+    ApiRouter::new()
+        .api_route(
+            "/robots/{robot}/queue",
+            get_with(bodies, describe("The bodies that wait for the robot, the next one first.")).post_with(
+                push,
+                describe(
+                    "Add a body to the queue of the robot. A body is refused here for the reasons for which a job is. \
+                     Nothing is heated or moved.",
+                ),
+            ),
+        )
+        .api_route(
+            "/robots/{robot}/queue/{body}/grow",
+            post_with(
+                grow,
+                describe("Start a job from a queued body, after a person has removed the last body from the robot."),
+            ),
+        )
+        .api_route(
+            "/robots/{robot}/queue/{body}/remove",
+            post_with(remove, describe("Remove a body from the queue. The response has the bodies that still wait.")),
+        )
+}
+
+impl From<QueueError> for Problem {
+    fn from(error: QueueError) -> Self {
+        match error {
+            QueueError::NotFound(id) => Self::not_found("queued body", &id),
+            QueueError::Full => Self::conflict(error),
+            QueueError::Read { .. } | QueueError::Write(_) => Self::internal(error),
+        }
+    }
+}
+
+async fn bodies(State(service): ServiceState, Path(robot): Path<String>) -> ApiResult<Vec<QueuedBody>> {
+    find_robot(&service, &robot)?;
+    run_blocking(move || Ok(Json(service.shared.queue.bodies(&robot)?))).await
+}
+
+async fn push(
+    State(service): ServiceState,
+    Extension(limits): Extension<Arc<RoleLimits>>,
+    Path(robot): Path<String>,
+    JsonBody(wanted): JsonBody<GrowRequest>,
+) -> Result<(StatusCode, Json<QueuedBody>), Problem> {
+    let by = require_control(limits.access())?;
+    let keeper = Arc::clone(find_robot(&service, &robot)?);
+    let queued = limits.compute(move |computation| {
+        // A page can start the body later, and a page names only scenes that the service stores.
+        let of_page = Access::Control(CommandSource::Web);
+        let body =
+            check_body(&keeper, &wanted, |of| resolve_request(&wanted, of, service.places(), of_page, computation))?;
+        let requirements = &body.plan.requirements;
+        let queued = QueuedBody {
+            id: String::new(),
+            name: job_name(&wanted),
+            layers: u32::try_from(requirements.layers).unwrap_or(u32::MAX),
+            length_mm: requirements.length,
+            duration_s: requirements.duration,
+            created_utc: utc_now(),
+        };
+        let queued = service.shared.queue.push(&robot, queued, wanted);
+        service.shared.audit.note(by, &robot, "queue", &queued);
+        Ok((StatusCode::CREATED, Json(queued?)))
+    });
+    queued.await
+}
+
+async fn grow(
+    State(service): ServiceState,
+    permits: Extension<ArrivalPermits>,
+    limits: Extension<Arc<RoleLimits>>,
+    Path((robot, id)): Path<(String, String)>,
+    headers: HeaderMap,
+    Json(GrowQueuedRequest { last_body_removed }): Json<GrowQueuedRequest>,
+) -> Result<(StatusCode, Json<Job>), Problem> {
+    require_control(limits.access())?;
+    find_robot(&service, &robot)?;
+    if !last_body_removed {
+        return Err(Problem::conflict(
+            "a queued body grows only after a person has removed the last body: remove it, and set \
+             \"last_body_removed\"",
+        ));
+    }
+    let (queue, of, body) = (Arc::clone(&service), robot.clone(), id.clone());
+    let request = run_blocking(move || Ok(queue.shared.queue.request(&of, &body)?)).await?;
+    let queue = Arc::clone(&service);
+    let job = new_job(State(service), permits, limits, Path(robot.clone()), headers, JsonBody(request)).await?;
+    run_blocking(move || match queue.shared.queue.remove(&robot, &id) {
+        // Another request may have removed it.
+        Ok(_) | Err(QueueError::NotFound(_)) => Ok(job),
+        Err(error) => Err(error.into()),
+    })
+    .await
+}
+
+async fn remove(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Path((robot, id)): Path<(String, String)>,
+) -> ApiResult<Vec<QueuedBody>> {
+    let by = require_control(access)?;
+    find_robot(&service, &robot)?;
+    run_blocking(move || {
+        let left = service.shared.queue.remove(&robot, &id);
+        service.shared.audit.note(by, &robot, "remove from the queue", &left);
+        Ok(Json(left?))
+    })
+    .await
+}
