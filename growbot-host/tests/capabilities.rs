@@ -24,7 +24,7 @@ fn each_command_and_each_route_has_a_row() {
     let help = growbot(&["--help"]).out;
     let is_command = |line: &&str| line.starts_with("  ") && line.as_bytes().get(2).is_some_and(u8::is_ascii_lowercase);
     let names = help.lines().filter(is_command).filter_map(|line| line.split_whitespace().next());
-    // The help has examples too, and `help` is no capability.
+    // Leaves out the examples and `help`.
     let commands: BTreeSet<&str> = names.filter(|name| !["growbot", "help"].contains(name)).collect();
     assert!(commands.len() > 30, "{commands:?}");
     let of_commands = rows("command");

@@ -127,7 +127,7 @@ pub enum RobotRequestError {
     BoardState(State),
     #[error("{0}")]
     Board(#[from] ClientError),
-    #[error("{0}")]
+    #[error("{error}{}", remedy(.0), error = .0)]
     Growth(#[from] GrowthError),
     #[error("{0}")]
     Log(#[from] RunLogError),
@@ -137,4 +137,9 @@ pub enum RobotRequestError {
     RecordedPlan(#[from] PlanFileError),
     #[error("{0}")]
     Scene(#[from] SceneCheckError),
+}
+
+/// Returns the remedy for clients of the service that the message of an error lacks.
+fn remedy(error: &GrowthError) -> &'static str {
+    if matches!(error, GrowthError::Unfinished { .. }) { ", or discard it with the command cancel" } else { "" }
 }
