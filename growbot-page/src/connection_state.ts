@@ -10,6 +10,7 @@ import { startCommands, stopCommands } from "./orders";
 import {
   canControl, heardAt, isExpired, isLost, isServiceSilent, jobsProblem, now, recoveries, setAges, setRobots,
 } from "./page_state";
+import { endRecoveries } from "./recovery";
 import { addReadings } from "./temperature_history";
 import { clock, followService, request } from "./service";
 import type { ServiceMessage } from "./service";
@@ -69,6 +70,7 @@ function onMessage({ event, data, ageMs = 0 }: ServiceMessage): void {
     if (states !== lastStates) void refreshJobs();
     lastStates = states;
   } else if (event === "recovery") recoveries.value = data as Record<string, RecoverySequence>;
+  endRecoveries();
   now.value = performance.now();
 }
 

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { CONFIRM_MS } from "../../growbot-pictures/viewer/src/connection.js";
 import type { RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
-import { canControl, isStale, now, recoveries } from "./page_state";
+import { canControl, isStale, now, recoveries, robots } from "./page_state";
 import type { Robot } from "./page_state";
 import { giveCommand, resumableJob, resume, runTask } from "./robot_commands";
 
@@ -34,15 +34,21 @@ function setProgress(name: string, progress: RecoveryProgress | null): void {
   begun.value = next;
 }
 
-/**
- * Returns the sequence of a robot. A sequence that has begun goes on although its first steps change the situation,
- * unless the robot grows again or the new situation interrupts it.
- */
+/** Ends the sequences of robots that grow again, or whose new situation interrupts the one of the sequence. */
+export function endRecoveries(): void {
+  for (const [name, { sequence }] of begun.value) {
+    const status = robots.value.get(name)?.status;
+    const reported = recoveries.value[name];
+    const isInterrupted = reported?.interrupts && reported.situation !== sequence.situation;
+    if (isInterrupted || (status?.job && GROWING.includes(status.state ?? ""))) setProgress(name, null);
+  }
+}
+
+/** Returns the sequence of a robot. One that has begun goes on although its steps change the situation. */
 export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgress | null {
   const reported = recoveries.value[status.name];
   const own = begun.value.get(status.name);
-  const isInterrupted = reported?.interrupts && reported.situation !== own?.sequence.situation;
-  if (own && !isInterrupted && !GROWING.includes(status.state ?? "")) return own;
+  if (own) return own;
   // Every stop is unconfirmed for a moment.
   const isNew = stopPendingSince === null || now.value - stopPendingSince < CONFIRM_MS;
   if (!reported || (reported.situation === "unconfirmed-stop" && isNew)) return null;

@@ -12,8 +12,8 @@
 //!   the database, and `job_history` corrects it by the run logs and the status of the boards. `audit` records all
 //!   commands. `queue_store` has the bodies that wait for a robot.
 //! - [`api`] is the HTTP interface: `live_routes`, `job_routes`, `queue_routes`, `plan_routes` and `command_routes`.
-//!   `handler` has what they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are the streams of
-//!   events.
+//!   `handler` has what they share, and `openapi` completes its OpenAPI document. `stream_event` and `event_stream` are
+//!   the streams of events.
 //! - `page_source` is the source of the robots and growths that pages show, and `job_pages` makes the service one.
 //!   `site` serves such a source to clients, after the checks of their requests.
 //! - `page` has the files of the page.
