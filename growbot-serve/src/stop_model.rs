@@ -13,10 +13,12 @@ use std::time::{Duration, Instant};
 use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
+use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
 use growbot_plan::robot_file;
-use growbot_remote::api::{GrowRequest, Job, JobState, RobotCommand};
+use growbot_plan::run_log::utc_now;
+use growbot_remote::api::{GrowRequest, Job, JobState, QueuedBody, RobotCommand};
 use strum::VariantArray;
 
 use super::access::Access;
@@ -55,6 +57,8 @@ pub(super) const ROBOT: &str = "growbot-a2";
 #[derive(Debug, Clone, Copy, PartialEq, Eq, VariantArray)]
 pub(super) enum Step {
     Grow,
+    /// A person confirms that the last body is removed, so the queued body grows.
+    GrowQueued,
     Resume,
     Continue,
     Preheat,
@@ -76,7 +80,7 @@ pub(super) enum Step {
 }
 
 impl Step {
-    const ALL: [Self; 19] = *Self::VARIANTS.as_array().unwrap();
+    const ALL: [Self; 20] = *Self::VARIANTS.as_array().unwrap();
 }
 
 /// State of the robot in which a test case begins.
@@ -134,7 +138,7 @@ impl Model {
             _ => self.continues,
         };
         match step {
-            Step::Grow | Step::Resume | Step::Continue | Step::Preheat if accepted => {
+            Step::Grow | Step::GrowQueued | Step::Resume | Step::Continue | Step::Preheat if accepted => {
                 (self.may_heat, self.must_be_off) = (true, false);
             }
             Step::Stop | Step::EmergencyStop => (self.may_heat, self.must_be_off) = (false, true),
@@ -154,13 +158,24 @@ pub(super) struct Case<'a> {
     pub(super) line: FakeLine,
     pub(super) worker: Arc<RobotWorker>,
     model: Model,
+    /// Number of bodies that must be in the queue: one until it has grown.
+    queued: usize,
 }
 
 impl<'a> Case<'a> {
     pub(super) fn new(service: &'a Service, name: String) -> Self {
         let line = FakeLine::new(robot_file::load(ROBOT.as_ref()).unwrap());
         let worker = start(service, &name, &line);
-        Self { service, name, line, worker, model: Model::default() }
+        let body = QueuedBody {
+            id: String::new(),
+            name: "a body".to_owned(),
+            layers: 8,
+            length_mm: 8.0,
+            duration_s: 8.0,
+            created_utc: utc_now(),
+        };
+        service.shared.queue.push(&name, body, short_body()).unwrap();
+        Self { service, name, line, worker, model: Model::default(), queued: 1 }
     }
 
     pub(super) fn run(&mut self, steps: impl Iterator<Item = Step>) -> Vec<String> {
@@ -177,6 +192,10 @@ impl<'a> Case<'a> {
         let mut violations = board.violations.clone();
         if self.model.must_be_off && board.is_hot() {
             violations.push(format!("{} after a stop", board.state.name()));
+        }
+        let queued = self.service.shared.queue.bodies(&self.name).unwrap().len();
+        if queued != self.queued {
+            violations.push(format!("{queued} bodies in the queue instead of {}", self.queued));
         }
         violations
     }
@@ -203,7 +222,7 @@ impl<'a> Case<'a> {
 
     pub(super) fn step(&mut self, step: Step) {
         let before = self.model.may_heat;
-        if matches!(step, Step::Grow | Step::Resume | Step::Continue | Step::Preheat) {
+        if matches!(step, Step::Grow | Step::GrowQueued | Step::Resume | Step::Continue | Step::Preheat) {
             self.line.board().may_heat = true;
         }
         let accepted = self.carry_out(step).is_ok();
@@ -214,18 +233,27 @@ impl<'a> Case<'a> {
         }
     }
 
+    fn grow(&self, wanted: &GrowRequest, permit: Permit) -> Result<(), Problem> {
+        let access = Access::Control(CommandSource::Socket);
+        let order = Order { permit, claim: Claim::default() };
+        let computation = Computation::new(&Arc::default());
+        let plan = |robot: &Robot| resolve_request(wanted, robot, self.service.places(), access, &computation);
+        make_job(self.service, &self.worker, wanted, plan, order, None).map(drop)
+    }
+
     pub(super) fn carry_out(&mut self, step: Step) -> Result<(), Problem> {
         let permit = self.worker.signal().permit();
         let command = |command| Ok(run_command(&self.worker, command, &permit)?);
         match step {
-            Step::Grow => {
-                let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
-                let access = Access::Control(CommandSource::Socket);
-                let order = Order { permit, claim: Claim::default() };
-                let computation = Computation::new(&Arc::default());
-                let plan = |robot: &Robot| resolve_request(&wanted, robot, self.service.places(), access, &computation);
-                let made = make_job(self.service, &self.worker, &wanted, plan, order, None);
-                return made.map(drop);
+            Step::Grow => return self.grow(&short_body(), permit),
+            Step::GrowQueued => {
+                let queue = &self.service.shared.queue;
+                let first = queue.bodies(&self.name)?.into_iter().next();
+                let id = first.ok_or_else(|| Problem::not_found("queued body", ""))?.id;
+                self.grow(&queue.request(&self.name, &id)?, permit)?;
+                queue.remove(&self.name, &id)?;
+                self.queued = 0;
+                return Ok(());
             }
             Step::Resume => {
                 let jobs = self.service.shared.jobs_to_read().latest(1000).map_err(Problem::internal)?;
@@ -276,6 +304,11 @@ impl<'a> Case<'a> {
         }
         Ok(())
     }
+}
+
+/// Returns the request to grow a short body.
+fn short_body() -> GrowRequest {
+    GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() }
 }
 
 pub(super) fn start(service: &Service, name: &str, line: &FakeLine) -> Arc<RobotWorker> {
@@ -378,7 +411,7 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
     // After the connection the thread corrects the list of jobs, for which it must not wait below.
     case.settle();
     let worker = &case.worker;
-    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    let wanted = short_body();
     let robot = worker.description().unwrap();
     let access = Access::Control(CommandSource::Socket);
     let computation = Computation::new(&Arc::default());
