@@ -1,4 +1,4 @@
-// A button that heats or moves the robot at once.
+// A button that heats or moves the robot at once, or that cannot be undone. A double click does not press it.
 
 import type { ComponentChildren } from "preact";
 import { showMessage } from "./page_state";
@@ -11,6 +11,7 @@ interface HeatingButtonProps {
   disabled?: boolean;
   children: ComponentChildren;
   "aria-describedby"?: string;
+  "aria-label"?: string;
   class?: string;
 }
 

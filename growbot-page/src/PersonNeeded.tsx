@@ -6,7 +6,7 @@ import { formatTitle } from "./format";
 import { HeatingButton } from "./HeatingButton";
 import { canControl, isServiceSilent } from "./page_state";
 import type { Robot } from "./page_state";
-import { ACTION_LABELS, doAlternative, doStep, leaveRecovery, recoveryOf, stepBlockedBy } from "./recovery";
+import { ACTION_LABELS, doAlternative, doStep, leaveRecovery, pendingSteps, recoveryOf, stepBlockedBy } from "./recovery";
 
 interface StepButtonProps {
   robot: Robot;
@@ -17,11 +17,11 @@ interface StepButtonProps {
   onPress(): void;
 }
 
-/** Button of a step. A step that heats or moves is not pressed by the second click of a double click. */
-function StepButton({ robot, step: { action, effect }, isMain, describedBy, onPress }: StepButtonProps) {
+/** Button of a step. Only a stop is pressed by the second click of a double click. */
+function StepButton({ robot, step: { action }, isMain, describedBy, onPress }: StepButtonProps) {
   const shared = { class: isMain ? "primary" : undefined, "aria-describedby": describedBy };
   const label = action ? ACTION_LABELS[action] : "Done";
-  return effect === "safe"
+  return action === "stop"
     ? <button type="button" {...shared} onClick={onPress}>{label}</button>
     : <HeatingButton robot={robot.status.name} {...shared} onPress={onPress}>{label}</HeatingButton>;
 }
@@ -29,7 +29,7 @@ function StepButton({ robot, step: { action, effect }, isMain, describedBy, onPr
 export function PersonNeeded({ robot }: { robot: Robot }) {
   const id = useId();
   const { name } = robot.status;
-  const progress = isServiceSilent.value ? null : recoveryOf(robot);
+  const progress = recoveryOf(robot);
   if (!progress) return <div role="alert" class="need-place" />;
   const { sequence: { situation, interrupts, cause, safety, steps, alternative }, done } = progress;
   const step = steps[done];
@@ -42,9 +42,8 @@ export function PersonNeeded({ robot }: { robot: Robot }) {
           <b>{formatTitle(situation)}:</b> {cause.replace(/\.$/, "")}. {safety} <b>Next:</b> {step.text}{" "}
           {canControl.value === true && blockedBy}
         </p>
-        {canControl.value === true && (
+        {canControl.value === true && !isServiceSilent.value && !pendingSteps.value.has(name) && (
           <div class="row">
-            {done > 0 && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
             {alternative?.action && !stepBlockedBy(robot, alternative) && (
               <StepButton
                 robot={robot} step={alternative} describedBy={id}
@@ -57,6 +56,7 @@ export function PersonNeeded({ robot }: { robot: Robot }) {
                 onPress={() => void doStep(robot, progress)}
               />
             )}
+            {done > 0 && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
           </div>
         )}
       </div>

@@ -2,9 +2,10 @@
 
 import { useEffect } from "preact/hooks";
 import { formatDuration } from "./format";
+import { HeatingButton } from "./HeatingButton";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
-import { growQueued, queues, refreshQueue, removeQueued } from "./queued_bodies";
+import { growQueued, optionsText, queueProblem, queues, refreshQueue, removeQueued } from "./queued_bodies";
 import { growthBlockedBy } from "./robot_texts";
 
 const REFRESH_MS = 10_000;
@@ -21,12 +22,17 @@ export function Queue({ robot }: { robot: Robot }) {
   return (
     <section class="queue" aria-label="Queue">
       <h3>Queue</h3>
-      {bodies.length === 0 && <p class="note">Empty. A body can wait here until the last one is removed.</p>}
+      <p class="message error" role="status" aria-label="Problem of the queue">{queueProblem.value}</p>
+      {bodies.length === 0 && !queueProblem.value && <p class="note">Empty. A body can wait here until the last one is removed.</p>}
       <ol>
         {bodies.map((body, index) => (
           <li key={body.id}>
             <span>
-              {body.name} <span class="muted">{body.length_mm.toFixed(1)} mm, {formatDuration(body.duration_s)}</span>
+              {body.name}{" "}
+              <span class="muted">
+                {[`${body.length_mm.toFixed(1)} mm`, formatDuration(body.duration_s), optionsText(body)]
+                  .filter(Boolean).join(", ")}
+              </span>
             </span>
             {canControl.value === true && (
               <span class="row">
@@ -35,9 +41,11 @@ export function Queue({ robot }: { robot: Robot }) {
                     Grow next
                   </button>
                 )}
-                <button type="button" aria-label={`Remove ${body.name}`} onClick={() => void removeQueued(name, body)}>
+                <HeatingButton
+                  robot={name} aria-label={`Remove ${body.name}`} onPress={() => void removeQueued(name, body)}
+                >
                   Remove
-                </button>
+                </HeatingButton>
               </span>
             )}
           </li>

@@ -52,6 +52,9 @@ export interface QueuedBody {
   layers: number;
   length_mm: number;
   duration_s: number;
+  feedback: boolean;
+  force: boolean;
+  ignore_scene: boolean;
 }
 
 export interface PlanWarning {

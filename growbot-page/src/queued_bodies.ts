@@ -16,6 +16,18 @@ import { chooseBody } from "./shown_body";
 /** Bodies that wait, by the names of the robots. The next one is first. */
 export const queues = signal<ReadonlyMap<string, QueuedBody[]>>(new Map());
 
+/** Problem of reading the queue of a robot. Empty if there is none. */
+export const queueProblem = signal("");
+
+/** Returns what a queued body does besides its plan. Empty if that is nothing. */
+export function optionsText({ feedback, force, ignore_scene: ignoresScene }: QueuedBody): string {
+  const texts = [
+    feedback && "with feedback", force && "despite its warnings",
+    ignoresScene && "ignoring the scene: the body may collide",
+  ];
+  return texts.filter(Boolean).join(", ");
+}
+
 const queuePath = (robot: string) => `${robotPath(robot)}/queue`;
 
 function setQueue(robot: string, bodies: QueuedBody[]): void {
@@ -27,8 +39,9 @@ export async function refreshQueue(robot: string): Promise<void> {
   if (isExpired.value) return;
   try {
     setQueue(robot, await request<QueuedBody[]>(queuePath(robot)));
-  } catch {
-    // The page shows that the service does not respond.
+    queueProblem.value = "";
+  } catch (error) {
+    queueProblem.value = `The queue is not current: ${(error as Error).message}`;
   }
 }
 
@@ -51,7 +64,7 @@ export function removeQueued(robot: string, body: QueuedBody): Promise<boolean> 
 /** Grows a queued body, after a person has confirmed that the last one is removed. */
 export async function growQueued(robot: string, body: QueuedBody): Promise<void> {
   const text = `Is the last body removed? ${robot} heats its nozzle, homes, and lays ${body.layers} layers in `
-    + `${formatDuration(body.duration_s)}.`;
+    + `${[formatDuration(body.duration_s), optionsText(body)].filter(Boolean).join(", ")}.`;
   if (!await ask({ title: `Grow ${body.name} on ${robot}?`, text, action: "Heat and grow", destroys: false })) return;
   const timeMs = clock.now();
   await runAction(robot, "Grow", async () => {

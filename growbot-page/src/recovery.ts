@@ -3,13 +3,12 @@
 import { signal } from "@preact/signals";
 import { CONFIRM_MS } from "../../growbot-pictures/viewer/src/connection.js";
 import type { RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
-import { canControl, isStale, now, recoveries, robots } from "./page_state";
+import { canControl, isStale, now, recoveries } from "./page_state";
 import type { Robot } from "./page_state";
 import { giveCommand, resumableJob, resume, runTask } from "./robot_commands";
 
 /** Difference to the target below which the nozzle counts as hot, °C. */
 const HOT_WITHIN_C = 5;
-const GROWING = ["heating", "homing", "growing"];
 
 /** Labels of the buttons of the actions. */
 export const ACTION_LABELS: Record<RecoveryAction, string> = {
@@ -34,21 +33,25 @@ function setProgress(name: string, progress: RecoveryProgress | null): void {
   begun.value = next;
 }
 
-/** Ends the sequences of robots that grow again, or whose new situation interrupts the one of the sequence. */
+/** Situations to which the steps of another situation lead. */
+const LATER_SITUATIONS: Record<string, (string | undefined)[]> = {
+  "no-filament": [undefined, "maintenance", "unfinished"],
+};
+
+/** Ends the sequences of robots whose situation or its cause has changed otherwise than by a step. */
 export function endRecoveries(): void {
   for (const [name, { sequence }] of begun.value) {
-    const status = robots.value.get(name)?.status;
     const reported = recoveries.value[name];
-    const isInterrupted = reported?.interrupts && reported.situation !== sequence.situation;
-    if (isInterrupted || (status?.job && GROWING.includes(status.state ?? ""))) setProgress(name, null);
+    const isSame = reported?.situation === sequence.situation && reported.cause === sequence.cause;
+    if (!isSame && !LATER_SITUATIONS[sequence.situation]?.includes(reported?.situation)) setProgress(name, null);
   }
 }
 
-/** Returns the sequence of a robot. One that has begun goes on although its steps change the situation. */
+/** Returns the sequence of a robot, with what is safe now. */
 export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgress | null {
   const reported = recoveries.value[status.name];
   const own = begun.value.get(status.name);
-  if (own) return own;
+  if (own) return { ...own, sequence: { ...own.sequence, safety: reported?.safety ?? own.sequence.safety } };
   // Every stop is unconfirmed for a moment.
   const isNew = stopPendingSince === null || now.value - stopPendingSince < CONFIRM_MS;
   if (!reported || (reported.situation === "unconfirmed-stop" && isNew)) return null;
@@ -87,14 +90,33 @@ function carryOut(robot: Robot, action: RecoveryAction): Promise<boolean> {
   }
 }
 
+/** Names of the robots of which a step is under way. */
+export const pendingSteps = signal<ReadonlySet<string>>(new Set());
+
+/** Carries out an action unless a step of the robot is under way. Returns whether the robot has accepted it. */
+async function carryOutOnce(robot: Robot, action: RecoveryAction): Promise<boolean> {
+  const { name } = robot.status;
+  if (pendingSteps.value.has(name)) return false;
+  pendingSteps.value = new Set(pendingSteps.value).add(name);
+  try {
+    return await carryOut(robot, action);
+  } finally {
+    pendingSteps.value = new Set([...pendingSteps.value].filter((other) => other !== name));
+  }
+}
+
 /** Carries out the next step of a sequence. The sequence goes on once the robot has accepted it. */
 export async function doStep(robot: Robot, { sequence, done }: RecoveryProgress): Promise<void> {
+  const { name } = robot.status;
   const { action } = sequence.steps[done];
-  if (action && !await carryOut(robot, action)) return;
-  setProgress(robot.status.name, done + 1 < sequence.steps.length ? { sequence, done: done + 1 } : null);
+  const before = begun.value.get(name);
+  if (action && !await carryOutOnce(robot, action)) return;
+  // The sequence may have ended meanwhile.
+  if (begun.value.get(name) !== before) return;
+  setProgress(name, done + 1 < sequence.steps.length ? { sequence, done: done + 1 } : null);
 }
 
 /** Carries out the step that replaces all others. */
 export async function doAlternative(robot: Robot, action: RecoveryAction): Promise<void> {
-  if (await carryOut(robot, action)) leaveRecovery(robot.status.name);
+  if (await carryOutOnce(robot, action)) leaveRecovery(robot.status.name);
 }

@@ -124,6 +124,12 @@ pub struct QueuedBody {
     pub length_mm: f64,
     /// Time that all layers take on the robot's clock, s.
     pub duration_s: f64,
+    /// True if the growth measures each layer, and plans the rest of the path again.
+    pub feedback: bool,
+    /// True if the body grows despite the warnings of its plan.
+    pub force: bool,
+    /// True if the body grows without regard to its scene.
+    pub ignore_scene: bool,
     /// Time when the body was queued, RFC 3339.
     pub created_utc: String,
 }

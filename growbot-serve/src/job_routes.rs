@@ -43,26 +43,38 @@ const MAX_JOBS: u32 = 1000;
 /// Length of the parts in which a run log is sent, bytes.
 const LOG_PART: u64 = 64 << 10;
 
-pub async fn new_job(
-    State(service): ServiceState,
-    Extension(permits): Extension<ArrivalPermits>,
-    Extension(limits): Extension<Arc<RoleLimits>>,
-    Path(name): Path<String>,
-    headers: HeaderMap,
-    JsonBody(wanted): JsonBody<GrowRequest>,
-) -> Result<(StatusCode, Json<Job>), Problem> {
+/// Response to a request that starts a job.
+pub(super) type NewJobResponse = Result<(StatusCode, Json<Job>), Problem>;
+
+/// Parts of a request that starts a job.
+pub(super) type JobOrder =
+    (ServiceState, Extension<ArrivalPermits>, Extension<Arc<RoleLimits>>, Path<String>, HeaderMap);
+
+pub async fn new_job(order: JobOrder, JsonBody(wanted): JsonBody<GrowRequest>) -> NewJobResponse {
+    start_job(order, move |_, start| start(&wanted)).await
+}
+
+/// Starts a job. `begin` calls its second argument with the request to grow, on the thread of the computation, which
+/// goes on if the client disconnects.
+pub(super) async fn start_job(
+    (State(service), Extension(permits), Extension(limits), Path(name), headers): JobOrder,
+    begin: impl FnOnce(&Service, &dyn Fn(&GrowRequest) -> NewJobResponse) -> NewJobResponse + Send + 'static,
+) -> NewJobResponse {
     let access = limits.access();
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    let order = Order { permit: permits.recent(&name)?.clone(), claim: Claim::default() };
-    let requester = Requester(order.claim.clone());
+    let (permit, claim) = (permits.recent(&name)?.clone(), Claim::default());
+    let requester = Requester(claim.clone());
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = limits.compute(move |computation| {
-        let plan = |robot: &Robot| resolve_request(&wanted, robot, service.places(), access, computation);
-        let made = make_job(&service, &keeper, &wanted, plan, order, key.as_deref());
-        let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
-        service.shared.audit.note(by, &name, order, &made);
-        made
+        begin(&service, &|wanted| {
+            let plan = |robot: &Robot| resolve_request(wanted, robot, service.places(), access, computation);
+            let order = Order { permit: permit.clone(), claim: claim.clone() };
+            let made = make_job(&service, &keeper, wanted, plan, order, key.as_deref());
+            let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
+            service.shared.audit.note(by, &name, order, &made);
+            made
+        })
     });
     let made = made.await;
     drop(requester);

@@ -8,14 +8,16 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::http::header::HeaderMap;
 use axum::{Extension, Json};
+use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::utc_now;
-use growbot_remote::api::{GrowQueuedRequest, GrowRequest, Job, QueuedBody};
+use growbot_remote::api::{GrowQueuedRequest, GrowRequest, QueuedBody};
+use serde_json::value::to_raw_value;
 
 use super::access::{Access, require_control};
 use super::audit::CommandSource;
 use super::grow_request::resolve_request;
 use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
-use super::job_routes::{check_body, job_name, new_job};
+use super::job_routes::{NewJobResponse, check_body, job_name, start_job};
 use super::json_body::JsonBody;
 use super::limits::RoleLimits;
 use super::openapi::describe;
@@ -54,11 +56,15 @@ impl From<QueueError> for Problem {
     fn from(error: QueueError) -> Self {
         match error {
             QueueError::NotFound(id) => Self::not_found("queued body", &id),
-            QueueError::Full => Self::conflict(error),
-            QueueError::Read { .. } | QueueError::Write(_) => Self::internal(error),
+            QueueError::Full | QueueError::Starting(_) => Self::conflict(error),
+            QueueError::File { .. } | QueueError::Write(_) => Self::internal(error),
         }
     }
 }
+
+/// Parts of a request about a queued body.
+type QueueOrder =
+    (ServiceState, Extension<ArrivalPermits>, Extension<Arc<RoleLimits>>, Path<(String, String)>, HeaderMap);
 
 async fn bodies(State(service): ServiceState, Path(robot): Path<String>) -> ApiResult<Vec<QueuedBody>> {
     find_robot(&service, &robot)?;
@@ -69,7 +75,7 @@ async fn push(
     State(service): ServiceState,
     Extension(limits): Extension<Arc<RoleLimits>>,
     Path(robot): Path<String>,
-    JsonBody(wanted): JsonBody<GrowRequest>,
+    JsonBody(mut wanted): JsonBody<GrowRequest>,
 ) -> Result<(StatusCode, Json<QueuedBody>), Problem> {
     let by = require_control(limits.access())?;
     let keeper = Arc::clone(find_robot(&service, &robot)?);
@@ -85,8 +91,16 @@ async fn push(
             layers: u32::try_from(requirements.layers).unwrap_or(u32::MAX),
             length_mm: requirements.length,
             duration_s: requirements.duration,
+            feedback: wanted.feedback,
+            force: wanted.force,
+            ignore_scene: wanted.ignore_scene,
             created_utc: utc_now(),
         };
+        // What grows is this plan. For a robot whose description has changed, it is refused.
+        let plan = to_raw_value(&PlanFile::with_robot(&body.plan, &body.robot)).map_err(Problem::internal)?;
+        (wanted.plan, wanted.name) = (Some(plan), Some(queued.name.clone()));
+        (wanted.to, wanted.from, wanted.radius_mm) = (None, None, None);
+        wanted.via.clear();
         let queued = service.shared.queue.push(&robot, queued, wanted);
         service.shared.audit.note(by, &robot, "queue", &queued);
         Ok((StatusCode::CREATED, Json(queued?)))
@@ -95,13 +109,9 @@ async fn push(
 }
 
 async fn grow(
-    State(service): ServiceState,
-    permits: Extension<ArrivalPermits>,
-    limits: Extension<Arc<RoleLimits>>,
-    Path((robot, id)): Path<(String, String)>,
-    headers: HeaderMap,
+    (service, permits, limits, Path((robot, id)), headers): QueueOrder,
     Json(GrowQueuedRequest { last_body_removed }): Json<GrowQueuedRequest>,
-) -> Result<(StatusCode, Json<Job>), Problem> {
+) -> NewJobResponse {
     require_control(limits.access())?;
     find_robot(&service, &robot)?;
     if !last_body_removed {
@@ -110,16 +120,8 @@ async fn grow(
              \"last_body_removed\"",
         ));
     }
-    let (queue, of, body) = (Arc::clone(&service), robot.clone(), id.clone());
-    let request = run_blocking(move || Ok(queue.shared.queue.request(&of, &body)?)).await?;
-    let queue = Arc::clone(&service);
-    let job = new_job(State(service), permits, limits, Path(robot.clone()), headers, JsonBody(request)).await?;
-    run_blocking(move || match queue.shared.queue.remove(&robot, &id) {
-        // Another request may have removed it.
-        Ok(_) | Err(QueueError::NotFound(_)) => Ok(job),
-        Err(error) => Err(error.into()),
-    })
-    .await
+    let order = (service, permits, limits, Path(robot.clone()), headers);
+    start_job(order, move |service, start| service.shared.queue.start(&robot, &id, |wanted| start(&wanted))).await
 }
 
 async fn remove(

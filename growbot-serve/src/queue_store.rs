@@ -18,9 +18,9 @@ pub const MAX_QUEUED: usize = 50;
 /// Errors of the queue of a robot.
 #[derive(Debug, thiserror::Error)]
 pub enum QueueError {
-    /// The file cannot be read.
-    #[error("cannot read {path}, the queue of the robot ({error}): mend the file, or move it away", path = .path.display())]
-    Read {
+    /// The content of the file cannot be used.
+    #[error("cannot use {path}, the queue of the robot ({error}): mend the file, or move it away", path = .path.display())]
+    File {
         /// Path of the file.
         path: PathBuf,
         /// Error of the operating system, or of the content.
@@ -32,6 +32,9 @@ pub enum QueueError {
     /// The queue is full.
     #[error("{MAX_QUEUED} bodies wait for the robot, the limit: grow or remove one of them")]
     Full,
+    /// Another request starts the body.
+    #[error("queued body {0:?} is being started by another request: look at the robot")]
+    Starting(String),
     /// The queue has no such body.
     #[error("no queued body {0:?}")]
     NotFound(String),
@@ -49,12 +52,26 @@ pub struct QueueStore {
     directory: PathBuf,
     /// Held while the file of a robot is read and replaced.
     lock: Mutex<()>,
+    /// Robots and identifiers of the bodies that are being started.
+    starting: Mutex<Vec<(String, String)>>,
+}
+
+/// Mark of a body that is being started, so that each body starts once.
+struct Starting<'a> {
+    store: &'a QueueStore,
+    body: (String, String),
+}
+
+impl Drop for Starting<'_> {
+    fn drop(&mut self) {
+        self.store.starting().retain(|body| *body != self.body);
+    }
 }
 
 impl QueueStore {
     /// Creates the store with the files of these paths.
     pub fn new(places: &ServicePaths) -> Self {
-        Self { directory: places.queues(), lock: Mutex::new(()) }
+        Self { directory: places.queues(), lock: Mutex::new(()), starting: Mutex::default() }
     }
 
     /// Returns the bodies that wait for a robot, the next one first.
@@ -78,8 +95,37 @@ impl QueueStore {
         Ok(body)
     }
 
+    /// Starts a queued body by `start`, which gets the request to grow it. Removes the body once it has started.
+    pub fn start<T, E: From<QueueError>>(
+        &self,
+        robot: &str,
+        id: &str,
+        start: impl FnOnce(GrowRequest) -> Result<T, E>,
+    ) -> Result<T, E> {
+        let _starting = self.mark_starting(robot, id)?;
+        let started = start(self.request(robot, id)?)?;
+        if let Err(error) = self.remove(robot, id) {
+            log::warn!("robot {robot}: body {id} grows, but stays in the queue ({error}): remove it there");
+        }
+        Ok(started)
+    }
+
+    fn mark_starting(&self, robot: &str, id: &str) -> Result<Starting<'_>, QueueError> {
+        let body = (robot.to_owned(), id.to_owned());
+        let mut starting = self.starting();
+        if starting.contains(&body) {
+            return Err(QueueError::Starting(id.to_owned()));
+        }
+        starting.push(body.clone());
+        Ok(Starting { store: self, body })
+    }
+
+    fn starting(&self) -> MutexGuard<'_, Vec<(String, String)>> {
+        self.starting.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Returns the request to grow a queued body.
-    pub fn request(&self, robot: &str, id: &str) -> Result<GrowRequest, QueueError> {
+    fn request(&self, robot: &str, id: &str) -> Result<GrowRequest, QueueError> {
         let _lock = self.lock();
         let found = self.read(robot)?.into_iter().find(|stored| stored.body.id == id);
         found.map(|stored| stored.request).ok_or_else(|| QueueError::NotFound(id.to_owned()))
@@ -109,14 +155,16 @@ impl QueueStore {
     fn read(&self, robot: &str) -> Result<Vec<StoredBody>, QueueError> {
         let path = self.path(robot);
         match fs::read(&path) {
-            Ok(bytes) => serde_json::from_slice(&bytes).map_err(|error| QueueError::Read { path, error: error.into() }),
+            Ok(bytes) => serde_json::from_slice(&bytes).map_err(|error| QueueError::File { path, error: error.into() }),
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(Vec::new()),
-            Err(error) => Err(QueueError::Read { path, error }),
+            Err(error) => Err(QueueError::File { path, error }),
         }
     }
 
     fn write(&self, robot: &str, all: &[StoredBody]) -> Result<(), QueueError> {
-        let bytes = serde_json::to_vec(all).unwrap_or_default();
-        Ok(write_atomic(&self.path(robot), &bytes)?)
+        let path = self.path(robot);
+        let bytes =
+            serde_json::to_vec(all).map_err(|error| QueueError::File { path: path.clone(), error: error.into() })?;
+        Ok(write_atomic(&path, &bytes)?)
     }
 }

@@ -172,6 +172,9 @@ impl<'a> Case<'a> {
             layers: 8,
             length_mm: 8.0,
             duration_s: 8.0,
+            feedback: false,
+            force: false,
+            ignore_scene: false,
             created_utc: utc_now(),
         };
         service.shared.queue.push(&name, body, short_body()).unwrap();
@@ -250,8 +253,7 @@ impl<'a> Case<'a> {
                 let queue = &self.service.shared.queue;
                 let first = queue.bodies(&self.name)?.into_iter().next();
                 let id = first.ok_or_else(|| Problem::not_found("queued body", ""))?.id;
-                self.grow(&queue.request(&self.name, &id)?, permit)?;
-                queue.remove(&self.name, &id)?;
+                queue.start(&self.name, &id, |wanted| self.grow(&wanted, permit))?;
                 self.queued = 0;
                 return Ok(());
             }
@@ -496,19 +498,19 @@ fn a_job_whose_requester_has_gone_does_not_begin() {
     wait_until(|| worker.status().connection_error.is_none());
     let service = Arc::new(service);
     let runtime = tokio::runtime::Builder::new_current_thread().build().unwrap();
-    let wanted = GrowRequest { to: Some("0,0,8,0,90".to_owned()), ..GrowRequest::default() };
+    let wanted = short_body();
     {
         let _runtime = runtime.enter();
         // The plan is ready, and waits for this lock, when the requester goes.
         let _begins = worker.lock_job_start();
-        let mut order = Box::pin(new_job(
+        let order = (
             State(Arc::clone(&service)),
             Extension(service.permits(OrderAge::default())),
             Extension(RoleLimits::new(Access::Control(CommandSource::Socket))),
             Path("lab".to_owned()),
             HeaderMap::new(),
-            JsonBody(wanted),
-        ));
+        );
+        let mut order = Box::pin(new_job(order, JsonBody(wanted)));
         assert!(order.as_mut().poll(&mut Context::from_waker(Waker::noop())).is_pending());
         drop(order);
     }
