@@ -1,7 +1,7 @@
 // The commands of a robot: pause, continue and stop at fixed places, and below them those that its state offers.
 
 import type { CommandName } from "./api_types";
-import { HeatingButton } from "./HeatingButton";
+import { GuardedButton } from "./GuardedButton";
 import { canControl, messages } from "./page_state";
 import type { Robot } from "./page_state";
 import { allowedCommands, giveCommand, resumableJob, resume } from "./robot_commands";
@@ -25,13 +25,13 @@ export function Commands({ robot }: { robot: Robot }) {
           const press = () => void giveCommand(name, command);
           // A stop or a pause counts however soon it follows another click.
           return command === "continue"
-            ? <HeatingButton key={command} robot={name} {...shared} onPress={press}>{label}</HeatingButton>
+            ? <GuardedButton key={command} robot={name} {...shared} onPress={press}>{label}</GuardedButton>
             : <button key={command} type="button" {...shared} onClick={press}>{label}</button>;
         })}
       </div>
       {isControl && (job || allowed.cancel || allowed["withdraw-stop"]) && (
         <div class="row" role="group" aria-label="Body">
-          {job && <HeatingButton robot={name} class="primary" onPress={() => void resume(job)}>Resume</HeatingButton>}
+          {job && <GuardedButton robot={name} class="primary" onPress={() => void resume(job)}>Resume</GuardedButton>}
           {allowed.cancel && (
             <button type="button" onClick={() => void giveCommand(name, "cancel")}>Discard body</button>
           )}

@@ -2,7 +2,7 @@
 
 import { useEffect, useState } from "preact/hooks";
 import type { Job, JobState } from "./api_types";
-import { HeatingButton } from "./HeatingButton";
+import { GuardedButton } from "./GuardedButton";
 import { formatDuration, formatTime } from "./format";
 import { goalErrors, readGoalErrors } from "./goal_errors";
 import { growAgain } from "./next_body";
@@ -47,7 +47,7 @@ function JobRow({ job, withRobot }: { job: Job; withRobot: boolean }) {
         {robot && (job.laid > 0 || job.state === "done") && (
           <button type="button" onClick={() => { select(); growAgain(job); }}>Grow again</button>
         )}
-        {isResumable && <HeatingButton robot={job.robot} onPress={() => void resume(job)}>Resume</HeatingButton>}
+        {isResumable && <GuardedButton robot={job.robot} onPress={() => void resume(job)}>Resume</GuardedButton>}
         {(job.laid > 0 || job.state === "active") && <a href={`${API}jobs/${job.id}/log`}>Run log</a>}
       </td>
     </tr>

@@ -1,7 +1,7 @@
 // Maintenance of a robot: a task is chosen first, and then run.
 
 import { useId, useState } from "preact/hooks";
-import { HeatingButton } from "./HeatingButton";
+import { GuardedButton } from "./GuardedButton";
 import { TASKS } from "./maintenance_tasks";
 import type { Robot } from "./page_state";
 import { runTask } from "./robot_commands";
@@ -50,7 +50,7 @@ export function Maintenance({ robot }: { robot: Robot }) {
           <p class="note" id={effect}>{task.effect}</p>
           {task.name === "cooldown"
             ? <button type="button" {...shared} onClick={start}>{label}</button>
-            : <HeatingButton robot={status.name} {...shared} onPress={start}>{label}</HeatingButton>}
+            : <GuardedButton robot={status.name} {...shared} onPress={start}>{label}</GuardedButton>}
         </form>
       )}
     </section>

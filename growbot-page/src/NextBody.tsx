@@ -2,8 +2,8 @@
 
 import { useId } from "preact/hooks";
 import type { RobotStatus } from "./api_types";
-import { formatDuration } from "./format";
 import { GoalFields } from "./GoalFields";
+import { confirmGrowth } from "./growth_question";
 import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 import { canControl } from "./page_state";
@@ -11,7 +11,6 @@ import type { Robot } from "./page_state";
 import { PlanSummary } from "./PlanSummary";
 import { Queue } from "./Queue";
 import { enqueue } from "./queued_bodies";
-import { ask } from "./question";
 import { growthBlockedBy } from "./robot_texts";
 
 /** Warnings because of which the service refuses a plan, unless it is forced. */
@@ -25,9 +24,8 @@ async function confirmGrow({ name }: RobotStatus): Promise<void> {
   const form = formOf(name);
   const { plan } = form;
   if (!plan) return;
-  const text = `Is the last body removed? ${name} heats its nozzle, homes, and lays ${plan.layers} layers in `
-    + `${formatDuration(plan.duration_s)}.`;
-  if (await ask({ title: `Grow on ${name}?`, text, action: "Heat and grow", destroys: false })) grow(name, form);
+  const growth = { title: `Grow on ${name}?`, layers: plan.layers, durationS: plan.duration_s };
+  if (await confirmGrowth(name, growth)) grow(name, form);
 }
 
 async function confirmQueue(name: string): Promise<void> {

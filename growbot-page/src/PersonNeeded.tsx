@@ -3,10 +3,12 @@
 import { useId } from "preact/hooks";
 import type { RecoveryStep } from "./api_types";
 import { formatTitle } from "./format";
-import { HeatingButton } from "./HeatingButton";
+import { GuardedButton } from "./GuardedButton";
 import { canControl, isServiceSilent } from "./page_state";
 import type { Robot } from "./page_state";
-import { ACTION_LABELS, doAlternative, doStep, leaveRecovery, pendingSteps, recoveryOf, stepBlockedBy } from "./recovery";
+import {
+  ACTION_LABELS, doAlternative, doStep, leaveRecovery, pendingSteps, recoveryOf, stepBlockedBy,
+} from "./recovery";
 
 interface StepButtonProps {
   robot: Robot;
@@ -23,7 +25,7 @@ function StepButton({ robot, step: { action }, isMain, describedBy, onPress }: S
   const label = action ? ACTION_LABELS[action] : "Done";
   return action === "stop"
     ? <button type="button" {...shared} onClick={onPress}>{label}</button>
-    : <HeatingButton robot={robot.status.name} {...shared} onPress={onPress}>{label}</HeatingButton>;
+    : <GuardedButton robot={robot.status.name} {...shared} onPress={onPress}>{label}</GuardedButton>;
 }
 
 export function PersonNeeded({ robot }: { robot: Robot }) {

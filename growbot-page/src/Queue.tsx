@@ -2,7 +2,7 @@
 
 import { useEffect } from "preact/hooks";
 import { formatDuration } from "./format";
-import { HeatingButton } from "./HeatingButton";
+import { GuardedButton } from "./GuardedButton";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
 import { growQueued, optionsText, queueProblem, queues, refreshQueue, removeQueued } from "./queued_bodies";
@@ -23,7 +23,9 @@ export function Queue({ robot }: { robot: Robot }) {
     <section class="queue" aria-label="Queue">
       <h3>Queue</h3>
       <p class="message error" role="status" aria-label="Problem of the queue">{queueProblem.value}</p>
-      {bodies.length === 0 && !queueProblem.value && <p class="note">Empty. A body can wait here until the last one is removed.</p>}
+      {bodies.length === 0 && !queueProblem.value && (
+        <p class="note">Empty. A body can wait here until the last one is removed.</p>
+      )}
       <ol>
         {bodies.map((body, index) => (
           <li key={body.id}>
@@ -41,11 +43,11 @@ export function Queue({ robot }: { robot: Robot }) {
                     Grow next
                   </button>
                 )}
-                <HeatingButton
+                <GuardedButton
                   robot={name} aria-label={`Remove ${body.name}`} onPress={() => void removeQueued(name, body)}
                 >
                   Remove
-                </HeatingButton>
+                </GuardedButton>
               </span>
             )}
           </li>

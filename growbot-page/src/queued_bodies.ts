@@ -2,13 +2,12 @@
 
 import { signal } from "@preact/signals";
 import type { Job, QueuedBody } from "./api_types";
-import { formatDuration } from "./format";
+import { confirmGrowth } from "./growth_question";
 import { refreshJobs } from "./job_list";
 import { requestOf } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 import { sendOrder } from "./orders";
 import { isExpired } from "./page_state";
-import { ask } from "./question";
 import { runAction } from "./robot_commands";
 import { clock, request, robotPath } from "./service";
 import { chooseBody } from "./shown_body";
@@ -63,9 +62,9 @@ export function removeQueued(robot: string, body: QueuedBody): Promise<boolean> 
 
 /** Grows a queued body, after a person has confirmed that the last one is removed. */
 export async function growQueued(robot: string, body: QueuedBody): Promise<void> {
-  const text = `Is the last body removed? ${robot} heats its nozzle, homes, and lays ${body.layers} layers in `
-    + `${[formatDuration(body.duration_s), optionsText(body)].filter(Boolean).join(", ")}.`;
-  if (!await ask({ title: `Grow ${body.name} on ${robot}?`, text, action: "Heat and grow", destroys: false })) return;
+  const { name, layers, duration_s: durationS } = body;
+  const growth = { title: `Grow ${name} on ${robot}?`, layers, durationS, options: optionsText(body) };
+  if (!await confirmGrowth(robot, growth)) return;
   const timeMs = clock.now();
   await runAction(robot, "Grow", async () => {
     const path = `${queuePath(robot)}/${body.id}/grow`;

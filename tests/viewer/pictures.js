@@ -38,7 +38,8 @@ const lostRecovery = {
 };
 /** States: the robot whose page is shown, and changes of its status. */
 const STATES = {
-  empty: { name: "lab-2" }, growing: { name: NAME }, paused: { name: NAME }, fault: { name: NAME, changes: fault, recovery: faultRecovery },
+  empty: { name: "lab-2" }, growing: { name: NAME }, paused: { name: NAME },
+  fault: { name: NAME, changes: fault, recovery: faultRecovery },
   disconnected: { name: NAME, changes: lost, recovery: lostRecovery }, three: { name: null },
 };
 

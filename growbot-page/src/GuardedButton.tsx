@@ -4,7 +4,7 @@ import type { ComponentChildren } from "preact";
 import { showMessage } from "./page_state";
 import { isSecondClick } from "./second_click";
 
-interface HeatingButtonProps {
+interface GuardedButtonProps {
   /** Name of the robot that heats or moves. */
   robot: string;
   onPress(): void;
@@ -15,7 +15,7 @@ interface HeatingButtonProps {
   class?: string;
 }
 
-export function HeatingButton({ robot, onPress, children, ...rest }: HeatingButtonProps) {
+export function GuardedButton({ robot, onPress, children, ...rest }: GuardedButtonProps) {
   const press = (event: MouseEvent) => {
     if (!isSecondClick(event)) onPress();
     else showMessage(robot, "Ignored, because it came too soon after another click: press again", true);
