@@ -282,11 +282,11 @@ fn steps(situation: Situation, status: &RobotStatus) -> Vec<RecoveryStep> {
             format!("Remove the cause: {}.", status.fault_explanation.as_deref().unwrap_or("see SAFETY.md")).into(),
             ClearFault.into(),
         ],
+        // A stop over the link reads as a pressed button for a moment, so the step does not depend on that reading.
         Situation::EmergencyStop => {
-            let is_pressed = status.sensors.as_ref().and_then(|sensors| sensors.emergency_stop) == Some(true);
-            let release = is_pressed.then(|| RecoveryStep::from("Release the emergency stop button."));
-            let look = RecoveryStep::from("Make sure that the robot can be switched on again safely.");
-            release.into_iter().chain([look, ClearFault.into()]).collect()
+            let look =
+                "Release the emergency stop button, and make sure that the robot can be switched on again safely.";
+            vec![look.into(), ClearFault.into()]
         }
         Situation::FilamentOut => vec![spool(), Preheat.into(), Load.into(), Purge.into(), Continue.into()],
         Situation::Paused => vec![inspect(), Continue.into()],
