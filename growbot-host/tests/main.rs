@@ -35,6 +35,7 @@ mod serve_attacks;
 mod serve_freshness;
 mod serve_history;
 mod serve_latency;
+mod serve_library;
 mod serve_limits;
 mod serve_load;
 mod serve_notify;

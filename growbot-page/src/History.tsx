@@ -4,7 +4,7 @@ import { useEffect, useState } from "preact/hooks";
 import type { Job, JobState } from "./api_types";
 import { GuardedButton } from "./GuardedButton";
 import { formatDuration, formatTime } from "./format";
-import { goalErrors, readGoalErrors } from "./goal_errors";
+import { readResults, results } from "./job_results";
 import { growAgain } from "./next_body";
 import { canControl, fragmentOf, jobs, jobsProblem, robots } from "./page_state";
 import { resumableJob, resume } from "./robot_commands";
@@ -14,7 +14,7 @@ import { compareJob } from "./shown_body";
 const FILTERS: [JobState | "", string][] =
   [["", "All results"], ["active", "Active"], ["done", "Done"], ["interrupted", "Interrupted"], ["failed", "Failed"]];
 
-/** Number of jobs whose distance from the goal is read. */
+/** Number of jobs whose result is read. */
 const MAX_READ = 10;
 
 const resultText = ({ state, reason }: Job) => (reason && reason !== state ? `${state}: ${reason}` : state);
@@ -26,7 +26,7 @@ function durationText({ created_utc: created, ended_utc: ended }: Job): string {
 
 function JobRow({ job, withRobot }: { job: Job; withRobot: boolean }) {
   const robot = robots.value.get(job.robot);
-  const error = goalErrors.value.get(job.id);
+  const error = results.value.get(job.id)?.position_error_mm;
   const isResumable = canControl.value === true && robot !== undefined && resumableJob(robot)?.id === job.id;
   // The view and the form are on the page of the robot.
   const select = () => { location.hash = fragmentOf(job.robot); };
@@ -63,7 +63,7 @@ export function History({ robotName }: { robotName: string | null }) {
   const isFound = (job: Job) => `${job.name} ${job.robot} ${job.id} ${resultText(job)}`.toLowerCase().includes(words);
   const shown = all.filter((job) => (!filter || job.state === filter) && isFound(job));
   const withRobot = robotName === null;
-  useEffect(() => { void readGoalErrors(shown.slice(0, MAX_READ)); }, [jobs.value]);
+  useEffect(() => { void readResults(shown.slice(0, MAX_READ)); }, [jobs.value]);
   return (
     <section class="card history" aria-label="History">
       <div class="history-bar">

@@ -2,12 +2,13 @@
 
 import { useId } from "preact/hooks";
 import type { RobotStatus } from "./api_types";
-import { GoalFields } from "./GoalFields";
 import { confirmGrowth } from "./growth_question";
 import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
+import { Library } from "./Library";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
+import { PathFields } from "./PathFields";
 import { PlanSummary } from "./PlanSummary";
 import { Queue } from "./Queue";
 import { enqueue } from "./queued_bodies";
@@ -18,13 +19,17 @@ const BLOCKING = ["self-collision", "filament-short", "layer-limit"];
 const SOURCES: [NextBodyForm["source"], string][] = [["goal", "Goal"], ["plan", "Plan"]];
 const SCENE_TYPES = ".toml,.stl,.obj,.ply,.glb,.pcd";
 
+/** Returns the name of the job whose body the next one continues. */
+const continuedJob = ({ source, from }: NextBodyForm) => (source === "goal" ? from?.job : undefined);
+
 async function confirmGrow({ name }: RobotStatus): Promise<void> {
   if (!formOf(name).plan && !await preview(name)) return;
   // What is confirmed is what grows, even if something else is entered while the question is open.
   const form = formOf(name);
   const { plan } = form;
   if (!plan) return;
-  const growth = { title: `Grow on ${name}?`, layers: plan.layers, durationS: plan.duration_s };
+  const { layers, duration_s: durationS } = plan;
+  const growth = { title: `Grow on ${name}?`, layers, durationS, continues: continuedJob(form) };
   if (await confirmGrowth(name, growth)) grow(name, form);
 }
 
@@ -64,7 +69,6 @@ export function NextBody({ robot }: { robot: Robot }) {
   const reason = growthBlockedBy(robot);
   const isReadOnly = canControl.value === false;
   const isSceneWrong = form.problem?.field === "scene";
-  const problem = isSceneWrong ? null : form.problem;
   return (
     <section class="card next-body" aria-label="Next body">
       <h2>Next body</h2>
@@ -79,10 +83,7 @@ export function NextBody({ robot }: { robot: Robot }) {
       </div>
       <form onSubmit={(event) => { event.preventDefault(); void preview(name); }}>
         {form.source === "goal" ? (
-          <GoalFields
-            goal={form.goal} anyDirection={form.anyDirection} problem={problem}
-            onChange={(goal) => enter(name, { goal })} onAnyDirection={(anyDirection) => enter(name, { anyDirection })}
-          />
+          <PathFields robot={name} form={form} />
         ) : (
           <>
             {form.given && <p class="note">Plan: {form.given.name}</p>}
@@ -92,7 +93,7 @@ export function NextBody({ robot }: { robot: Robot }) {
                 onChange={({ currentTarget }) => void choosePlanFile(name, currentTarget.files?.[0])}
               />
             </label>
-            <p class="field-problem" role="status" aria-label="Problem of the plan">{problem?.message ?? ""}</p>
+            <p class="field-problem" role="status" aria-label="Problem of the plan">{isSceneWrong ? "" : form.problem?.message}</p>
           </>
         )}
         <label>Scene to avoid (optional)
@@ -102,6 +103,12 @@ export function NextBody({ robot }: { robot: Robot }) {
             onChange={({ currentTarget }) => enter(name, { scene: currentTarget.files?.[0] ?? null })}
           />
         </label>
+        {form.scene && !(form.scene instanceof File) && (
+          <p class="note">
+            Scene: {form.scene.name}{" "}
+            <button type="button" onClick={() => enter(name, { scene: null })}>Without this scene</button>
+          </p>
+        )}
         <p class="field-problem" id={sceneProblem} role="status" aria-label="Problem of the scene">
           {isSceneWrong ? form.problem?.message : ""}
         </p>
@@ -116,12 +123,16 @@ export function NextBody({ robot }: { robot: Robot }) {
             Grow
           </button>
         </div>
-        <button type="button" disabled={isReadOnly || form.isPlanning} onClick={() => void confirmQueue(name)}>
+        <button
+          type="button" disabled={isReadOnly || form.isPlanning || continuedJob(form) !== undefined}
+          onClick={() => void confirmQueue(name)}
+        >
           Add to queue
         </button>
         <p class="hint">{reason || "Preview heats nothing. Grow requests a confirmation before the robot heats."}</p>
       </form>
       <Queue robot={robot} />
+      <Library robot={name} />
     </section>
   );
 }

@@ -3,6 +3,7 @@
 import { useEffect } from "preact/hooks";
 import { Header } from "./Header";
 import { History } from "./History";
+import { NotificationSwitch } from "./NotificationSwitch";
 import { OrderBanners } from "./OrderBanners";
 import { Overview } from "./Overview";
 import { fragmentOf, robots, selectedName } from "./page_state";
@@ -26,6 +27,7 @@ export function Page() {
         <StopResponses />
         {robot ? <RobotPage key={name} robot={robot} /> : <Overview />}
         <History robotName={name} key={name === null ? "#" : fragmentOf(name)} />
+        <NotificationSwitch />
       </main>
       <QuestionDialog />
       <OrderBanners />

@@ -81,12 +81,32 @@ export interface PlanResponse {
 /** A request to grow or to plan: either a goal `to`, or a plan. */
 export interface GrowRequest {
   to?: string;
+  from?: string;
+  via?: string[];
   plan?: unknown;
   name?: string;
   scene?: string;
   feedback: boolean;
   force: boolean;
   ignore_scene: boolean;
+}
+
+/** An entry of the library. */
+export interface LibraryEntry {
+  id: string;
+  kind: "plan" | "scene" | "robot";
+  name: string;
+  summary: string;
+  /** Name of the scene in the service: of this entry, or of its plan. */
+  scene: string | null;
+}
+
+/** What is to be kept in the library: a name, and one of the others. */
+export interface NewLibraryEntry {
+  name: string;
+  plan?: unknown;
+  scene?: string;
+  robot_file?: string;
 }
 
 /** Action of the page in a step of a guided sequence. */

@@ -8,20 +8,29 @@ export const FIELDS = [
 export type FieldName = (typeof FIELDS)[number]["name"];
 export type Goal = Record<FieldName, string>;
 
-export const EMPTY_GOAL: Goal = { x: "", y: "", z: "", heading: "", pitch: "" };
+/** A goal or a waypoint: a pose, or a position for any direction. */
+export interface Target {
+  fields: Goal;
+  anyDirection: boolean;
+}
+
+const EMPTY_GOAL: Goal = { x: "", y: "", z: "", heading: "", pitch: "" };
+export const EMPTY_TARGET: Target = { fields: EMPTY_GOAL, anyDirection: false };
+/** A waypoint without numbers. Most are positions. */
+export const EMPTY_WAYPOINT: Target = { fields: EMPTY_GOAL, anyDirection: true };
 const POSITION: FieldName[] = ["x", "y", "z"];
 
 /** Returns the fields of a goal: the position only if any direction is right. */
 export const fieldsOf = (anyDirection: boolean): FieldName[] =>
   anyDirection ? POSITION : FIELDS.map(({ name }) => name);
 
-/** Returns the goal as the API takes it: X,Y,Z,HEADING,PITCH or X,Y,Z. */
-export const goalText = (goal: Goal, anyDirection: boolean) =>
-  fieldsOf(anyDirection).map((name) => goal[name].trim()).join(",");
+/** Returns the target as the API takes it: X,Y,Z,HEADING,PITCH or X,Y,Z. */
+export const targetText = ({ fields, anyDirection }: Target) =>
+  fieldsOf(anyDirection).map((name) => fields[name].trim()).join(",");
 
 /** Returns the first field without a value. `undefined` if all have one. */
-export const missingField = (goal: Goal, anyDirection: boolean) =>
-  fieldsOf(anyDirection).find((name) => goal[name].trim() === "");
+export const missingField = ({ fields, anyDirection }: Target) =>
+  fieldsOf(anyDirection).find((name) => fields[name].trim() === "");
 
 /**
  * Returns the goal with a text that was typed or pasted into a field. A list of numbers fills this field and the ones
@@ -37,8 +46,15 @@ export function withText(goal: Goal, field: FieldName, text: string): Goal {
   return filled;
 }
 
-/** Returns an error of the service with the field that it is about. The field is `undefined` if it names none. */
-export function fieldOfError(message: string): { field?: FieldName; message: string } {
-  const field = FIELDS.find(({ name }) => message.startsWith(`${name} is `))?.name;
-  return { field, message };
+/** Where a problem is: a field of the goal, or of a waypoint, which has a number from 1. */
+export interface ProblemPlace {
+  field?: FieldName;
+  waypoint?: number;
+}
+
+/** Returns the place that an error of the service is about. It is empty if the error names none. */
+export function placeOfError(message: string): ProblemPlace {
+  const [, number, detail] = /^(?:waypoint (\d+): )?([^]*)$/.exec(message) ?? [];
+  const field = FIELDS.find(({ name }) => detail.startsWith(`${name} is `))?.name;
+  return { field, waypoint: number === undefined ? undefined : Number(number) };
 }

@@ -2,9 +2,10 @@
 
 import { signal } from "@preact/signals";
 import type { GrowRequest, Job, Plan, PlanResponse } from "./api_types";
-import { EMPTY_GOAL, fieldOfError, goalText, missingField } from "./goal";
-import type { FieldName, Goal } from "./goal";
+import { EMPTY_TARGET, missingField, placeOfError, targetText } from "./goal";
+import type { FieldName, Target } from "./goal";
 import { readJobPlan, refreshJobs } from "./job_list";
+import type { Tip } from "./job_results";
 import { sendOrder } from "./orders";
 import { runAction } from "./robot_commands";
 import { clock, request, robotPath } from "./service";
@@ -18,18 +19,25 @@ export interface GivenPlan {
   scene?: string;
 }
 
+/** A scene to avoid: a file, or a scene that the service has stored under a name. */
+export type ChosenScene = File | { name: string; stored: string };
+
 /** A problem of what is entered. The field is `undefined` if the problem is not about one. */
 export interface Problem {
   field?: FieldName | "scene";
+  /** Number of the waypoint that the problem is about, from 1. */
+  waypoint?: number;
   message: string;
 }
 
 export interface NextBodyForm {
   source: "goal" | "plan";
-  goal: Goal;
-  anyDirection: boolean;
+  /** The tip at which the path starts. Null for the robot's base. */
+  from: Tip | null;
+  waypoints: Target[];
+  target: Target;
   given: GivenPlan | null;
-  scene: File | null;
+  scene: ChosenScene | null;
   feedback: boolean;
   force: boolean;
   ignoreScene: boolean;
@@ -43,8 +51,8 @@ export interface NextBodyForm {
 }
 
 export const EMPTY_FORM: NextBodyForm = {
-  source: "goal", goal: EMPTY_GOAL, anyDirection: false, given: null, scene: null, feedback: false, force: false,
-  ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
+  source: "goal", from: null, waypoints: [], target: EMPTY_TARGET, given: null, scene: null, feedback: false,
+  force: false, ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
 };
 
 export const forms = signal<ReadonlyMap<string, NextBodyForm>>(new Map());
@@ -74,7 +82,8 @@ export async function choosePlanFile(robot: string, file: File | undefined): Pro
 }
 
 /** Returns the name under which the service stores a scene. Uploads the scene unless this page has done that. */
-async function storeScene(file: File): Promise<string> {
+export async function storeScene(file: ChosenScene): Promise<string> {
+  if (!(file instanceof File)) return file.stored;
   const stored = storedScenes.get(file);
   if (stored !== undefined) return stored;
   const { scene } = await request<{ scene: string }>(`scenes?name=${encodeURIComponent(file.name)}`, file);
@@ -84,20 +93,25 @@ async function storeScene(file: File): Promise<string> {
 
 /** Returns the request to grow or to plan what is entered. */
 export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
-  const { source, goal, anyDirection, given, scene, feedback, force, ignoreScene } = form;
+  const { source, from, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
   const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
   if (scene) options.scene = await storeScene(scene);
-  if (source === "goal") return { ...options, to: goalText(goal, anyDirection) };
+  if (source === "goal") {
+    return { ...options, from: from?.pose.join(","), via: waypoints.map(targetText), to: targetText(target) };
+  }
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
 }
 
 /** Returns what is missing in the form. Null if it is complete. */
-function problemOf({ source, goal, anyDirection, given }: NextBodyForm): Problem | null {
+function problemOf({ source, waypoints, target, given }: NextBodyForm): Problem | null {
   if (source === "plan") return given ? null : { message: "Choose a plan file first." };
-  const field = missingField(goal, anyDirection);
+  const fields = [...waypoints, target].map(missingField);
+  const index = fields.findIndex((missing) => missing !== undefined);
+  if (index < 0) return null;
+  const field = fields[index];
   const isAngle = field === "heading" || field === "pitch";
   const message = `Enter ${isAngle ? "an angle in degrees, such as -45" : "a length in mm, such as 200"}.`;
-  return field ? { field, message } : null;
+  return { field, waypoint: index < waypoints.length ? index + 1 : undefined, message };
 }
 
 /** Plans what is entered, and shows the body. Returns whether what is entered then has a plan. */
@@ -120,7 +134,7 @@ export async function preview(robot: string): Promise<boolean> {
   } catch (error) {
     const { message } = error as Error;
     const isAboutScene = form.scene !== null && message.includes(form.scene.name);
-    const found: Problem = isAboutScene ? { field: "scene", message } : fieldOfError(message);
+    const found: Problem = { ...(isAboutScene ? { field: "scene" } : placeOfError(message)), message };
     if (isCurrent()) update(robot, { plan: null, problem: found });
     return false;
   } finally {

@@ -15,6 +15,7 @@ use super::audit::CommandSource;
 use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
+use super::library_routes;
 use super::live_routes;
 use super::openapi::describe;
 use super::plan_routes::{new_plan, new_scene, view_plan};
@@ -27,6 +28,7 @@ use super::service::Service;
 pub fn routes() -> ApiRouter<Arc<Service>> {
     live_routes::routes()
         .merge(queue_routes::routes())
+        .merge(library_routes::routes())
         .api_route(
             "/robots/{robot}/recovery",
             get_with(

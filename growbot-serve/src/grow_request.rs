@@ -43,6 +43,12 @@ struct SceneOutline {
     file: Option<String>,
 }
 
+/// Returns the name under which the service has stored the scene of a plan in JSON. `None` if the plan names none.
+pub fn scene_of_plan(plan: &RawValue) -> Option<String> {
+    let file = PlanOutline::of(plan).scene?.file?;
+    file.rsplit('/').next().map(str::to_owned)
+}
+
 impl PlanOutline {
     /// Reads the outline of a plan in JSON. All fields are `None` if the plan cannot be read.
     fn of(plan: &RawValue) -> Self {
@@ -167,8 +173,11 @@ fn to_goal(
 ) -> Result<PlanInScene, Problem> {
     let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
     let start = parse_pose(request.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
-    let via: Result<Vec<_>, _> = request.via.iter().map(|via| parse_goal(via).map(|typed| typed.goal)).collect();
-    let via = via.map_err(Problem::bad)?;
+    let waypoint = |(index, via): (usize, &String)| match parse_goal(via) {
+        Ok(typed) => Ok(typed.goal),
+        Err(error) => Err(Problem::bad(format!("waypoint {}: {error}", index + 1))),
+    };
+    let via = request.via.iter().enumerate().map(waypoint).collect::<Result<Vec<_>, _>>()?;
     let goals: Vec<Goal> = via.iter().copied().chain([goal]).collect();
     ensure_storable(min_layers(robot, &start, &goals))?;
     let search = PlanOptions {

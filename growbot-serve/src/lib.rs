@@ -56,6 +56,8 @@ pub mod job_store;
 mod job_updates;
 mod json_body;
 pub mod known_ports;
+mod library_routes;
+mod library_store;
 mod limits;
 mod live_routes;
 pub mod notification;

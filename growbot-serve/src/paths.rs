@@ -31,7 +31,7 @@ impl ServicePaths {
     /// # Errors
     /// A directory cannot be created.
     pub fn create(&self) -> io::Result<()> {
-        for directory in [&self.state, &self.runtime, &self.logs(), &self.scenes(), &self.stops(), &self.queues()] {
+        for directory in self.directories() {
             fs::DirBuilder::new().recursive(true).mode(0o700).create(directory)?;
         }
         Ok(())
@@ -42,11 +42,16 @@ impl ServicePaths {
     /// # Errors
     /// [`OwnershipError`] with the first file or directory that others can access.
     pub fn check(&self) -> Result<(), OwnershipError> {
-        for directory in [&self.runtime, &self.state, &self.logs(), &self.scenes(), &self.stops(), &self.queues()] {
-            check_private(directory)?;
+        for directory in self.directories() {
+            check_private(&directory)?;
         }
         let files = fs::read_dir(&self.state).into_iter().flatten().flatten();
         { files }.try_for_each(|file| ownership::check_one(&file.path(), Protection::Access))
+    }
+
+    fn directories(&self) -> [PathBuf; 7] {
+        let [runtime, state] = [&self.runtime, &self.state].map(PathBuf::clone);
+        [runtime, state, self.logs(), self.scenes(), self.stops(), self.queues(), self.library()]
     }
 
     /// Returns the directory of the stored state.
@@ -73,6 +78,11 @@ impl ServicePaths {
     /// Returns the directory with the queue of each robot.
     pub fn queues(&self) -> PathBuf {
         self.state.join("queues")
+    }
+
+    /// Returns the directory of the library's entries.
+    pub fn library(&self) -> PathBuf {
+        self.state.join("library")
     }
 
     /// Returns the path of the SQLite database with the list of jobs.

@@ -9,6 +9,7 @@ use tokio::sync::watch;
 use super::audit::Audit;
 use super::config::{NotifyEntry, RobotEntry};
 use super::job_store::{JobStore, JobStoreError};
+use super::library_store::LibraryStore;
 use super::notifier::{Notifier, NotifyError};
 use super::paths::ServicePaths;
 use super::queue_store::QueueStore;
@@ -58,6 +59,7 @@ impl Service {
             notifier,
             previews: Mutex::default(),
             queue: QueueStore::new(&places),
+            library: LibraryStore::new(&places),
             changes: watch::Sender::new(0),
         });
         let robots = robots

@@ -9,6 +9,7 @@ use tokio::sync::watch;
 use super::alert::Alert;
 use super::audit::Audit;
 use super::job_store::JobStore;
+use super::library_store::LibraryStore;
 use super::notification::{NotificationContext, NotificationEvent};
 use super::notifier::Notifier;
 use super::queue_store::QueueStore;
@@ -33,6 +34,7 @@ pub(super) struct ServiceContext {
     pub(super) notifier: Notifier,
     pub(super) previews: Mutex<Previews>,
     pub(super) queue: QueueStore,
+    pub(super) library: LibraryStore,
     /// Counter of changes of the service's state. Each open stream of events waits until the counter changes.
     pub(super) changes: watch::Sender<u64>,
 }

@@ -30,6 +30,7 @@ use super::grow_request::resolve_request;
 use super::job_routes::{Order, make_job, new_job};
 use super::job_store::JobStore;
 use super::json_body::JsonBody;
+use super::library_store::LibraryStore;
 use super::limits::{Computation, RoleLimits};
 use super::notifier::Notifier;
 use super::page_source::PageSource as _;
@@ -339,6 +340,7 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
         notifier,
         previews: Mutex::default(),
         queue: QueueStore::new(&places),
+        library: LibraryStore::new(&places),
         changes: tokio::sync::watch::Sender::new(0),
     });
     Service { places, robots: BTreeMap::new(), shared, addresses: OnceLock::new() }

@@ -11,17 +11,18 @@ import { environment } from "./environment.js";
 import { Service } from "./service.js";
 
 /**
- * Starts a service with simulated robots of these names and of this kind, `pace` times as fast as real time. Its
- * directory is removed by `remove()`.
+ * Starts a service with simulated robots of these names and of this kind, `pace` times as fast as real time. A robot
+ * with a description of its own, in TOML, has that one. The directory of the service is removed by `remove()`.
  */
-export async function startLab(growbot, robots, pace, robot = "growbot-a2") {
+export async function startLab(growbot, robots, pace, robot = "growbot-a2", descriptions = {}) {
   const directory = await mkdtemp(join(tmpdir(), "growbot-robots-"));
   const directories = { XDG_STATE_HOME: join(directory, "state"), XDG_RUNTIME_DIR: join(directory, "run") };
   for (const path of Object.values(directories)) await mkdir(path, { mode: 0o700 });
   const spawnOptions = { env: { ...environment, ...directories }, cwd: directory };
-  const rest = `robot = "${robot}"\npace = ${pace.toFixed(1)}\n`;
-  const entries = robots.map((name) => `[robots.${name}]\nport = "sim:${name}"\n${rest}`);
+  const entries = robots.map((name) => `[robots.${name}]\nport = "sim:${name}"\npace = ${pace.toFixed(1)}\n`
+    + `robot = "${descriptions[name] ? `${name}.toml` : robot}"\n`);
   await writeFile(join(directory, "growbot.toml"), entries.join(""));
+  for (const [name, text] of Object.entries(descriptions)) await writeFile(join(directory, `${name}.toml`), text);
   const service = new Service(growbot, spawnOptions);
   const lab = {
     directory,

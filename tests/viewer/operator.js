@@ -37,8 +37,9 @@ export function partsOf(page, name) {
     /** Types a goal into its fields: X, Y, Z, heading and pitch. */
     async typeGoal(text) {
       const labels = ["X, mm", "Y, mm", "Z, mm", "Heading, °", "Pitch, °"];
+      const goal = nextBody.getByRole("group", { name: "Goal", exact: true });
       for (const [index, part] of text.split(",").entries()) {
-        await nextBody.getByLabel(labels[index], { exact: true }).fill(part.trim());
+        await goal.getByLabel(labels[index], { exact: true }).fill(part.trim());
       }
     },
     /** Confirms the open question, once that is possible. */

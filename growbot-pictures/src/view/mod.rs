@@ -33,6 +33,7 @@ pub mod plot;
 mod scene_view;
 mod self_clearance;
 mod side_by_side;
+pub mod thumbnail;
 
 use std::ffi::OsStr;
 use std::iter::once;
