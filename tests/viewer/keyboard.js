@@ -21,15 +21,17 @@ const MAX_TABS = 200;
 /** Time in which a button that heats or discards ignores a second click. */
 const CLICK_MS = 1_000;
 
-// One robot has little filament, and one too little time to heat its nozzle.
-const description = await readFile(resolve(import.meta.dirname, "../../robots/growbot-a.toml"), "utf8");
+// One robot has little filament and a switch that detects its end, and one too little time to heat its nozzle. A pause
+// may take as long as a person needs, although a minute is an hour for the robots.
+const description = await readFile(resolve(import.meta.dirname, "../../robots/growbot-a1.toml"), "utf8");
+const patient = `${description}\n[pause]\nstandby_c = 150.0\nstandby_after_s = 60.0\noff_after_s = 36000.0\n`;
 const descriptions = {
-  lab: description.replace(/^spool_mm = .*/m, "spool_mm = 6000.0"),
-  cold: description.replace(/^heating_timeout_s = .*/m, "heating_timeout_s = 10.0"),
+  lab: `${patient.replace(/^spool_mm = .*/m, "spool_mm = 6000.0")}\n[sensors.filament_presence]\nactive_low = true\n`,
+  cold: patient.replace(/^heating_timeout_s = .*/m, "heating_timeout_s = 10.0"),
 };
 for (const text of Object.values(descriptions)) assert.notEqual(text, description);
 
-const lab = await startLab(growbot, ["lab", "cold"], 150, "growbot-a", descriptions);
+const lab = await startLab(growbot, ["lab", "cold"], 20, "growbot-a1", descriptions);
 const browser = await chromium.launch({
   executablePath: process.env.CHROMIUM ?? "/usr/bin/chromium", args: ["--no-sandbox"],
 });
@@ -122,6 +124,7 @@ try {
   // The filament runs out. The page leads through the change.
   await need.filter({ hasText: /filament/i }).waitFor();
   await robot.waitForState("paused");
+  assert.equal(lab.changeSpool("lab").status, 0);
   await doStep("Next:", "Done");
   await doStep("Next:", "Heat nozzle");
   await doStep("Next:", "Load filament");

@@ -78,6 +78,9 @@ export async function startLab(growbot, robots, pace, robot = "growbot-a2", desc
     robot: async (name) => (await lab.ask("GET", `/robots/${name}`)).json,
     command: (name, command) => lab.ask("POST", `/robots/${name}/commands`, { command }),
 
+    /** Puts a full spool on a robot, as a person would. */
+    changeSpool: (name) => spawnSync(growbot, ["power", "new-spool", "--port", `sim:${name}`], spawnOptions),
+
     /** Returns the number of recorded commands with this name, done or refused. */
     async countCommands(name) {
       const text = await readFile(join(directory, "state/growbot/serve/audit.jsonl"), "utf8");

@@ -15,16 +15,16 @@ use super::port_arg::RequiredPortArg;
 use super::robot_arg::{ROBOT, RobotArg};
 use super::watch_options::parse_pace;
 
-/// Switch a simulated robot on or off, or reset its board
+/// Switch a simulated robot on or off, reset its board, or change its spool
 ///
 /// The simulated robot sim:NAME stays on after the command that grew with it, like a real robot. Another command can
 /// show, stop or resume its growth. If it is switched off in the middle of a layer, it keeps what a board keeps: its
-/// flash. Its data are in ~/.local/state/growbot/robots/NAME. sim:./NAME keeps them in the directory NAME.
+/// flash. Without filament it pauses until it has a new spool, which `growbot power new-spool` puts in. Its data are in ~/.local/state/growbot/robots/NAME. sim:./NAME keeps them in the directory NAME.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct PowerArgs {
     /// Action of the switch
-    #[arg(value_name = "on|off|reset|status")]
+    #[arg(value_name = "on|off|reset|new-spool|status")]
     action: PowerAction,
     #[command(flatten)]
     port: RequiredPortArg,
@@ -46,6 +46,7 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot power on --port sim:lab --robot growbot-a2 --pace 100
   growbot grow --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
+  growbot power new-spool --port sim:lab
   growbot power off --port sim:lab";
 
 /// Actions of the switch.
@@ -57,6 +58,8 @@ enum PowerAction {
     Off,
     /// Reset the robot's board
     Reset,
+    /// Put a full spool in place of the present one
+    NewSpool,
     /// Print whether the robot is on
     Status,
 }
@@ -86,6 +89,10 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
         PowerAction::Reset => {
             DaemonPort::open_shared(&place)?.reset()?;
             format!("the board of the simulated robot sim:{name} was reset\n")
+        }
+        PowerAction::NewSpool => {
+            DaemonPort::open_shared(&place)?.change_spool()?;
+            format!("the simulated robot sim:{name} has a full spool\n")
         }
         PowerAction::Status => {
             let is = if place.is_on() { "on" } else { "off" };

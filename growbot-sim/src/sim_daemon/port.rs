@@ -82,6 +82,14 @@ impl DaemonPort {
         self.request(&Request::Reset, AT_ONCE).map(|_| ())
     }
 
+    /// Puts a full spool in place of the present one.
+    ///
+    /// # Errors
+    /// If the robot was switched off.
+    pub fn change_spool(&mut self) -> Result<(), PortError> {
+        self.request(&Request::Hand(ManualAction::ChangeSpool), AT_ONCE).map(|_| ())
+    }
+
     /// Switches the robot off immediately, and waits until it is off.
     ///
     /// # Errors

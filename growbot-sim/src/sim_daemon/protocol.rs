@@ -13,7 +13,7 @@ use crate::port::TipSettings;
 use crate::tip::manual_action::ManualAction;
 
 /// Version of the messages, which must be incremented when they change.
-pub const PROTOCOL_VERSION: u32 = 2;
+pub const PROTOCOL_VERSION: u32 = 3;
 
 /// Request to the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -34,6 +34,8 @@ pub(super) struct SimulatedFilament {
     front: i64,
     /// Position at which the filament ends.
     end: i64,
+    /// Length of filament on a full spool, mm.
+    spool: f64,
 }
 
 impl SimulatedFilament {
@@ -50,10 +52,16 @@ impl SimulatedFilament {
             level_span: [0.0; 2],
             front: 0,
             end: 0,
+            spool: description.filament.spool_mm,
         };
-        filament.set_left(description.filament.spool_mm);
+        filament.refill();
         filament.turn(0.0);
         filament
+    }
+
+    /// Sets the remaining length of filament to that of a full spool.
+    pub fn refill(&mut self) {
+        self.set_left(self.spool);
     }
 
     /// Sets the remaining length of filament, mm.

@@ -20,6 +20,8 @@ pub enum ManualAction {
     DisconnectHeater(bool),
     /// Takes the filament out of the nozzle, so that it moves freely (true), or puts it back into the nozzle (false).
     FreeFilament(bool),
+    /// Puts a full spool in place of the present one.
+    ChangeSpool,
     /// Lays the tip on its side (true), or sets it upright (false).
     LayDown(bool),
 }
@@ -42,6 +44,7 @@ impl TipModel {
             ManualAction::DisconnectHeater(off) => self.break_or_mend(TipFault::HeaterOpen, off),
             ManualAction::FreeFilament(true) => self.filament.release(),
             ManualAction::FreeFilament(false) => self.filament.insert(),
+            ManualAction::ChangeSpool => self.filament.refill(),
             ManualAction::LayDown(down) => {
                 let pitch = if down { 0.0 } else { 90.0 };
                 if let Ok(pose) = Pose::from_degrees([0.0, 0.0, 0.0, 0.0, pitch]) {
