@@ -3,7 +3,7 @@
 import { useId } from "preact/hooks";
 import type { RobotStatus } from "./api_types";
 import { confirmGrowth } from "./growth_question";
-import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
+import { checkForm, choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 import { Library } from "./Library";
 import { canControl } from "./page_state";
@@ -27,7 +27,7 @@ async function confirmGrow({ name }: RobotStatus): Promise<void> {
   // What is confirmed is what grows, even if something else is entered while the question is open.
   const form = formOf(name);
   const { plan } = form;
-  if (!plan) return;
+  if (!plan || !checkForm(name)) return;
   const { layers, duration_s: durationS } = plan;
   const growth = { title: `Grow on ${name}?`, layers, durationS, continues: continuedJob(form) };
   if (await confirmGrowth(name, growth)) grow(name, form);

@@ -26,8 +26,10 @@ interface JobResult {
   final: TipPose | null;
 }
 
-/** The tip of a finished body: the name of its job, and its pose in the frame of its robot. */
+/** The tip of a finished body: its job, and its pose in the frame of its robot. */
 export interface Tip {
+  jobId: string;
+  /** Name of the job. */
   job: string;
   /** X, Y, Z in mm, heading and pitch in degrees. */
   pose: number[];
@@ -72,8 +74,12 @@ export function latestTip(robot: string): Tip | null {
   const final = job?.state === "done" ? results.value.get(job.id)?.final : null;
   if (!job || !final) return null;
   const { x_mm: x, y_mm: y, z_mm: z, heading_deg: heading, pitch_deg: pitch } = final;
-  return { job: job.name, pose: [x, y, z, heading ?? 0, pitch] };
+  return { jobId: job.id, job: job.name, pose: [x, y, z, heading ?? 0, pitch] };
 }
+
+/** Returns whether a tip is that of the robot's latest body. */
+export const isLatestTip = (robot: string, tip: Tip) =>
+  jobs.value?.find((latest) => latest.robot === robot)?.id === tip.jobId;
 
 /** Returns a tip for a person. */
 export const poseText = ({ pose: [x, y, z, heading, pitch] }: Tip) =>

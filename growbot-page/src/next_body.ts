@@ -5,6 +5,7 @@ import type { GrowRequest, Job, Plan, PlanResponse } from "./api_types";
 import { EMPTY_TARGET, missingField, placeOfError, targetText } from "./goal";
 import type { FieldName, Target } from "./goal";
 import { readJobPlan, refreshJobs } from "./job_list";
+import { isLatestTip } from "./job_results";
 import type { Tip } from "./job_results";
 import { sendOrder } from "./orders";
 import { runAction } from "./robot_commands";
@@ -102,9 +103,12 @@ export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
 }
 
-/** Returns what is missing in the form. Null if it is complete. */
-function problemOf({ source, waypoints, target, given }: NextBodyForm): Problem | null {
+/** Returns why the body cannot be planned or grown as it is entered. Null if it can. */
+function problemOf(robot: string, { source, from, waypoints, target, given }: NextBodyForm): Problem | null {
   if (source === "plan") return given ? null : { message: "Choose a plan file first." };
+  if (from && !isLatestTip(robot, from)) {
+    return { message: `The robot has begun another body since ${from.job}: choose the start again.` };
+  }
   const fields = [...waypoints, target].map(missingField);
   const index = fields.findIndex((missing) => missing !== undefined);
   if (index < 0) return null;
@@ -114,14 +118,17 @@ function problemOf({ source, waypoints, target, given }: NextBodyForm): Problem 
   return { field, waypoint: index < waypoints.length ? index + 1 : undefined, message };
 }
 
+/** Shows why the body cannot be planned or grown as it is entered. Returns whether it can. */
+export function checkForm(robot: string): boolean {
+  const problem = problemOf(robot, formOf(robot));
+  if (problem) update(robot, { problem });
+  return !problem;
+}
+
 /** Plans what is entered, and shows the body. Returns whether what is entered then has a plan. */
 export async function preview(robot: string): Promise<boolean> {
   const form = formOf(robot);
-  const problem = problemOf(form);
-  if (problem) {
-    update(robot, { problem });
-    return false;
-  }
+  if (!checkForm(robot)) return false;
   const isCurrent = () => formOf(robot).revision === form.revision;
   update(robot, { isPlanning: true, problem: null });
   try {
@@ -148,6 +155,7 @@ export function grow(robot: string, form: NextBodyForm): void {
   void runAction(robot, "Grow", async () => {
     const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
     chooseBody(robot, null);
+    if (formOf(robot).from) enter(robot, { from: null });
     void refreshJobs();
     return `Job ${job.id} started`;
   });

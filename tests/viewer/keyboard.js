@@ -65,6 +65,7 @@ try {
   const type = async (element, text) => {
     await tabTo(element);
     await page.keyboard.press("Control+A");
+    await page.keyboard.press("Delete");
     await page.keyboard.type(text);
   };
 
@@ -144,6 +145,8 @@ try {
   await history.getByText("No job matches").waitFor();
   await type(history.getByRole("searchbox"), "120");
   await robot.job("done").waitFor();
+  await type(history.getByRole("searchbox"), "");
+  lab.changeSpool("lab");
   await press(button("Remove waypoint 1"));
   await toggle(/^Continue from the tip of .*: -?0\.0, -?0\.0, 120\.0 mm/, nextBody);
   assert.ok(await button("Add to queue").isDisabled());
@@ -153,8 +156,10 @@ try {
   await confirm();
   await robot.job("150").filter({ hasText: "done" }).waitFor();
 
+  lab.changeSpool("lab");
   // Two bodies wait in the queue, and grow one after the other, each after a confirmation.
-  await toggle(/^Continue from the tip of /, nextBody);
+  // The body that grew is not the start of the next one.
+  await nextBody.getByRole("checkbox", { name: /^Continue from the tip of .* 150\.0 mm/, checked: false }).waitFor();
   await typeGoal([0, 0, 20, 0, 90]);
   await press(button("Add to queue"));
   await queue.getByRole("listitem").nth(0).waitFor();
@@ -168,6 +173,7 @@ try {
   }
   await queue.getByText(/^Empty/).waitFor();
 
+  lab.changeSpool("lab");
   // An earlier body is grown again.
   await press(button("Grow again", robot.job("0,0,20,0,90")));
   await nextBody.getByText("Plan: 0,0,20,0,90").waitFor();
