@@ -224,3 +224,29 @@ fn min_layers(robot: &Robot, start: &Pose, goals: &[Goal]) -> u64 {
     let length: f64 = positions.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
     (length / robot.description().layer.height_max_mm) as u64
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+    use std::sync::atomic::AtomicBool;
+
+    use growbot_plan::robot_file;
+
+    use super::*;
+
+    /// The planning of such a body would end at its first check, because the client has gone.
+    #[test]
+    fn a_body_that_no_board_can_store_is_not_planned() {
+        let directory = tempfile::tempdir().unwrap();
+        let places = ServicePaths::in_dir(directory.path().to_path_buf());
+        let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
+        let computation = Computation::new(&Arc::new(AtomicBool::new(true)));
+        let detail_of = |goal: &str| {
+            let request = GrowRequest { to: Some(goal.to_owned()), ..GrowRequest::default() };
+            let resolved = resolve_request(&request, &robot, &places, Access::View, &computation);
+            resolved.err().map(|problem| problem.detail).unwrap_or_default()
+        };
+        assert!(detail_of("0,0,8000,0,90").contains("layers, but a board can store"));
+        assert!(detail_of("0,0,400,0,90").contains("has closed the connection"));
+    }
+}
