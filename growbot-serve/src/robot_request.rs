@@ -104,3 +104,39 @@ pub struct PortLease {
     pub to: String,
     pub is_over: Arc<AtomicBool>,
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use growbot_core::link::message::State;
+
+    use super::*;
+    use crate::stop_model::{Case, service};
+
+    /// The robot's thread waits for its board until the caller has given its request up.
+    #[test]
+    fn a_request_that_was_given_up_is_not_carried_out() {
+        let directory = tempfile::tempdir().unwrap();
+        let service = service(&directory);
+        let case = Case::new(&service, "lab".to_owned());
+        case.wait_for_connection();
+        let is_given_up = |request, limit| match case.worker.request(request, limit) {
+            Err(RobotRequestError::NotAccepted { .. }) => true,
+            Err(RobotRequestError::NotFinished { .. }) => false,
+            other => panic!("{other:?}"),
+        };
+        {
+            let mut board = case.line.board();
+            board.may_heat = true;
+            // The thread waits for this guard at its next use of the line, and then takes no more requests.
+            while !is_given_up(RobotRequest::Wake, Duration::from_millis(200)) {}
+            let preheat = MaintenanceTask::Preheat { target_centi_c: 20_000 };
+            let preheat = RobotRequest::Task(preheat, case.worker.signal().permit());
+            assert!(is_given_up(preheat, Duration::ZERO));
+        }
+        // The thread takes requests in their order.
+        assert!(!is_given_up(RobotRequest::Wake, Duration::from_secs(60)));
+        assert_eq!(case.line.board().state, State::Idle);
+    }
+}

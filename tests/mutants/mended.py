@@ -49,7 +49,7 @@ def update_copy():
 def run(test):
     """Builds and runs a test. Returns "passed", "failed", "hung" or "not built"."""
     *where, name = test.split()
-    call = ["cargo", "nextest", "run", "-p", *where, "-E", f"test(={name})"]
+    call = ["cargo", "nextest", "run", "-p", *where, "-E", f"test(/{name}$/)"]
     silent = {"cwd": COPY, "env": os.environ | SETTINGS, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
     built = subprocess.run([*call, "--no-run"], check=False, text=True, **silent)
     if built.returncode != 0:
