@@ -100,3 +100,35 @@ fn a_repair_refused_at_a_start_is_made_before_the_next_record() {
         assert_eq!(Journal::open(flash).job().map(|job| job.layers_laid), Some(laid + 1), "valid: {is_valid}");
     }
 }
+
+/// Number of writes and erasures for which the supply is still too low.
+struct Refusals(Rc<Cell<u32>>);
+
+impl SupplyMonitor for Refusals {
+    fn is_enough(&self) -> bool {
+        let left = self.0.get();
+        self.0.set(left.saturating_sub(1));
+        left == 0
+    }
+}
+
+#[test]
+fn nothing_is_appended_after_a_repair_that_is_refused_again() {
+    let flash = Small::new(2);
+    let mut journal = Journal::open(flash.clone());
+    while journal.erase_step(4).unwrap() {}
+    journal.begin_job(1, 2, 4).unwrap();
+    journal.record_laid(0, &LAYER, true).unwrap();
+    let mut torn = flash.bytes();
+    torn[32 * 2 + 8] ^= 0xf0;
+    flash.set_bytes(&torn);
+    let refusals = Rc::new(Cell::new(u32::MAX));
+    let mut journal = Journal::open(GuardedFlash::new(flash.clone(), Refusals(Rc::clone(&refusals))));
+    assert_eq!(journal.job().map(|job| job.layers_laid), Some(0));
+    refusals.set(1);
+    // A record beside one that may read as valid later would have the same count.
+    assert_eq!(journal.record_laid(0, &LAYER, true), Err(JournalError::Flash));
+    assert_eq!(refusals.get(), 0);
+    assert_eq!(flash.bytes()[32 * 3..1024], [0xff; 1024 - 32 * 3]);
+    assert_eq!(Journal::open(flash).job(), None);
+}
