@@ -241,8 +241,9 @@ mod tests {
         for _ in 0..3 {
             let mut stop = line.emergency_port().unwrap();
             // The stream for requests is already receiving. It does not read bytes that arrive during the stop.
-            let (received, arrived) = mpsc::channel();
+            let ((received, arrived), (begins, begun)) = (mpsc::channel(), mpsc::channel());
             let worker = thread::spawn(move || {
+                begins.send(()).unwrap();
                 let mut bytes = [0; 8];
                 let mut count = 0;
                 while count == 0 {
@@ -251,6 +252,9 @@ mod tests {
                 received.send(bytes.get(..count).unwrap().to_vec()).unwrap();
                 line
             });
+            begun.recv().unwrap();
+            // Without this time the thread would wait for the end of the stop before it waits for bytes.
+            thread::sleep(20 * YIELD_POLL_INTERVAL);
             stop.send_emergency_stop().unwrap();
             board.read_exact(&mut receive).unwrap();
             assert_eq!(receive, EMERGENCY_STOP);

@@ -116,6 +116,9 @@ fn a_long_pause_cools_to_standby_and_then_parks() {
     bench.hand_over(20, &layers[20..]);
     bench.run(30.0);
     assert_eq!(bench.controller.state(), State::Parked, "it does not heat by itself");
+    // Nobody has requested the pause, and still only a person ends it.
+    assert_eq!(bench.status().pause_cause, PauseCause::LayersExhausted);
+    assert_eq!(bench.refused(&continuation()), Refusal::WrongState { state: State::Parked });
     bench.start();
     bench.run_to(State::Homing, 200.0);
     bench.run_to(State::Done, 100.0);
