@@ -317,3 +317,34 @@ pub async fn job_view(
 ) -> Result<Html<Bytes>, Problem> {
     page_of(&service, &limits, found_job(&service, &id)?, None).await
 }
+
+#[cfg(test)]
+mod tests {
+    use growbot_core::link::message::State as BoardState;
+
+    use super::*;
+    use crate::audit::CommandSource;
+    use crate::limits::Computation;
+    use crate::stop_model::{Case, service};
+
+    #[test]
+    fn a_job_whose_requester_goes_once_it_is_planned_is_not_made() {
+        let directory = tempfile::tempdir().unwrap();
+        let service = service(&directory);
+        let case = Case::new(&service, "lab".to_owned());
+        case.wait_for_connection();
+        let wanted = GrowRequest { to: Some("0,0,20,0,90".to_owned()), ..GrowRequest::default() };
+        let access = Access::Control(CommandSource::Socket);
+        let (claim, computation) = (Claim::default(), Computation::new(&Arc::default()));
+        let order = Order { permit: case.worker.signal().permit(), claim: claim.clone() };
+        let plan = |robot: &Robot| {
+            let planned = resolve_request(&wanted, robot, service.places(), access, &computation);
+            drop(Requester(claim.clone()));
+            planned
+        };
+        let refused = make_job(&service, &case.worker, &wanted, plan, order, None).unwrap_err();
+        assert_eq!(refused.detail, RobotRequestError::GivenUp.to_string());
+        assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
+        assert_eq!(case.line.board().state, BoardState::Idle);
+    }
+}

@@ -260,6 +260,8 @@ mod tests {
             assert_eq!(receive, EMERGENCY_STOP);
             board.write_all(b"off").unwrap();
             let mut bytes = [0; 8];
+            // The thread would read them first.
+            thread::sleep(20 * YIELD_POLL_INTERVAL);
             assert_eq!(stop.receive(&mut bytes, CONNECT).unwrap(), 3);
             assert_eq!(arrived.recv_timeout(Duration::ZERO), Err(RecvTimeoutError::Timeout));
             drop(stop);
