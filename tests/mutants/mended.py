@@ -2,7 +2,7 @@
 """Breaks promises of mended.toml one at a time, and requires that the test named there notices.
 
     mended.py                   all of them
-    mended.py NAME...           these; a part of a name is enough
+    mended.py NAME...           these; the beginning of a name is enough
     mended.py --check           builds nothing: each text to replace occurs exactly once in its file
 
 A mutant counts as noticed only if it compiles and its test fails, or still runs after LIMIT_S. The exit code is 0 if
@@ -74,9 +74,9 @@ def main():
     if wrong or sys.argv[1:] == ["--check"]:
         print("\n".join(wrong) or f"{len(mutants)} mutants of mended lines, each in a text that exists")
         return 1 if wrong else 0
-    wanted = [mutant for mutant in mutants if not sys.argv[1:] or any(part in mutant["name"] for part in sys.argv[1:])]
+    wanted = [mutant for mutant in mutants if mutant["name"].startswith(tuple(sys.argv[1:]) or "")]
     if not wanted:
-        sys.exit(f"no mutant has {' or '.join(sys.argv[1:])} in its name")
+        sys.exit(f"no name of a mutant begins with {' or '.join(sys.argv[1:])}")
 
     update_copy()
     for test in dict.fromkeys(mutant["test"] for mutant in wanted):
