@@ -76,6 +76,8 @@ fn the_library_refuses_what_it_cannot_keep() {
         assert!(problem["detail"].as_str().unwrap().contains(reason), "{problem}");
     };
     refused(json!({ "name": "two", "scene": "a.toml", "robot_file": text }), 422, "one of");
+    let long = json!({ "format": "growbot-plan/1", "layers": 13_000_000 });
+    refused(json!({ "name": "long", "plan": long }), 409, "a board can store");
     refused(json!({ "name": "none" }), 422, "one of");
     refused(json!({ "name": "plan", "plan": { "format": "growbot-plan/1" } }), 422, "plan");
     refused(json!({ "name": "scene", "scene": "../tokens" }), 422, "no scene");

@@ -3,7 +3,7 @@
 import { useEffect, useState } from "preact/hooks";
 import type { LibraryEntry } from "./api_types";
 import {
-  fileUrl, keepFile, keepPlan, library, libraryProblem, refreshLibrary, removeEntry, thumbnailUrl, useEntry,
+  fileName, fileUrl, keepFile, keepPlan, library, libraryProblem, refreshLibrary, removeEntry, thumbnailUrl, useEntry,
 } from "./library_entries";
 import { formOf } from "./next_body";
 import { canControl } from "./page_state";
@@ -20,7 +20,7 @@ function Entry({ robot, entry }: { robot: string; entry: LibraryEntry }) {
         {kind !== "robot" && (
           <button type="button" aria-label={`Use ${name}`} onClick={() => void useEntry(robot, entry)}>Use</button>
         )}
-        <a href={fileUrl(entry)} download={name} aria-label={`Download ${name}`}>File</a>
+        <a href={fileUrl(entry)} download={fileName(entry)} aria-label={`Download ${name}`}>File</a>
         {canControl.value === true && (
           <button
             type="button" aria-label={`Remove ${name} from the library`} onClick={() => void removeEntry(robot, entry)}

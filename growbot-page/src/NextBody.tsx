@@ -3,7 +3,7 @@
 import { useId } from "preact/hooks";
 import type { RobotStatus } from "./api_types";
 import { confirmGrowth } from "./growth_question";
-import { checkForm, choosePlanFile, enter, formOf, grow, preview } from "./next_body";
+import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 import { Library } from "./Library";
 import { canControl } from "./page_state";
@@ -19,17 +19,14 @@ const BLOCKING = ["self-collision", "filament-short", "layer-limit"];
 const SOURCES: [NextBodyForm["source"], string][] = [["goal", "Goal"], ["plan", "Plan"]];
 const SCENE_TYPES = ".toml,.stl,.obj,.ply,.glb,.pcd";
 
-/** Returns the name of the job whose body the next one continues. */
-const continuedJob = ({ source, from }: NextBodyForm) => (source === "goal" ? from?.job : undefined);
-
 async function confirmGrow({ name }: RobotStatus): Promise<void> {
   if (!formOf(name).plan && !await preview(name)) return;
   // What is confirmed is what grows, even if something else is entered while the question is open.
   const form = formOf(name);
   const { plan } = form;
-  if (!plan || !checkForm(name)) return;
+  if (!plan) return;
   const { layers, duration_s: durationS } = plan;
-  const growth = { title: `Grow on ${name}?`, layers, durationS, continues: continuedJob(form) };
+  const growth = { title: `Grow on ${name}?`, layers, durationS };
   if (await confirmGrowth(name, growth)) grow(name, form);
 }
 
@@ -98,12 +95,12 @@ export function NextBody({ robot }: { robot: Robot }) {
         )}
         <label>Scene to avoid (optional)
           <input
-            type="file" accept={SCENE_TYPES} disabled={isReadOnly} aria-invalid={isSceneWrong}
+            key={form.scene?.name} type="file" accept={SCENE_TYPES} disabled={isReadOnly} aria-invalid={isSceneWrong}
             aria-describedby={sceneProblem}
             onChange={({ currentTarget }) => enter(name, { scene: currentTarget.files?.[0] ?? null })}
           />
         </label>
-        {form.scene && !(form.scene instanceof File) && (
+        {form.scene && (
           <p class="note">
             Scene: {form.scene.name}{" "}
             <button type="button" onClick={() => enter(name, { scene: null })}>Without this scene</button>
@@ -124,7 +121,7 @@ export function NextBody({ robot }: { robot: Robot }) {
           </button>
         </div>
         <button
-          type="button" disabled={isReadOnly || form.isPlanning || continuedJob(form) !== undefined}
+          type="button" disabled={isReadOnly || form.isPlanning}
           onClick={() => void confirmQueue(name)}
         >
           Add to queue

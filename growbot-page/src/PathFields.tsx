@@ -1,34 +1,14 @@
-// The path of the next body: where it starts, waypoints, and the goal.
+// The path of the next body: waypoints, and the goal.
 
-import { useEffect, useRef } from "preact/hooks";
+import { useRef } from "preact/hooks";
 import { EMPTY_WAYPOINT } from "./goal";
 import type { Target } from "./goal";
 import { GoalFields } from "./GoalFields";
-import { latestTip, poseText, readResults } from "./job_results";
 import { enter } from "./next_body";
 import type { NextBodyForm } from "./next_body";
-import { jobs } from "./page_state";
 
 /** Maximum number of waypoints that the service takes. */
 const MAX_WAYPOINTS = 100;
-
-/** Offers to start at the tip of the latest body, which stays at the robot. */
-function Start({ robot, form }: { robot: string; form: NextBodyForm }) {
-  useEffect(() => { void readResults((jobs.value ?? []).filter((job) => job.robot === robot).slice(0, 1)); },
-    [robot, jobs.value]);
-  const latest = latestTip(robot);
-  if (!latest && !form.from) return null;
-  const tip = form.from ?? latest;
-  return (
-    <label class="check">
-      <input
-        type="checkbox" checked={form.from !== null}
-        onChange={({ currentTarget }) => enter(robot, { from: currentTarget.checked ? latest : null })}
-      />
-      Continue from the tip of {tip?.job}: {tip && poseText(tip)}
-    </label>
-  );
-}
 
 export function PathFields({ robot, form }: { robot: string; form: NextBodyForm }) {
   const { target, waypoints, problem } = form;
@@ -42,7 +22,6 @@ export function PathFields({ robot, form }: { robot: string; form: NextBodyForm 
     problem && problem.field !== "scene" && problem.waypoint === number ? problem : null;
   return (
     <div class="path" ref={list}>
-      <Start robot={robot} form={form} />
       {waypoints.map((waypoint, index) => (
         <fieldset key={index} class="waypoint">
           <legend>Waypoint {index + 1}</legend>

@@ -81,7 +81,6 @@ export interface PlanResponse {
 /** A request to grow or to plan: either a goal `to`, or a plan. */
 export interface GrowRequest {
   to?: string;
-  from?: string;
   via?: string[];
   plan?: unknown;
   name?: string;

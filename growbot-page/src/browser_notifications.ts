@@ -2,9 +2,12 @@
 
 import { effect, signal } from "@preact/signals";
 import { formatTitle } from "./format";
-import { fragmentOf, recoveries, robots } from "./page_state";
+import { fragmentOf, robots } from "./page_state";
+import { recoveryOf } from "./recovery";
 
 const STORED = "growbot-notifications";
+/** Time after the opening of the page in which it gets the present state of all robots. */
+const OPENING_MS = 5_000;
 
 /** True if the browser can show notifications of this page. */
 export const canNotify = window.isSecureContext && "Notification" in window;
@@ -34,10 +37,11 @@ interface Seen {
 let before: ReadonlyMap<string, Seen> | null = null;
 
 function look(): ReadonlyMap<string, Seen> {
-  return new Map([...robots.value].map(([name, { status }]) => {
-    const recovery = recoveries.value[name];
+  return new Map([...robots.value].map(([name, robot]) => {
+    const { status } = robot;
+    const recovery = recoveryOf(robot);
     if (recovery) {
-      const { situation, cause } = recovery;
+      const { situation, cause } = recovery.sequence;
       return [name, { condition: `${situation} ${cause}`, text: `${formatTitle(situation)}: ${cause}`, job: status.job }];
     }
     const isLost = status.connection === "disconnected";
@@ -46,11 +50,11 @@ function look(): ReadonlyMap<string, Seen> {
   }));
 }
 
-function show(name: string, text: string): void {
+function show(name: string, text: string, job: string | null): void {
   if (!isNotified.value || (document.visibilityState === "visible" && document.hasFocus())) return;
   try {
     // Pages of one browser show a notification once, because its tag is the same.
-    const shown = new Notification(name, { body: text, tag: `growbot ${name} ${text}` });
+    const shown = new Notification(name, { body: text, tag: `growbot ${name} ${text} ${job}` });
     shown.onclick = () => {
       window.focus();
       location.hash = fragmentOf(name);
@@ -68,11 +72,11 @@ export function startNotifications(): void {
     const earlier = before;
     before = now;
     // What a page finds when it opens is not new.
-    if (!earlier?.size) return;
+    if (!earlier?.size || performance.now() < OPENING_MS) return;
     for (const [name, { condition, text, job }] of now) {
       const last = earlier.get(name);
-      if (condition && condition !== last?.condition) show(name, text);
-      else if (!condition && last?.job && !job) show(name, "The growth has ended.");
+      if (condition && condition !== last?.condition) show(name, text, job);
+      else if (!condition && last?.job && !job) show(name, "The growth has ended.", last.job);
     }
   });
 }

@@ -11,19 +11,15 @@ export interface AskedGrowth {
   durationS: number;
   /** What the growth does besides its plan. */
   options?: string;
-  /** Name of the job whose body this one continues. Otherwise that body must be removed. */
-  continues?: string;
 }
 
 const latestJob = (robot: string) => jobs.value?.find((job) => job.robot === robot)?.id;
 
-/** Asks whether the last body is removed, or in place if this one continues it, and whether the robot may heat. Returns whether a person has confirmed that. */
+/** Asks whether the last body is removed and the robot may heat. Returns whether a person has confirmed that. */
 export async function confirmGrowth(robot: string, growth: AskedGrowth): Promise<boolean> {
-  const { title, layers, durationS, options, continues } = growth;
+  const { title, layers, durationS, options } = growth;
   const before = latestJob(robot);
-  const check = continues === undefined ? "Is the last body removed?"
-    : `Does the tip still stand on the body of ${continues}, as it ended? If not, plan without that start.`;
-  const text = `${check} ${robot} heats its nozzle, homes, and lays ${layers} layers in `
+  const text = `Is the last body removed? ${robot} heats its nozzle, homes, and lays ${layers} layers in `
     + `${[formatDuration(durationS), options].filter(Boolean).join(", ")}.`;
   if (!await ask({ title, text, action: "Heat and grow", destroys: false })) return false;
   if (latestJob(robot) === before) return true;

@@ -14,6 +14,9 @@ export const library = signal<LibraryEntry[] | null>(null);
 export const libraryProblem = signal("");
 
 export const fileUrl = ({ id }: LibraryEntry) => `${API}library/${id}/file`;
+/** Returns the name of the file of an entry, with the extension of its format. */
+export const fileName = ({ kind, name, scene }: LibraryEntry) =>
+  `${name}.${{ plan: "json", robot: "toml", scene: scene?.split(".").at(-1) }[kind]}`;
 export const thumbnailUrl = ({ id }: LibraryEntry) => `${API}library/${id}/thumbnail`;
 
 /** Requests the entries. */
@@ -55,11 +58,12 @@ export function useEntry(robot: string, entry: LibraryEntry): Promise<boolean> {
   const { name, scene } = entry;
   return runAction(robot, "Use", async () => {
     if (entry.kind === "scene" && scene) {
-      enter(robot, { scene: { name, stored: scene } });
+      enter(robot, { scene: { name, stored: scene }, ignoreScene: false, force: false });
       return `${name} is entered as the scene to avoid`;
     }
     const plan = await request<unknown>(`library/${entry.id}/file`);
-    enter(robot, { source: "plan", given: { name, plan, scene: scene ?? undefined }, force: false, scene: null });
+    const given = { name, plan, scene: scene ?? undefined };
+    enter(robot, { source: "plan", given, force: false, ignoreScene: false, scene: null });
     return `${name} is entered as the next body${await preview(robot) ? "" : ", but cannot be grown as it is"}`;
   });
 }

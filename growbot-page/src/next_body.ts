@@ -5,8 +5,6 @@ import type { GrowRequest, Job, Plan, PlanResponse } from "./api_types";
 import { EMPTY_TARGET, missingField, placeOfError, targetText } from "./goal";
 import type { FieldName, Target } from "./goal";
 import { readJobPlan, refreshJobs } from "./job_list";
-import { isLatestTip } from "./job_results";
-import type { Tip } from "./job_results";
 import { sendOrder } from "./orders";
 import { runAction } from "./robot_commands";
 import { clock, request, robotPath } from "./service";
@@ -33,8 +31,6 @@ export interface Problem {
 
 export interface NextBodyForm {
   source: "goal" | "plan";
-  /** The tip at which the path starts. Null for the robot's base. */
-  from: Tip | null;
   waypoints: Target[];
   target: Target;
   given: GivenPlan | null;
@@ -52,7 +48,7 @@ export interface NextBodyForm {
 }
 
 export const EMPTY_FORM: NextBodyForm = {
-  source: "goal", from: null, waypoints: [], target: EMPTY_TARGET, given: null, scene: null, feedback: false,
+  source: "goal", waypoints: [], target: EMPTY_TARGET, given: null, scene: null, feedback: false,
   force: false, ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
 };
 
@@ -94,21 +90,18 @@ export async function storeScene(file: ChosenScene): Promise<string> {
 
 /** Returns the request to grow or to plan what is entered. */
 export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
-  const { source, from, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
+  const { source, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
   const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
   if (scene) options.scene = await storeScene(scene);
   if (source === "goal") {
-    return { ...options, from: from?.pose.join(","), via: waypoints.map(targetText), to: targetText(target) };
+    return { ...options, via: waypoints.map(targetText), to: targetText(target) };
   }
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
 }
 
-/** Returns why the body cannot be planned or grown as it is entered. Null if it can. */
-function problemOf(robot: string, { source, from, waypoints, target, given }: NextBodyForm): Problem | null {
+/** Returns what is missing in the form. Null if it is complete. */
+function problemOf({ source, waypoints, target, given }: NextBodyForm): Problem | null {
   if (source === "plan") return given ? null : { message: "Choose a plan file first." };
-  if (from && !isLatestTip(robot, from)) {
-    return { message: `The robot has begun another body since ${from.job}: choose the start again.` };
-  }
   const fields = [...waypoints, target].map(missingField);
   const index = fields.findIndex((missing) => missing !== undefined);
   if (index < 0) return null;
@@ -118,17 +111,14 @@ function problemOf(robot: string, { source, from, waypoints, target, given }: Ne
   return { field, waypoint: index < waypoints.length ? index + 1 : undefined, message };
 }
 
-/** Shows why the body cannot be planned or grown as it is entered. Returns whether it can. */
-export function checkForm(robot: string): boolean {
-  const problem = problemOf(robot, formOf(robot));
-  if (problem) update(robot, { problem });
-  return !problem;
-}
-
 /** Plans what is entered, and shows the body. Returns whether what is entered then has a plan. */
 export async function preview(robot: string): Promise<boolean> {
   const form = formOf(robot);
-  if (!checkForm(robot)) return false;
+  const problem = problemOf(form);
+  if (problem) {
+    update(robot, { problem });
+    return false;
+  }
   const isCurrent = () => formOf(robot).revision === form.revision;
   update(robot, { isPlanning: true, problem: null });
   try {
@@ -155,7 +145,6 @@ export function grow(robot: string, form: NextBodyForm): void {
   void runAction(robot, "Grow", async () => {
     const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
     chooseBody(robot, null);
-    if (formOf(robot).from) enter(robot, { from: null });
     void refreshJobs();
     return `Job ${job.id} started`;
   });

@@ -134,8 +134,7 @@ fn load_scene(request: &GrowRequest, file: &Path) -> Result<LoadedScene, Problem
 }
 
 fn given(request: &GrowRequest, plan: &RawValue, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {
-    // A plan whose number of layers does not match its segments is refused before its clearance is proven.
-    ensure_storable(PlanOutline::of(plan).layers.unwrap_or(0))?;
+    ensure_storable_plan(plan)?;
     let opened = plan_file::read_in_scene(plan.get(), "the plan", None, scene);
     let LoadedPlan { robot: of, mut plan, scene: within } = opened.map_err(Problem::bad)?;
     if of.hash() != robot.hash() {
@@ -204,6 +203,12 @@ fn to_goal(
     let check = || computation.check();
     let plan = scene_planning::plan_while(robot, &start, &goals, &search, &through, &check)?;
     Ok(PlanInScene { plan, scene: Some(loaded) })
+}
+
+/// Returns an error if no board can store a plan in JSON. A plan whose number of layers does not match its segments is
+/// refused before its clearance is proven.
+pub fn ensure_storable_plan(plan: &RawValue) -> Result<(), Problem> {
+    ensure_storable(PlanOutline::of(plan).layers.unwrap_or(0))
 }
 
 /// Returns an error if no board can store a job of this many layers.

@@ -20,7 +20,7 @@ use serde::Deserialize;
 use serde_json::value::RawValue;
 
 use super::access::{Access, require_control};
-use super::grow_request::scene_of_plan;
+use super::grow_request::{ensure_storable_plan, scene_of_plan};
 use super::handler::{ApiResult, ServiceState, run_blocking};
 use super::json_body::JsonBody;
 use super::library_store::{LibraryEntry, LibraryError, LibraryKind, StoredEntry};
@@ -64,7 +64,7 @@ impl From<LibraryError> for Problem {
     }
 }
 
-/// New entry: a name, and one of a plan, a scene and a robot file.
+/// New entry: a name, and one of a plan, a scene and a robot file. The scene of a plan can be given with it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewLibraryEntry {
@@ -102,8 +102,9 @@ async fn add(
 fn checked(wanted: NewLibraryEntry, places: &ServicePaths) -> Result<StoredEntry, Problem> {
     let NewLibraryEntry { name, plan, scene, robot_file } = wanted;
     let (kind, scene, text, summary, thumbnail) = match (plan, scene, robot_file) {
-        (Some(written), None, None) => {
-            let scene = scene_of_plan(&written);
+        (Some(written), scene, None) => {
+            ensure_storable_plan(&written)?;
+            let scene = scene.or_else(|| scene_of_plan(&written));
             let path = scene.as_ref().map(|scene| scene_store::find(places, scene)).transpose()?;
             let opened = plan_file::read_in_scene(written.get(), &name, None, path.as_deref());
             let LoadedPlan { robot, plan, .. } = opened.map_err(Problem::bad)?;

@@ -108,12 +108,15 @@ impl LibraryStore {
         Self { directory: places.library(), lock: Mutex::new(()) }
     }
 
-    /// Returns the entries, the latest first.
+    /// Returns the entries, the latest first. Leaves out those that cannot be read.
     pub fn entries(&self) -> Result<Vec<LibraryEntry>, LibraryError> {
-        let mut entries: Vec<LibraryEntry> =
-            self.ids()?.iter().map(|id| Ok(self.read(*id)?.entry)).collect::<Result<_, LibraryError>>()?;
-        entries.reverse();
-        Ok(entries)
+        let _lock = self.lock();
+        self.entries_of(&self.ids()?)
+    }
+
+    fn entries_of(&self, ids: &[u64]) -> Result<Vec<LibraryEntry>, LibraryError> {
+        let entry = |id: &u64| self.read(*id).inspect_err(|error| log::warn!("{error}")).ok();
+        Ok(ids.iter().rev().filter_map(entry).map(|stored| stored.entry).collect())
     }
 
     /// Adds an entry. Its identifier is replaced by a new one. Returns the entry.
@@ -129,7 +132,7 @@ impl LibraryStore {
         if ids.len() >= MAX_ENTRIES {
             return Err(LibraryError::Full);
         }
-        if self.entries()?.iter().any(|entry| entry.kind == *kind && entry.name == *name) {
+        if self.entries_of(&ids)?.iter().any(|entry| entry.kind == *kind && entry.name == *name) {
             return Err(LibraryError::NameTaken(*kind, name.clone()));
         }
         let id = time.parse().unwrap_or(0).max(ids.last().map_or(0, |latest| latest + 1));

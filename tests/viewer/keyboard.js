@@ -1,6 +1,6 @@
 // The first hour of an operator on the page of `growbot serve`, in Debian's Chromium, by the keyboard alone. Of two
-// simulated robots, one grows, is paused, runs out of filament, is stopped and resumed, grows on from the tip of its
-// last body and what waits in its queue, and grows an earlier body again. The other one has a fault. Everything is
+// simulated robots, one grows, is paused, runs out of filament, is stopped and resumed, grows what waits in its
+// queue, and grows an earlier body again. The other one has a fault. Everything is
 // found by its role and name, and is reached by Tab.
 //
 //   node keyboard.js GROWBOT
@@ -140,26 +140,15 @@ try {
   await robot.waitForState("heating|homing|growing");
   await robot.job("done").waitFor();
 
-  // The history is searched. The next body begins at the tip of this one, and cannot wait in the queue.
+  // The history is searched.
   await type(history.getByRole("searchbox"), "no such job");
   await history.getByText("No job matches").waitFor();
   await type(history.getByRole("searchbox"), "120");
   await robot.job("done").waitFor();
   await type(history.getByRole("searchbox"), "");
-  lab.changeSpool("lab");
   await press(button("Remove waypoint 1"));
-  await toggle(/^Continue from the tip of .*: -?0\.0, -?0\.0, 120\.0 mm/, nextBody);
-  assert.ok(await button("Add to queue").isDisabled());
-  await typeGoal([0, 0, 150, 0, 90]);
-  await press(button("Grow"));
-  await question.getByText(/^Does the tip still stand on the body of /).waitFor();
-  await confirm();
-  await robot.job("150").filter({ hasText: "done" }).waitFor();
-
   lab.changeSpool("lab");
   // Two bodies wait in the queue, and grow one after the other, each after a confirmation.
-  // The body that grew is not the start of the next one.
-  await nextBody.getByRole("checkbox", { name: /^Continue from the tip of .* 150\.0 mm/, checked: false }).waitFor();
   await typeGoal([0, 0, 20, 0, 90]);
   await press(button("Add to queue"));
   await queue.getByRole("listitem").nth(0).waitFor();
