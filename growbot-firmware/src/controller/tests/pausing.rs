@@ -116,7 +116,7 @@ fn a_long_pause_cools_to_standby_and_then_parks() {
     bench.hand_over(20, &layers[20..]);
     bench.run(30.0);
     assert_eq!(bench.controller.state(), State::Parked, "it does not heat by itself");
-    // Nobody has requested the pause, and still only a person ends it.
+    // The pause waits for layers, and still only a person ends it.
     assert_eq!(bench.status().pause_cause, PauseCause::LayersExhausted);
     assert_eq!(bench.refused(&continuation()), Refusal::WrongState { state: State::Parked });
     bench.start();
