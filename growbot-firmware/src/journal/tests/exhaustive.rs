@@ -205,7 +205,9 @@ impl Search {
         let mut node = from.clone();
         self.carry_on(&mut journal, &flash, from, &mut node, events);
         let model = flash.0.borrow();
-        if model.has_power && model.is_refusing(model.operations) && node.done <= from.done + 1 {
+        // An erasure with nothing to erase leaves a weak record as it is.
+        let is_as_before = node.done <= from.done + 1 || journal.weak_tail.is_some();
+        if model.has_power && model.is_refusing(model.operations) && is_as_before {
             // Nothing was appended and nothing could be repaired, so the next start may read the weak bits differently.
             node.done = from.done;
             node.expected = [from.expected.clone(), node.expected].concat();
