@@ -136,7 +136,7 @@ async function aSecondClickOnTheStopDestroysNothing() {
       await picture(page, `question-${width}-${colorScheme}`);
       await clickStopRepeatedly(page);
       assert.ok(await partsOfLab(page).question.isVisible());
-      await page.getByRole("button", { name: "Keep" }).click();
+      await page.getByRole("button", { name: "Keep", exact: true }).click();
       await lab.command("lab", "clear-fault");
       const kept = await lab.robot("lab");
       assert.ok(kept.laid === laid && kept.layers > laid, JSON.stringify(kept));
