@@ -70,7 +70,9 @@ export function Library({ robot }: { robot: string }) {
         />
       )}
       {library.value && shown.length === 0 && (
-        <p class="note">{all.length ? "Nothing matches the search." : "Empty. Plans, scenes and robot files can be kept here."}</p>
+        <p class="note">
+          {all.length ? "Nothing matches the search." : "Empty. Plans, scenes and robot files can be kept here."}
+        </p>
       )}
       <ol>{shown.map((entry) => <Entry key={entry.id} robot={robot} entry={entry} />)}</ol>
       {canControl.value === true && (

@@ -3,15 +3,15 @@
 import { useId } from "preact/hooks";
 import type { RobotStatus } from "./api_types";
 import { confirmGrowth } from "./growth_question";
+import { Library } from "./Library";
 import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
-import { Library } from "./Library";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
 import { PathFields } from "./PathFields";
 import { PlanSummary } from "./PlanSummary";
 import { Queue } from "./Queue";
-import { enqueue } from "./queued_bodies";
+import { enqueue, optionsText } from "./queued_bodies";
 import { growthBlockedBy } from "./robot_texts";
 
 /** Warnings because of which the service refuses a plan, unless it is forced. */
@@ -26,7 +26,8 @@ async function confirmGrow({ name }: RobotStatus): Promise<void> {
   const { plan } = form;
   if (!plan) return;
   const { layers, duration_s: durationS } = plan;
-  const growth = { title: `Grow on ${name}?`, layers, durationS };
+  const options = optionsText({ ...form, ignore_scene: form.ignoreScene });
+  const growth = { title: `Grow on ${name}?`, layers, durationS, options };
   if (await confirmGrowth(name, growth)) grow(name, form);
 }
 
@@ -90,7 +91,9 @@ export function NextBody({ robot }: { robot: Robot }) {
                 onChange={({ currentTarget }) => void choosePlanFile(name, currentTarget.files?.[0])}
               />
             </label>
-            <p class="field-problem" role="status" aria-label="Problem of the plan">{isSceneWrong ? "" : form.problem?.message}</p>
+            <p class="field-problem" role="status" aria-label="Problem of the plan">
+              {isSceneWrong ? "" : form.problem?.message}
+            </p>
           </>
         )}
         <label>Scene to avoid (optional)

@@ -42,7 +42,8 @@ function look(): ReadonlyMap<string, Seen> {
     const recovery = recoveryOf(robot);
     if (recovery) {
       const { situation, cause } = recovery.sequence;
-      return [name, { condition: `${situation} ${cause}`, text: `${formatTitle(situation)}: ${cause}`, job: status.job }];
+      const text = `${formatTitle(situation)}: ${cause}`;
+      return [name, { condition: `${situation} ${cause}`, text, job: status.job }];
     }
     const isLost = status.connection === "disconnected";
     const text = isLost ? `The service cannot reach the robot: ${status.connection_error ?? "no response"}` : "";

@@ -1,4 +1,5 @@
-// Results of finished bodies: their distances from the goal. The list of jobs does not have them, so they are read from the last line of each run log, one log at a time.
+// Results of finished bodies: their distances from the goal. The list of jobs does not have them, so they are read from
+// the last line of each run log, one log at a time.
 
 import { signal } from "@preact/signals";
 import type { Job } from "./api_types";

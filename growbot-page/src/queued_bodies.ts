@@ -18,8 +18,10 @@ export const queues = signal<ReadonlyMap<string, QueuedBody[]>>(new Map());
 /** Problem of reading the queue of a robot. Empty if there is none. */
 export const queueProblem = signal("");
 
-/** Returns what a queued body does besides its plan. Empty if that is nothing. */
-export function optionsText({ feedback, force, ignore_scene: ignoresScene }: QueuedBody): string {
+/** Returns what a growth does besides its plan. Empty if that is nothing. */
+export function optionsText(
+  { feedback, force, ignore_scene: ignoresScene }: Pick<QueuedBody, "feedback" | "force" | "ignore_scene">,
+): string {
   const texts = [
     feedback && "with feedback", force && "despite its warnings",
     ignoresScene && "ignoring the scene: the body may collide",

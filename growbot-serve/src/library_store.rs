@@ -12,7 +12,7 @@ use growbot_plan::atomic_file::{FileError, write_atomic};
 use growbot_plan::sanitize::is_control;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
-use strum::IntoStaticStr;
+use strum::Display;
 
 use super::paths::ServicePaths;
 
@@ -24,7 +24,7 @@ const MAX_BYTES: u64 = 64 << 20;
 const MAX_NAME: usize = 100;
 
 /// Kind of an entry.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, IntoStaticStr)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema, Display)]
 #[serde(rename_all = "kebab-case")]
 #[strum(serialize_all = "kebab-case")]
 pub enum LibraryKind {
@@ -71,7 +71,7 @@ pub enum LibraryError {
     #[error("the name {0:?} cannot be used: give 1 to {MAX_NAME} characters, without control characters")]
     Name(String),
     /// Another entry has that name.
-    #[error("the library has a {kind} {name:?}: choose another name, or remove that entry", kind = <&str>::from(.0), name = .1)]
+    #[error("the library has a {0} {1:?}: choose another name, or remove that entry")]
     NameTaken(LibraryKind, String),
     /// There are too many entries.
     #[error("the library has {MAX_ENTRIES} entries, the limit: remove one of them")]

@@ -105,7 +105,8 @@ try {
   await typeGoal([0, 0, "sixty"], waypoint);
   await typeGoal([0, 0, 120, 0, 90]);
   await press(button("Preview"));
-  await nextBody.getByRole("status", { name: "Problem of the waypoint 1" }).filter({ hasText: "not a length" }).waitFor();
+  const problem = nextBody.getByRole("status", { name: "Problem of the waypoint 1" });
+  await problem.filter({ hasText: "not a length" }).waitFor();
   await typeGoal([0, 0, 60], waypoint);
   await press(button("Preview"));
   await robot.preview.getByText(/120\.0 mm, 156 layers/).waitFor();

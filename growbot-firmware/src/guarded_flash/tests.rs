@@ -46,13 +46,19 @@ fn without_supply_flash_is_readable_but_not_written() {
     assert_eq!((flash.bytes(), flash.erasures()), (std::vec![0xff; 2048], std::vec![1, 0]));
 }
 
-#[test]
-fn a_start_at_low_supply_writes_nothing_and_the_next_one_finds_the_job() {
+/// Returns flash with the journal of a job, of which a layer is laid.
+fn flash_with_a_job() -> Small {
     let flash = Small::new(2);
     let mut journal = Journal::open(flash.clone());
     while journal.erase_step(4).unwrap() {}
     journal.begin_job(1, 2, 4).unwrap();
     journal.record_laid(0, &LAYER, true).unwrap();
+    flash
+}
+
+#[test]
+fn a_start_at_low_supply_writes_nothing_and_the_next_one_finds_the_job() {
+    let flash = flash_with_a_job();
     // Power was lost while the last record was programmed. At too low a voltage the record reads as torn.
     let whole = flash.bytes();
     let mut torn = whole.clone();
@@ -114,11 +120,7 @@ impl SupplyMonitor for Refusals {
 
 #[test]
 fn nothing_is_appended_after_a_repair_that_is_refused_again() {
-    let flash = Small::new(2);
-    let mut journal = Journal::open(flash.clone());
-    while journal.erase_step(4).unwrap() {}
-    journal.begin_job(1, 2, 4).unwrap();
-    journal.record_laid(0, &LAYER, true).unwrap();
+    let flash = flash_with_a_job();
     let mut torn = flash.bytes();
     torn[32 * 2 + 8] ^= 0xf0;
     flash.set_bytes(&torn);

@@ -4,7 +4,6 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 use growbot_core::robot::Robot;
-use growbot_plan::robot_file;
 use growbot_sim::port::PortName;
 use growbot_sim::sim_daemon::process::{switch_on, wait_until_off};
 use growbot_sim::sim_daemon::{DaemonPort, StateDir, serve};
@@ -19,7 +18,8 @@ use super::watch_options::parse_pace;
 ///
 /// The simulated robot sim:NAME stays on after the command that grew with it, like a real robot. Another command can
 /// show, stop or resume its growth. If it is switched off in the middle of a layer, it keeps what a board keeps: its
-/// flash. Without filament it pauses until it has a new spool, which `growbot power new-spool` puts in. Its data are in ~/.local/state/growbot/robots/NAME. sim:./NAME keeps them in the directory NAME.
+/// flash. Without filament it pauses until it has a new spool, which `growbot power new-spool` puts in. Its data are in
+/// ~/.local/state/growbot/robots/NAME. sim:./NAME keeps them in the directory NAME.
 #[derive(Args)]
 #[command(after_help = AFTER_HELP)]
 pub struct PowerArgs {
@@ -46,7 +46,6 @@ const AFTER_HELP: &str = "\
 Examples:
   growbot power on --port sim:lab --robot growbot-a2 --pace 100
   growbot grow --robot growbot-a2 --to 0,0,50,0,90 --port sim:lab
-  growbot power new-spool --port sim:lab
   growbot power off --port sim:lab";
 
 /// Actions of the switch.
@@ -95,8 +94,7 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
             format!("the simulated robot sim:{name} has a full spool\n")
         }
         PowerAction::Status => {
-            let is = if place.is_on() { "on" } else { "off" };
-            format!("the simulated robot sim:{name} is {is}\n")
+            format!("the simulated robot sim:{name} is {}\n", if place.is_on() { "on" } else { "off" })
         }
     };
     args.json.print(&port, &done)
@@ -105,11 +103,8 @@ pub fn run(args: &PowerArgs) -> Result<(), Failure> {
 impl PowerArgs {
     /// Returns the given robot, or the stored one, or else the configured one.
     fn robot(&self, place: &StateDir) -> Result<Robot, Failure> {
-        match (&self.robot, place.robot()?) {
-            (Some(robot), _) => Ok(robot_file::load(robot)?),
-            (None, Some(robot)) => Ok(robot),
-            (None, None) => RobotArg { robot: None }.load(),
-        }
+        let stored = place.robot()?.filter(|_| self.robot.is_none());
+        stored.map_or_else(|| RobotArg { robot: self.robot.clone() }.load(), Ok)
     }
 
     fn run_in_foreground(&self, place: &StateDir) -> Result<(), Failure> {
