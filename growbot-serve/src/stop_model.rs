@@ -186,6 +186,10 @@ impl<'a> Case<'a> {
         self.wait_for_connection();
         for step in steps {
             self.step(step);
+            if step == Step::LineBack {
+                // Before the service has connected and corrected its list of jobs, it refuses the next order.
+                self.wait_for_connection();
+            }
             self.settle();
         }
         // However the case ends, the line comes back and the service follows.
