@@ -118,7 +118,7 @@ fn late_orders_are_refused_unless_they_stop_or_pause() {
     let (status, job) = order(&lab, "/robots/lab/jobs", &now(), &grow);
     assert_eq!(status, 201, "{job}");
     let id = serde_json::from_str::<Value>(&job).unwrap()["id"].as_str().unwrap().to_owned();
-    let state = |wanted: &str| wait_for(wanted, || (robot(&lab)["state"] == wanted).then_some(()));
+    let state = |wanted: &str| lab.wait_for_state(wanted);
     state("growing");
     assert_eq!(order(&lab, commands, "0", &command("pause")).0, 200);
     state("paused");

@@ -117,10 +117,6 @@ fn order(lab: &Lab, order: &str) {
     assert_eq!(status, 200, "{answer}");
 }
 
-fn wait_for_board(lab: &Lab, state: &str) {
-    wait_for(state, || (lab.ask("GET", "/robots/lab", "").1["state"] == state).then_some(()));
-}
-
 /// Waits until the service has no queued notice. This is needed before the service is killed, because a service that is
 /// killed before it has recorded a delivery repeats the delivery.
 fn wait_until_all_is_told(lab: &Lab) {
@@ -148,7 +144,7 @@ fn a_webhook_is_signed_and_retried_until_accepted() {
     lab.wait_until_ready();
     let since_s = now_s();
     let job = begin(&lab, LONG_GOAL);
-    wait_for_board(&lab, "growing");
+    lab.wait_for_state("growing");
     order(&lab, "pause");
     let first = got.recv_timeout(PATIENCE).unwrap();
     let again = got.recv_timeout(PATIENCE).unwrap();
@@ -202,13 +198,13 @@ fn restarts_a_lost_robot_and_an_emergency_stop_are_each_notified_once() {
     let mut lab = Lab::with(20.0, &webhook(port));
     lab.wait_until_ready();
     let job = begin(&lab, LONG_GOAL);
-    wait_for_board(&lab, "growing");
+    lab.wait_for_state("growing");
     let next = || got.recv_timeout(PATIENCE).unwrap().notice();
     lab.kill();
     lab.start();
     let notice = next();
     assert_eq!((&notice["event"], &notice["job"]), (&json!("service-restart"), &json!(job)));
-    wait_for_board(&lab, "growing");
+    lab.wait_for_state("growing");
     assert_eq!(lab.run(&["power", "off", "--port", "sim:lab"]).0, Some(0));
     let notice = next();
     assert_eq!((&notice["event"], &notice["job"]), (&json!("disconnected"), &json!(job)));
@@ -257,13 +253,13 @@ fn an_unresponsive_receiver_does_not_delay_robots() {
     let lab = Lab::with(100.0, &webhook(port));
     lab.wait_until_ready();
     let job = begin(&lab, LONG_GOAL);
-    wait_for_board(&lab, "growing");
+    lab.wait_for_state("growing");
     order(&lab, "pause");
     let (mut silent, _) = listener.accept().unwrap();
     assert_eq!(read_request(&mut silent).notice()["event"], "pause");
     order(&lab, "continue");
-    wait_for_board(&lab, "growing");
-    let laid = || lab.ask("GET", "/robots/lab", "").1["laid"].as_u64().unwrap();
+    lab.wait_for_state("growing");
+    let laid = || lab.attended_robot("lab")["laid"].as_u64().unwrap();
     let before = laid();
     wait_for("it grows on", || (laid() > before + 3).then_some(()));
     order(&lab, "stop");
@@ -299,7 +295,7 @@ fn a_command_is_retried_until_success_and_a_power_loss_is_notified() {
     assert_eq!(text, format!("finish lab simulated robot lab has laid all {LAYERS} layers\n"));
     assert!(lab.heard().replace("\n    ", " ").contains("exit status: 3"), "{}", lab.heard());
     let job = begin(&lab, LONG_GOAL);
-    wait_for_board(&lab, "growing");
+    lab.wait_for_state("growing");
     order(&lab, "pause");
     // A board parks soon after a pause at this pace, on a busy machine before the pause is seen.
     wait_for("paused", || {

@@ -173,18 +173,28 @@ impl Lab {
         });
     }
 
-    /// Waits for the end of a job. On a busy machine the service may not run for seconds, which are minutes for a fast
-    /// robot: it parks, and continues only if a person orders it.
+    /// Waits for the end of a job.
     pub fn wait_for_end(&self, job: &str) -> Value {
         wait_for("the job ends", || {
             let (_, job) = self.ask("GET", &format!("/jobs/{job}"), "");
-            let name = job["robot"].as_str().unwrap();
-            let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
-            if robot["state"] == "parked" && robot["pause_cause"] == "host-silent" {
-                self.ask("POST", &format!("/robots/{name}/commands"), r#"{"command":"continue"}"#);
-            }
+            self.attended_robot(job["robot"].as_str().unwrap());
             (job["state"] != "active").then_some(job)
         })
+    }
+
+    /// Waits until the robot `lab` is in this state.
+    pub fn wait_for_state(&self, state: &str) {
+        wait_for(state, || (self.attended_robot("lab")["state"] == state).then_some(()));
+    }
+
+    /// Returns the status of a robot. On a busy machine the service may not run for seconds, which are minutes for a fast
+    /// robot: it parks, and continues only if a person orders it. This orders it.
+    pub fn attended_robot(&self, name: &str) -> Value {
+        let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
+        if robot["state"] == "parked" && robot["pause_cause"] == "host-silent" {
+            self.ask("POST", &format!("/robots/{name}/commands"), r#"{"command":"continue"}"#);
+        }
+        robot
     }
 
     pub fn log(&self, job: &str) -> PathBuf {
