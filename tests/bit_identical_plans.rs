@@ -3,7 +3,7 @@
 //! The emulated board plans by itself. The hash of its layers in full precision and every byte of them must equal the
 //! desktop's. The emulator executes the M4's instructions, so this compares two compilations for two processors.
 //!
-//! `GROWBOT_GOALS=48 cargo test -p growbot-tests --test it bit_identical_plans::` sets the number of random goals, by
+//! `GROWBOT_BOARD_GOALS=48 cargo test -p growbot-tests --test it bit_identical_plans::` sets the number of random goals, by
 //! default 14.
 
 use growbot_client::client::Client;
@@ -69,7 +69,7 @@ struct Compared {
 
 #[test]
 fn board_and_desktop_plan_identical_layers() {
-    let random = std::env::var("GROWBOT_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
+    let random = std::env::var("GROWBOT_BOARD_GOALS").map_or(RANDOM_GOALS, |goals| goals.parse().unwrap());
     let goals: Vec<_> = goals(random).collect();
     let compared: Vec<Compared> = std::thread::scope(|scope| {
         let boards: Vec<_> = (0..BOARDS)
