@@ -3,8 +3,8 @@
 //! The emulated board plans by itself. The hash of its layers in full precision and every byte of them must equal the
 //! desktop's. The emulator executes the M4's instructions, so this compares two compilations for two processors.
 //!
-//! `GROWBOT_BOARD_GOALS=48 cargo test -p growbot-tests --test it bit_identical_plans::` sets the number of random goals, by
-//! default 14.
+//! `GROWBOT_BOARD_GOALS=48 cargo test -p growbot-tests --test it bit_identical_plans::` sets the number of random
+//! goals, by default 14.
 
 use growbot_client::client::Client;
 use growbot_core::job::{job_layers, summarize};
