@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::lab::Lab;
+use crate::running::command;
 
 fn queue(lab: &Lab) -> Value {
     lab.ask("GET", "/robots/lab/queue", "").1
@@ -24,7 +25,7 @@ fn a_queued_body_grows_only_after_a_person_has_removed_the_last_one() {
     let mut lab = Lab::new(300.0);
     lab.wait_until_ready();
     assert_eq!(queue(&lab), json!([]));
-    let (status, first) = push(&lab, &json!({ "to": "0,0,30,0,90", "name": "first" }));
+    let (status, first) = push(&lab, &json!({ "to": "0,0,60,0,90", "name": "first" }));
     assert!(status == 201 && first["name"] == "first" && first["layers"].as_u64() > Some(10), "{first}");
     let (status, second) = push(&lab, &json!({ "to": "0,0,40,0,90" }));
     assert!(status == 201 && second["name"] == "0,0,40,0,90" && second["id"] != first["id"], "{second}");
@@ -38,8 +39,12 @@ fn a_queued_body_grows_only_after_a_person_has_removed_the_last_one() {
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("last body"), "{problem}");
     let (status, job) = grow(&lab, &first, true);
     assert!(status == 201 && job["name"] == "first", "{job}");
-    // The next body waits while the first one grows, also if a person confirms.
+    // The next body waits while the first one grows, also if a person confirms. The first one does not end meanwhile,
+    // because its robot does not run.
+    let signal = |name: &str| assert!(command("kill").args([name, &lab.robot_process()]).status().unwrap().success());
+    signal("-STOP");
     let (status, problem) = grow(&lab, &second, true);
+    signal("-CONT");
     assert_eq!(status, 409, "{problem}");
     assert_eq!(queue(&lab), json!([second]));
     assert_eq!(lab.wait_for_end(job["id"].as_str().unwrap())["state"], "done");

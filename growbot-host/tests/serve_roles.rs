@@ -79,7 +79,13 @@ fn check_service(lab: &Lab, load: &str) {
     let repeats: usize = std::env::var("GROWBOT_STOPS").map_or(1, |count| count.parse().unwrap());
     let send = |request: &str| {
         let began = Instant::now();
-        assert_eq!(begin(lab, request).1, 200, "{load}: {request}");
+        let (mut response, status) = begin(lab, request);
+        let mut rest = || {
+            let mut rest = vec![0; 4096];
+            let count = response.read(&mut rest).unwrap();
+            String::from_utf8_lossy(&rest[..count]).into_owned()
+        };
+        assert!(status == 200, "{load}: {request}: {status} {}", rest());
         began.elapsed()
     };
     let (mut stop_times, mut emergency_times) = (Vec::new(), Vec::new());

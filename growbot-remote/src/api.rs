@@ -44,6 +44,7 @@ impl RobotCommand {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "schema", schemars(example = serde_json::json!({ "command": "pause" })))]
 pub struct CommandRequest {
     /// Command to send.
     pub command: RobotCommand,
@@ -53,6 +54,7 @@ pub struct CommandRequest {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "schema", schemars(example = serde_json::json!({ "task": "preheat", "value": "200" })))]
 pub struct MaintenanceRequest {
     /// Name of the task: preheat, cooldown, load, unload, purge, home, rotate or jog.
     pub task: String,
@@ -74,6 +76,7 @@ pub struct LeaseRequest {
 #[derive(Debug, Clone, Default, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "schema", schemars(example = serde_json::json!({ "to": "0,0,200,0,90", "name": "a rod" })))]
 pub struct GrowRequest {
     /// A plan, in the format that `growbot plan -o` writes. Without it, `to` is required.
     #[cfg_attr(feature = "schema", schemars(with = "Option<serde_json::Value>"))]
@@ -138,6 +141,7 @@ pub struct QueuedBody {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "schema", schemars(example = serde_json::json!({ "last_body_removed": true })))]
 pub struct GrowQueuedRequest {
     /// True if a person has removed the last body from the robot. Otherwise the order is refused.
     pub last_body_removed: bool,

@@ -14,10 +14,10 @@ use super::access::Access;
 use super::audit::CommandSource;
 use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
-use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
+use super::job_routes::{describe_job_start, job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
 use super::live_routes;
-use super::openapi::describe;
+use super::openapi::{describe, returns, with_order_time};
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
@@ -34,6 +34,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             get_with(
                 recovery,
                 describe(
+                    "getRecovery",
                     "The steps by which a person brings the robot out of a fault, a stop, a pause or a runout. Null if \
                      the robot needs nothing. Each step that is not safe needs a confirmation.",
                 ),
@@ -43,7 +44,8 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             "/robots/{robot}/jobs",
             post_with(
                 new_job,
-                describe(
+                describe_job_start(
+                    "startJob",
                     "Start a job from a plan or a goal. A repeated request with the same Idempotency-Key returns the \
                      existing job.",
                 ),
@@ -51,19 +53,17 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         )
         .api_route(
             "/robots/{robot}/commands",
-            post_with(
-                send_command,
-                describe(
-                    "Send a command. The response to an emergency stop is sent after the board has confirmed that \
-                     everything is off.",
-                ),
-            ),
+            post_with(send_command, |operation| {
+                let words = "Send a command. The response to an emergency stop is sent after the board has confirmed \
+                             that everything is off. A WebSocket at `commands/ws` takes the same commands.";
+                operation.with(describe("sendCommand", words)).with(with_order_time)
+            }),
         )
         .api_route(
             "/robots/{robot}/stop",
             post_with(
                 |order: Order| command_robot(order, RobotCommand::Stop),
-                describe("Stop. The body of the request is ignored, and the request waits for no other."),
+                describe("stop", "Stop. The body of the request is ignored, and the request waits for no other."),
             ),
         )
         .api_route(
@@ -71,36 +71,71 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             post_with(
                 |order: Order| command_robot(order, RobotCommand::EmergencyStop),
                 describe(
+                    "emergencyStop",
                     "Turn everything off. The body of the request is ignored, and the request waits for no other.",
                 ),
             ),
         )
         .api_route(
             "/robots/{robot}/maintenance",
-            post_with(
-                maintain,
-                describe("Heat, load, unload, purge, home, rotate or jog, as `growbot maintain` does."),
-            ),
+            post_with(maintain, |operation| {
+                let words = "Heat, load, unload, purge, home, rotate or jog, as `growbot maintain` does.";
+                operation.with(describe("maintain", words)).with(with_order_time)
+            }),
         )
-        .api_route("/plans", post_with(new_plan, describe("Plan a path; nothing is heated or moved.")))
+        .api_route("/plans", post_with(new_plan, describe("planPath", "Plan a path; nothing is heated or moved.")))
         .api_route(
             "/scenes",
             post_with(
                 new_scene,
                 describe(
+                    "uploadScene",
                     "Store a scene for planning: a scene file that names no other files, a mesh or a point cloud.",
                 ),
             ),
         )
-        .api_route("/jobs", get_with(jobs, describe("The latest jobs, newest first.")))
-        .api_route("/jobs/{job}", get_with(job, describe("One job.")))
-        .api_route("/jobs/{job}/resume", post_with(resume, describe("Resume an unfinished job.")))
+        .api_route("/jobs", get_with(jobs, describe("listJobs", "The latest jobs, newest first.")))
+        .api_route("/jobs/{job}", get_with(job, describe("getJob", "One job.")))
+        .api_route(
+            "/jobs/{job}/resume",
+            post_with(resume, |operation| {
+                operation.with(describe("resumeJob", "Resume an unfinished job.")).with(with_order_time)
+            }),
+        )
+        .api_route(
+            "/plans/{number}/view",
+            get_with(view_plan, |operation| {
+                let words = "The page of a plan, with its body in 3D.";
+                operation.with(describe("viewPlan", words)).with(returns("text/html", "The page."))
+            }),
+        )
+        .api_route(
+            "/jobs/{job}/view",
+            get_with(job_view, |operation| {
+                let words = "The page of a job, with its body in 3D as it was planned and as it was built.";
+                operation.with(describe("viewJob", words)).with(returns("text/html", "The page."))
+            }),
+        )
+        .api_route(
+            "/jobs/{job}/log",
+            get_with(job_log, |operation| {
+                let words = "The run log of a job.";
+                let log = "Lines of JSON, as the book describes them under Files.";
+                operation.with(describe("getJobLog", words)).with(returns("application/jsonl", log))
+            }),
+        )
+        .api_route(
+            "/jobs/{job}/events",
+            get_with(job_log_lines, |operation| {
+                let words = "The lines of a job's run log, each once, until the job ends. `jobs/{job}/events/ws` has the \
+                             same events on a WebSocket.";
+                let events = "Events with the name `log`. Their `id` is the number of the line, their `data` is the \
+                              line.";
+                operation.with(describe("streamJobLog", words)).with(returns("text/event-stream", events))
+            }),
+        )
         .route("/robots/{robot}/port-lease", post(lease_port))
         .route("/page-urls", get(addresses))
-        .route("/plans/{number}/view", get(view_plan))
-        .route("/jobs/{job}/log", get(job_log))
-        .route("/jobs/{job}/view", get(job_view))
-        .route("/jobs/{job}/events", get(job_log_lines))
         .route("/jobs/{job}/events/ws", get(job_log_lines))
         .route("/commands/ws", get(robot_commands))
 }

@@ -13,6 +13,8 @@ use growbot_client::recovery::RecoverySequence;
 use growbot_client::status::RobotStatus;
 use growbot_plan::sanitize::json_line;
 use growbot_remote::api::JobState;
+use schemars::JsonSchema;
+use strum::IntoStaticStr;
 use tokio::sync::watch;
 use tokio::task::spawn_blocking;
 use tokio::time::timeout;
@@ -20,6 +22,7 @@ use tokio::time::timeout;
 use super::page_source::PageSource;
 use super::service::Service;
 use super::stream_event::{StreamEvent, state_events};
+use crate::watch::heartbeat::Heartbeat;
 
 /// Minimum time between two events about the robots.
 const MIN_EVENT_INTERVAL: Duration = Duration::from_millis(100);
@@ -106,35 +109,61 @@ impl LogTail {
     }
 }
 
-/// Returns a stream with the status of all robots now and after each change, with the sequence of recovery of each robot
-/// that needs a person, and with heartbeats that contain the age of each status.
+/// An event of the stream of all robots.
+#[derive(JsonSchema, IntoStaticStr)]
+#[serde(tag = "event", content = "data", rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum RobotEvent {
+    /// The status of all robots, now and after each change.
+    Robots(Vec<RobotStatus>),
+    /// The sequence of recovery of each robot that needs a person, by the name of the robot.
+    Recovery(BTreeMap<String, RecoverySequence>),
+    /// Every 2 s, with the age of each status.
+    Heartbeat(Heartbeat<BTreeMap<String, Option<f64>>>),
+}
+
+impl From<RobotEvent> for StreamEvent {
+    fn from(event: RobotEvent) -> Self {
+        let name = (&event).into();
+        Self::new(
+            name,
+            &match event {
+                RobotEvent::Robots(robots) => json_line(&robots),
+                RobotEvent::Recovery(sequences) => json_line(&sequences),
+                RobotEvent::Heartbeat(heartbeat) => json_line(&heartbeat),
+            },
+        )
+    }
+}
+
+/// Returns the events of all robots.
 pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamEvent> {
-    let (mut sent, mut sent_recovery) = (String::new(), String::new());
+    let (mut sent, mut sent_recovery) = (String::new(), BTreeMap::new());
     state_events(source.changes(), MIN_EVENT_INTERVAL, move |is_heartbeat_due| {
         let robots = source.robots();
         // The robots come first, so that a page that has any data has them.
         let is_first = sent.is_empty();
         if is_heartbeat_due && !is_first {
-            let ages = robots.iter().map(|robot| (robot.name.as_deref().unwrap_or_default(), robot.status_age_s));
-            return Continue(Some(StreamEvent::heartbeat(ages.collect::<BTreeMap<_, _>>())));
+            let ages = robots.into_iter().map(|robot| (robot.name.unwrap_or_default(), robot.status_age_s)).collect();
+            return Continue(Some(RobotEvent::Heartbeat(Heartbeat::now(ages)).into()));
         }
         // Comes before the robots, because a status changes with each temperature.
-        let recovery = json_line(&robots.iter().filter_map(named_recovery).collect::<BTreeMap<_, _>>());
+        let recovery: BTreeMap<_, _> = robots.iter().filter_map(named_recovery).collect();
         if recovery != sent_recovery && !is_first {
             sent_recovery.clone_from(&recovery);
-            return Continue(Some(StreamEvent::new("recovery", &recovery)));
+            return Continue(Some(RobotEvent::Recovery(recovery).into()));
         }
         // The age of a status is not a change.
         let now = json_line(&robots.iter().map(RobotStatus::without_times).collect::<Vec<_>>());
         let is_new = now != sent;
         sent = now;
-        Continue(is_new.then(|| StreamEvent::new("robots", &json_line(&robots))))
+        Continue(is_new.then(|| RobotEvent::Robots(robots).into()))
     })
 }
 
 /// Returns the name and the sequence of recovery of a robot. `None` if the robot needs no person.
-fn named_recovery(robot: &RobotStatus) -> Option<(&str, RecoverySequence)> {
-    Some((robot.name.as_deref().unwrap_or_default(), RecoverySequence::of(robot)?))
+fn named_recovery(robot: &RobotStatus) -> Option<(String, RecoverySequence)> {
+    Some((robot.name.clone().unwrap_or_default(), RecoverySequence::of(robot)?))
 }
 
 #[cfg(test)]

@@ -80,8 +80,13 @@ pub fn resolve_request(
     access: Access,
     computation: &Computation,
 ) -> Result<PlanInScene, Problem> {
-    check_lengths(request)?;
+    check_limits(request)?;
     let scene = scene_file(request, places, access)?;
+    if let (Some(margin), None) = (request.margin_mm, &scene) {
+        return Err(Problem::bad(format!(
+            "\"margin_mm\" is {margin} mm, but the request has no scene: name it in \"scene\", or remove the margin"
+        )));
+    }
     let resolved = match (&request.plan, &request.to) {
         (Some(_), Some(_)) => {
             return Err(Problem::bad("the request has both \"plan\" and \"to\": remove one of them"));
@@ -97,8 +102,9 @@ pub fn resolve_request(
     Ok(resolved)
 }
 
-/// Returns an error if the request has too many waypoints or the name of the job is too long.
-fn check_lengths(request: &GrowRequest) -> Result<(), Problem> {
+/// Returns an error if the request has too many waypoints, the name of the job is too long, or the margin is too large
+/// or negative.
+fn check_limits(request: &GrowRequest) -> Result<(), Problem> {
     let via = request.via.len();
     if via > MAX_VIA {
         return Err(Problem::bad(format!("\"via\" has {via} waypoints: give at most {MAX_VIA}")));
@@ -106,6 +112,9 @@ fn check_lengths(request: &GrowRequest) -> Result<(), Problem> {
     let name = request.name.as_ref().map_or(0, |name| name.chars().count());
     if name > MAX_NAME {
         return Err(Problem::bad(format!("\"name\" has {name} characters: give at most {MAX_NAME}")));
+    }
+    if let Some(margin) = request.margin_mm.filter(|margin| !(0.0..=MAX_LENGTH).contains(margin)) {
+        return Err(Problem::bad(format!("\"margin_mm\" is {margin} mm: give 0 to {MAX_LENGTH} mm")));
     }
     Ok(())
 }
@@ -123,14 +132,8 @@ fn scene_file(request: &GrowRequest, places: &ServicePaths, access: Access) -> R
 
 /// Loads a scene from this file. The margin of the request, if there is one, replaces that of the scene.
 fn load_scene(request: &GrowRequest, file: &Path) -> Result<LoadedScene, Problem> {
-    let mut loaded = load(file).map_err(Problem::bad)?;
-    if let Some(margin) = request.margin_mm {
-        if !(0.0..=MAX_LENGTH).contains(&margin) {
-            return Err(Problem::bad(format!("margin_mm is {margin}: give 0 to {MAX_LENGTH} mm")));
-        }
-        loaded.margin = Some(margin);
-    }
-    Ok(loaded)
+    let loaded = load(file).map_err(Problem::bad)?;
+    Ok(LoadedScene { margin: request.margin_mm.or(loaded.margin), ..loaded })
 }
 
 fn given(request: &GrowRequest, plan: &RawValue, robot: &Robot, scene: Option<&Path>) -> Result<PlanInScene, Problem> {

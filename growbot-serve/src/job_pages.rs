@@ -27,7 +27,7 @@ use super::problem::Problem;
 use super::robot_worker::RobotWorker;
 use super::service::Service;
 use super::stream_event::StreamEvent;
-use crate::watch::heartbeat::OrderAge;
+use crate::watch::heartbeat::{Heartbeat, OrderAge};
 
 /// Time after which the stream of updates of an active job ends if its robot is disconnected. The page then requests
 /// the updates again.
@@ -71,7 +71,7 @@ impl PageSource for Service {
             sleep(AWAY).await;
             None
         });
-        Ok(once(ready(StreamEvent::heartbeat(age))).chain(pause).boxed())
+        Ok(once(ready(StreamEvent::heartbeat(&Heartbeat::now(age)))).chain(pause).boxed())
     }
 
     async fn send_live_command(

@@ -8,7 +8,6 @@ use axum::extract::{Path, State};
 use axum::http::StatusCode;
 use axum::http::header::CONTENT_TYPE;
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
 use axum::{Extension, Json};
 use growbot_pictures::view::thumbnail;
 use growbot_plan::plan_file::{self, LoadedPlan};
@@ -25,7 +24,7 @@ use super::handler::{ApiResult, ServiceState, run_blocking};
 use super::json_body::JsonBody;
 use super::library_store::{LibraryEntry, LibraryError, LibraryKind, StoredEntry};
 use super::limits::RoleLimits;
-use super::openapi::describe;
+use super::openapi::{describe, describe_creation, returns};
 use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::scene_store;
@@ -36,21 +35,43 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
     ApiRouter::new()
         .api_route(
             "/library",
-            get_with(entries, describe("The plans, scenes and robot files of the library, the latest first."))
-                .post_with(add, describe("Keep a plan, a stored scene or a robot file under a name, after a check.")),
+            get_with(
+                entries,
+                describe("listLibrary", "The plans, scenes and robot files of the library, the latest first."),
+            )
+            .post_with(
+                add,
+                describe_creation::<LibraryEntry>(
+                    "addLibraryEntry",
+                    "Keep a plan, a stored scene or a robot file under a name, after a check.",
+                ),
+            ),
         )
         .api_route(
             "/library/{entry}/remove",
             post_with(
                 remove,
                 describe(
+                    "removeLibraryEntry",
                     "Remove an entry from the library. Jobs and queued bodies keep what they use of it. The response \
                      has the entries that remain.",
                 ),
             ),
         )
-        .route("/library/{entry}/file", get(file))
-        .route("/library/{entry}/thumbnail", get(picture))
+        .api_route(
+            "/library/{entry}/file",
+            get_with(file, |operation| {
+                let words = "The content of an entry: a plan, a robot file, or the file of a scene.";
+                operation.with(describe("getLibraryFile", words)).with(returns("*/*", "The content."))
+            }),
+        )
+        .api_route(
+            "/library/{entry}/thumbnail",
+            get_with(picture, |operation| {
+                let words = "The thumbnail of a plan or a scene. Empty for a robot file.";
+                operation.with(describe("getLibraryThumbnail", words)).with(returns("image/svg+xml", "The thumbnail."))
+            }),
+        )
 }
 
 impl From<LibraryError> for Problem {
@@ -67,6 +88,7 @@ impl From<LibraryError> for Problem {
 /// New entry: a name, and one of a plan, a scene and a robot file. The scene of a plan can be given with it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
+#[schemars(example = serde_json::json!({ "name": "a rod" }))]
 pub struct NewLibraryEntry {
     /// Name for people, 1 to 100 characters. Each kind has it once.
     #[schemars(length(min = 1, max = 100))]

@@ -18,9 +18,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::access::{Access, require_control};
-use super::event_stream::robot_events;
+use super::event_stream::{RobotEvent, robot_events};
 use super::limits::RoleLimits;
-use super::openapi::describe;
+use super::openapi::{describe, returns, streams};
 use super::page_source::{ArrivalPermits, PageSource};
 use super::problem::Problem;
 use crate::watch::sockets::{CommandMessage, EventSink, command_socket};
@@ -30,12 +30,25 @@ type Source<S> = State<Arc<S>>;
 /// Returns the routes that show the robots and growths of `S`.
 pub fn routes<S: PageSource>() -> ApiRouter<Arc<S>> {
     ApiRouter::new()
-        .api_route("/access", get_with(access, describe("Permissions of this URL.")))
-        .api_route("/robots", get_with(robots::<S>, describe("All robots.")))
-        .api_route("/robots/{robot}", get_with(robot::<S>, describe("One robot.")))
-        .route("/events", get(robot_updates::<S>))
+        .api_route("/access", get_with(access, describe("getAccess", "Permissions of this URL.")))
+        .api_route("/robots", get_with(robots::<S>, describe("listRobots", "All robots.")))
+        .api_route("/robots/{robot}", get_with(robot::<S>, describe("getRobot", "One robot.")))
+        .api_route(
+            "/events",
+            get_with(robot_updates::<S>, |operation| {
+                let words = "The state of all robots, whenever something changes. `events/ws` has the same events on a \
+                             WebSocket.";
+                operation.with(describe("streamRobots", words)).with(streams::<RobotEvent>("The events."))
+            }),
+        )
         .route("/events/ws", get(robot_updates::<S>))
-        .route("/jobs/{job}/live/", get(page::<S>))
+        .api_route(
+            "/jobs/{job}/live/",
+            get_with(page::<S>, |operation| {
+                let words = "The page of a job that grows, with its body in 3D. The paths below it are for the page.";
+                operation.with(describe("viewGrowth", words)).with(returns("text/html", "The page."))
+            }),
+        )
         .route("/jobs/{job}/live/updates", get(live_updates::<S>))
         .route("/jobs/{job}/live/updates/ws", get(live_updates::<S>))
         .route("/jobs/{job}/live/commands/ws", get(commands::<S>))

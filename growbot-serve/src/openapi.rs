@@ -2,17 +2,81 @@
 //! contain.
 
 use aide::axum::ApiRouter;
-use aide::openapi::{Info, OpenApi};
+use aide::generate::in_context;
+use aide::openapi::{Info, MediaType, OpenApi, Operation, ReferenceOr, Response, SchemaObject, Server, StatusCode};
 use aide::transform::TransformOperation;
-use axum::Router;
+use axum::{Json, Router};
+use schemars::{JsonSchema, Schema, json_schema};
 use serde_json::{Map, Value, json};
 
 use super::problem::Problem;
+use crate::watch::heartbeat;
 
-/// Returns a function that sets the description of an operation in the OpenAPI document, and problem details as its
-/// default response.
-pub fn describe(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
-    move |operation| operation.description(words).default_response::<Problem>()
+/// Example of a scene file.
+const SCENE: &str = "format = \"growbot-scene/1\"\n[[halfspace]]\npoint_mm = [0, 0, -40]\nnormal = [0, 0, 1]\n";
+
+/// Returns a function that sets the name and the description of an operation in the OpenAPI document, and problem
+/// details as its default response.
+pub fn describe(name: &'static str, words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+    move |operation| operation.id(name).description(words).default_response::<Problem>()
+}
+
+/// Like [`describe`], for an operation that creates a `T`.
+pub fn describe_creation<T: JsonSchema>(
+    name: &'static str,
+    words: &'static str,
+) -> impl Fn(TransformOperation) -> TransformOperation {
+    move |operation| operation.with(describe(name, words)).response::<201, Json<T>>()
+}
+
+/// Returns a function that sets the successful response of an operation to a content that is not JSON.
+pub fn returns(media_type: &'static str, words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+    move |mut operation| {
+        set_response(operation.inner_mut(), media_type, words, json_schema!({ "type": "string" }));
+        operation
+    }
+}
+
+/// Returns a function that sets the successful response of an operation to a stream of server-sent events. The schema of
+/// an event has its name as `event` and its content as `data`.
+pub fn streams<T: JsonSchema>(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+    move |mut operation| {
+        let event = in_context(|context| context.schema.subschema_for::<T>());
+        set_response(operation.inner_mut(), "text/event-stream", words, event);
+        operation
+    }
+}
+
+fn set_response(operation: &mut Operation, media_type: &str, words: &str, schema: Schema) {
+    let schema = Some(SchemaObject { json_schema: schema, external_docs: None, example: None });
+    let content = [(media_type.to_owned(), MediaType { schema, ..MediaType::default() })].into();
+    let response = Response { description: words.to_owned(), content, ..Response::default() };
+    let responses = &mut operation.responses.get_or_insert_default().responses;
+    responses.insert(StatusCode::Code(200), ReferenceOr::Item(response));
+}
+
+/// Adds the header with the time of an order to an operation that is refused if it arrives late.
+pub fn with_order_time(operation: TransformOperation) -> TransformOperation {
+    let words = "`time_ms` of the latest heartbeat, plus the time since it arrived. An order that is older than 5 s is \
+                 refused. Without this header, the age is not checked.";
+    with_header(operation, heartbeat::HEADER, words, &json!({ "type": "integer", "minimum": 0 }))
+}
+
+/// Adds the header `Idempotency-Key` to an operation that starts a job.
+pub fn with_idempotency_key(operation: TransformOperation) -> TransformOperation {
+    let words = "Key of the job. A repeated request with the same key returns the existing job.";
+    with_header(operation, "idempotency-key", words, &json!({ "type": "string" }))
+}
+
+fn with_header<'a>(
+    mut operation: TransformOperation<'a>,
+    name: &str,
+    words: &str,
+    schema: &Value,
+) -> TransformOperation<'a> {
+    let header = json!({ "name": name, "in": "header", "description": words, "schema": schema });
+    operation.inner_mut().parameters.extend(serde_json::from_value(header).map(ReferenceOr::Item));
+    operation
 }
 
 /// Returns the router of an API, and its OpenAPI document with the parameters of all paths. Problem details are the
@@ -30,6 +94,8 @@ pub fn documented<S: Clone + Send + Sync + 'static>(api: ApiRouter<S>) -> (Route
             version: "1".to_owned(),
             ..Info::default()
         },
+        // Relative to the address of the document.
+        servers: vec![Server { url: ".".to_owned(), ..Server::default() }],
         ..OpenApi::default()
     };
     let router = api.finish_api(&mut document);
@@ -38,6 +104,8 @@ pub fn documented<S: Clone + Send + Sync + 'static>(api: ApiRouter<S>) -> (Route
 
 fn complete(document: &OpenApi) -> Value {
     let mut document = serde_json::to_value(document).unwrap_or_default();
+    let schemas = document.pointer_mut("/components/schemas").and_then(Value::as_object_mut);
+    schemas.into_iter().flat_map(Map::values_mut).for_each(list_values);
     let paths = document.get_mut("paths").and_then(Value::as_object_mut);
     for (path, item) in paths.into_iter().flatten() {
         let parameters: Vec<Value> = names_in(path).map(in_path).collect();
@@ -47,9 +115,28 @@ fn complete(document: &OpenApi) -> Value {
                 responses.retain(|status, _| status.starts_with('2') || status == "default");
                 responses.get_mut("default").map(name_problem);
             }
+            if let Some(bytes) = operation.pointer_mut("/requestBody/content/application~1octet-stream") {
+                bytes["schema"] = json!({ "type": "string", "format": "binary" });
+                bytes["example"] = SCENE.into();
+            }
         }
     }
     document
+}
+
+/// Changes the schema of an enumeration whose values have descriptions of their own to a list of values, because some
+/// generators of clients support only these.
+fn list_values(schema: &mut Value) {
+    let Some(variants) = schema["oneOf"].as_array() else { return };
+    let Some(values) = variants.iter().map(|variant| variant.get("const").cloned()).collect::<Option<Vec<_>>>() else {
+        return;
+    };
+    let mut words = schema["description"].as_str().unwrap_or_default().to_owned() + "\n";
+    for variant in variants {
+        let [value, meaning] = ["const", "description"].map(|key| variant[key].as_str().unwrap_or_default());
+        words += &format!("\n- `{value}`: {meaning}");
+    }
+    *schema = json!({ "type": "string", "description": words, "enum": values });
 }
 
 /// Returns the names of a path's parameters, for example `robot` for `/robots/{robot}/jobs`.
@@ -58,7 +145,14 @@ fn names_in(path: &str) -> impl Iterator<Item = &str> {
 }
 
 fn in_path(name: &str) -> Value {
-    json!({ "name": name, "in": "path", "required": true, "schema": { "type": "string" } })
+    let words = match name {
+        "robot" => "Name of the robot in the service.",
+        "job" => "Identifier of the job.",
+        "queued" => "Identifier of the queued body.",
+        "entry" => "Identifier of the entry of the library.",
+        _ => "Number of the plan's page, as in `view_path`.",
+    };
+    json!({ "name": name, "in": "path", "required": true, "description": words, "schema": { "type": "string" } })
 }
 
 fn add(operation: &mut Value, parameters: &[Value]) {

@@ -33,6 +33,7 @@ pub fn scene_name(plan: &Plan) -> &str {
 #[serde(deny_unknown_fields)]
 pub struct PlanQuery {
     /// Name of the robot in the service.
+    #[schemars(example = &"lab")]
     robot: String,
 }
 
@@ -71,6 +72,7 @@ pub async fn new_plan(
 #[serde(deny_unknown_fields)]
 pub struct SceneUploadQuery {
     /// File name. Its extension is the format: .toml, .stl, .obj, .ply, .glb or .pcd.
+    #[schemars(example = &"floor.toml")]
     name: String,
 }
 

@@ -17,10 +17,10 @@ use super::access::{Access, require_control};
 use super::audit::CommandSource;
 use super::grow_request::resolve_request;
 use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
-use super::job_routes::{NewJobResponse, check_body, job_name, start_job};
+use super::job_routes::{NewJobResponse, check_body, describe_job_start, job_name, start_job};
 use super::json_body::JsonBody;
 use super::limits::RoleLimits;
-use super::openapi::describe;
+use super::openapi::{describe, describe_creation};
 use super::page_source::ArrivalPermits;
 use super::problem::Problem;
 use super::queue_store::QueueError;
@@ -31,24 +31,34 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
     ApiRouter::new()
         .api_route(
             "/robots/{robot}/queue",
-            get_with(bodies, describe("The bodies that wait for the robot, the next one first.")).post_with(
+            get_with(bodies, describe("listQueue", "The bodies that wait for the robot, the next one first.")).post_with(
                 push,
-                describe(
+                describe_creation::<QueuedBody>(
+                    "queueBody",
                     "Add a body to the queue of the robot. A body is refused here for the reasons for which a job is. \
                      Nothing is heated or moved.",
                 ),
             ),
         )
         .api_route(
-            "/robots/{robot}/queue/{body}/grow",
+            "/robots/{robot}/queue/{queued}/grow",
             post_with(
                 grow,
-                describe("Start a job from a queued body, after a person has removed the last body from the robot."),
+                describe_job_start(
+                    "growQueuedBody",
+                    "Start a job from a queued body, after a person has removed the last body from the robot.",
+                ),
             ),
         )
         .api_route(
-            "/robots/{robot}/queue/{body}/remove",
-            post_with(remove, describe("Remove a body from the queue. The response has the bodies that still wait.")),
+            "/robots/{robot}/queue/{queued}/remove",
+            post_with(
+                remove,
+                describe(
+                    "removeQueuedBody",
+                    "Remove a body from the queue. The response has the bodies that still wait.",
+                ),
+            ),
         )
 }
 

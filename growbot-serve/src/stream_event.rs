@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use axum::response::sse::Event;
 use futures_util::stream::{Stream, unfold};
+use growbot_plan::sanitize::json_line;
 use serde::Serialize;
 use tokio::sync::watch;
 use tokio::time::{Instant, sleep, timeout};
 
-use crate::watch::heartbeat::heartbeat;
+use crate::watch::heartbeat::Heartbeat;
 
 /// Version of the messages on a WebSocket.
 const VERSION: u32 = 1;
@@ -36,9 +37,9 @@ impl StreamEvent {
         Self { event, id: None, data: data.trim_end().to_owned() }
     }
 
-    /// Returns a heartbeat with the age of the board's latest status, s, or with the ages by the names of the robots.
-    pub fn heartbeat(status_age_s: impl Serialize) -> Self {
-        Self::new(HEARTBEAT, &heartbeat(status_age_s))
+    /// Returns a heartbeat.
+    pub fn heartbeat(content: &Heartbeat<impl Serialize>) -> Self {
+        Self::new(HEARTBEAT, &json_line(content))
     }
 
     /// Converts the event to a server-sent event.

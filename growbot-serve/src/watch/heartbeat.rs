@@ -8,21 +8,30 @@ use std::time::Duration;
 
 use axum::http::HeaderMap;
 use growbot_client::port::time_since_boot;
+use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::json;
 
 /// Maximum age of an order that does not stop or pause the robot.
 const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
 /// Maximum time by which an order may seem to come from the future, because two clocks do not run at the same speed.
 const MAX_AHEAD: Duration = Duration::from_secs(1);
 /// Name of the HTTP header with the time at which an order was given, ms since the start of the service's machine.
-const HEADER: &str = "growbot-order-time";
+pub const HEADER: &str = "growbot-order-time";
 
-/// Returns the content of a heartbeat, a line of JSON: the time of this machine, ms since its start, and the time since
-/// the board's latest status, s. The latter is one number or null on the page of a growth, and a map of robot names to
-/// numbers on the page of all robots.
-pub fn heartbeat(status_age_s: impl Serialize) -> String {
-    json!({ "time_ms": time_since_boot().as_millis() as u64, "status_age_s": status_age_s }).to_string()
+/// Content of a heartbeat.
+#[derive(Debug, Serialize, JsonSchema)]
+pub struct Heartbeat<T> {
+    /// Time of the service's machine, ms since its start.
+    time_ms: u64,
+    /// Time since the board's latest status, s. On the stream of all robots, a map of robot names to these times.
+    status_age_s: T,
+}
+
+impl<T> Heartbeat<T> {
+    /// Returns the heartbeat of this moment.
+    pub fn now(status_age_s: T) -> Self {
+        Self { time_ms: time_since_boot().as_millis() as u64, status_age_s }
+    }
 }
 
 /// Returns the age of a status that was received at this time since the machine's start, s. For a simulated robot that

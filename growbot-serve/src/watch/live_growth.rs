@@ -15,6 +15,7 @@ use growbot_plan::sanitize::json_line;
 use tokio::sync::watch;
 
 use super::growth_tracker::{GrowthTracker, UpdateCursor};
+use super::heartbeat::Heartbeat;
 use crate::stream_event::{StreamEvent, state_events};
 
 /// Minimum time between two updates of a page.
@@ -93,7 +94,7 @@ impl LiveGrowth {
                 return Break(());
             }
             if is_heartbeat_due && !sent.is_empty() {
-                return Continue(Some(StreamEvent::heartbeat(self.status().status_age_s)));
+                return Continue(Some(StreamEvent::heartbeat(&Heartbeat::now(self.status().status_age_s))));
             }
             let update = json_line(&self.watched().update_for(&mut seen));
             let is_new = update != sent;

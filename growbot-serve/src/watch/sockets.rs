@@ -6,6 +6,7 @@ use std::future::Future;
 use std::pin::pin;
 use std::time::Duration;
 
+use aide::OperationInput;
 use axum::body::{Bytes, to_bytes};
 use axum::extract::ws::{Message, WebSocket, WebSocketUpgrade};
 use axum::extract::{Extension, FromRequestParts};
@@ -101,6 +102,8 @@ pub enum EventSink {
     /// A WebSocket, with the permit that is held until it is closed.
     Socket(WebSocketUpgrade, StreamPermit),
 }
+
+impl OperationInput for EventSink {}
 
 impl<S: Send + Sync> FromRequestParts<S> for EventSink {
     type Rejection = Response;

@@ -18,8 +18,9 @@ use crate::port::TipSettings;
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 
-/// Timeout for requests that the robot's process answers immediately.
-const AT_ONCE: Duration = Duration::from_secs(10);
+/// Timeout for requests that the robot's process answers immediately, unless the machine is busy. Its end is noticed at
+/// once.
+const AT_ONCE: Duration = Duration::from_secs(30);
 /// Slowest speed of a simulated robot's time, as a multiple of real time.
 const SLOWEST_PACE: f64 = 0.1;
 
@@ -119,6 +120,10 @@ impl DaemonPort {
         sent.map_err(|_| switched_off())?;
         let mut answer = String::new();
         match self.reader.read_line(&mut answer) {
+            Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
+                let detail = format!("the simulated board has not responded for {} s", limit.as_secs());
+                Err(io::Error::new(io::ErrorKind::TimedOut, detail))
+            }
             Ok(0) | Err(_) => Err(switched_off()),
             Ok(_) => Ok(serde_json::from_str(&answer)?),
         }

@@ -1,0 +1,209 @@
+"""The first hour of an operator, by a client for Python that a generator made from the OpenAPI document of the service.
+
+    first_hour.py CLIENT URL GROWBOT
+
+CLIENT is the directory of the generated package, URL that of the API, GROWBOT the program, which changes the spool. The
+robots are `lab`, with little filament and a switch that detects its end, and `cold`, which cannot heat in time.
+
+Each request body is the example of the document, or one that differs in the goal. The script calls each operation of
+the document, and compares each event with the schema.
+"""
+
+import importlib
+import json
+import re
+import subprocess
+import sys
+import threading
+import time
+
+import httpx
+from jsonschema_rs import Draft202012Validator
+
+directory, url, growbot = sys.argv[1:]
+sys.path.insert(0, directory)
+client_module = importlib.import_module("growbot_serve_client")
+models = importlib.import_module("growbot_serve_client.models")
+
+DEADLINE_S = 300
+client = client_module.Client(base_url=url, timeout=60)
+document = httpx.get(f"{url}/openapi.json").json()
+operations = {
+    operation["operationId"]: (path, operation) for path, item in document["paths"].items() for operation in item.values()
+}
+called = set()
+
+
+def snake(name):
+    return re.sub("(?=[A-Z])", "_", name).lower()
+
+
+def example(name):
+    """Returns the example of an operation's request body."""
+    content = operations[name][1]["requestBody"]["content"]["application/json"]["schema"]
+    return document["components"]["schemas"][content["$ref"].rsplit("/", 1)[1]]["examples"][0]
+
+
+def call(name, *path, body=None, **options):
+    """Calls an operation of the generated client. Returns the parsed response, and fails if it is a problem."""
+    called.add(name)
+    module = importlib.import_module(f"growbot_serve_client.api.default.{snake(name)}")
+    if body is not None:
+        schema = operations[name][1]["requestBody"]["content"]["application/json"]["schema"]["$ref"]
+        options["body"] = getattr(models, schema.rsplit("/", 1)[1]).from_dict(body)
+    response = module.sync(*path, client=client, **options)
+    assert not isinstance(response, models.Problem), f"{name}: {response}"
+    return response
+
+
+def read(name, **places):
+    """Requests the content of an operation whose response is not JSON. Returns the response."""
+    called.add(name)
+    path, operation = operations[name]
+    response = client.get_httpx_client().get(path.format(**places))
+    kind = response.headers["content-type"].split(";")[0]
+    assert response.status_code == 200, f"{name}: {response.text}"
+    assert {kind, "*/*"} & operation["responses"]["200"]["content"].keys(), f"{name}: {kind}"
+    return response
+
+
+def events(name, path, is_last):
+    """Returns the events of a stream until `is_last` returns true for one, or the stream ends."""
+    called.add(name)
+    found = []
+    with httpx.stream("GET", url + path, timeout=60) as response:
+        event = {}
+        for line in response.iter_lines():
+            if line:
+                field, _, value = line.partition(": ")
+                event[field] = json.loads(value) if field == "data" else value
+            elif "data" in event:
+                found.append(event)
+                if is_last(event):
+                    break
+                event = {}
+    return found
+
+
+def wait(what, look):
+    """Returns the first true result of a function."""
+    began = time.monotonic()
+    while not (found := look()):
+        assert time.monotonic() - began < DEADLINE_S, f"not within {DEADLINE_S} s: {what}"
+        time.sleep(0.05)
+    return found
+
+
+def wait_for(name, *states):
+    """Waits until the robot is in one of these states, and has a job in those of a growth."""
+    has_job = states[-1] in ("growing", "paused")
+
+    def look():
+        robot = call("getRobot", name)
+        return robot if robot.state in states and bool(robot.job) == has_job else None
+
+    return wait(f"{name} is {states}", look)
+
+
+def wait_for_job(job, state):
+    """Waits until the job is in this state."""
+    wait(f"the job is {state}", lambda: call("getJob", job).state == state)
+
+
+def recover(name):
+    """Does the steps of the robot's guided sequence, as an operator who reads them."""
+    for step in call("getRecovery", name).steps:
+        if step.action in ("preheat", "load", "purge"):
+            call("maintain", name, body={"task": step.action})
+        elif step.action:
+            call("sendCommand", name, body={"command": step.action})
+        if step.action == "preheat":
+            wait(f"{name} is hot", lambda: (robot := call("getRobot", name)).temperature_c > robot.target_c - 5)
+        elif step.action in ("load", "purge"):
+            # The board refuses the next step as long as the feed moves.
+            time.sleep(2)
+
+
+# The robots, and what happens to them, which a second thread watches.
+assert call("getAccess").can_control
+assert {robot.name for robot in call("listRobots")} == {"lab", "cold"}
+seen = []
+is_over = threading.Event()
+watch = lambda: seen.extend(events("streamRobots", "/events", lambda _: is_over.is_set()))
+watcher = threading.Thread(target=watch, daemon=True)
+watcher.start()
+wait_for("lab", "idle")
+
+# The first body: planned, kept, grown, paused, continued.
+plan = call("planPath", robot="lab", body=example("planPath"))
+assert "<html" in read("viewPlan", number=plan.view_path.split("/")[1]).text
+scene = operations["uploadScene"][1]["requestBody"]["content"]["application/octet-stream"]["example"]
+upload = httpx.post(f"{url}/scenes", params={"name": "floor.toml"}, content=scene)
+called.add("uploadScene")
+scene = models.SceneUploadResponse.from_dict(upload.json()).scene
+entry = call("addLibraryEntry", body={**example("addLibraryEntry"), "plan": plan.plan})
+assert entry.name in [kept.name for kept in call("listLibrary")]
+assert json.loads(read("getLibraryFile", entry=entry.id).text) == plan.plan
+assert "<svg" in read("getLibraryThumbnail", entry=entry.id).text
+assert call("removeLibraryEntry", entry.id) == []
+goal = {**example("startJob"), "to": "0,0,120,0,90", "scene": scene, "force": True}
+job = call("startJob", "lab", body=goal, idempotency_key="first")
+assert call("startJob", "lab", body=goal, idempotency_key="first").id == job.id
+wait_for("lab", "growing")
+assert "<html" in read("viewGrowth", job=job.id).text
+call("sendCommand", "lab", body=example("sendCommand"))
+wait_for("lab", "paused")
+call("sendCommand", "lab", body={"command": "continue"})
+
+# The filament runs out, and is changed.
+wait_for("lab", "growing")
+wait_for("lab", "paused")
+subprocess.run([growbot, "power", "new-spool", "--port", "sim:lab"], check=True, stdout=subprocess.DEVNULL)
+recover("lab")
+wait_for("lab", "growing")
+
+# It is stopped and resumed, and its log has each line once.
+call("stop", "lab")
+wait_for("lab", "stopped")
+call("resumeJob", job.id)
+wait_for_job(job.id, "done")
+lines = events("streamJobLog", f"/jobs/{job.id}/events", lambda _: False)
+assert [int(line["id"]) for line in lines] == list(range(1, len(lines) + 1))
+assert [json.loads(line) for line in read("getJobLog", job=job.id).text.splitlines()] == [line["data"] for line in lines]
+assert "<html" in read("viewJob", job=job.id).text
+
+# A queue of three: one is removed, two grow, each after the last body is removed.
+subprocess.run([growbot, "power", "new-spool", "--port", "sim:lab"], check=True, stdout=subprocess.DEVNULL)
+queued = [call("queueBody", "lab", body={"to": f"0,0,{length},0,90"}) for length in (20, 25, 30)]
+assert [body.id for body in call("removeQueuedBody", "lab", queued[0].id)] == [body.id for body in queued[1:]]
+for body in queued[1:]:
+    grown = call("growQueuedBody", "lab", body.id, body=example("growQueuedBody"))
+    wait_for_job(grown.id, "done")
+assert call("listQueue", "lab") == []
+
+# History: the last one grows again, until the emergency stop.
+last = call("listJobs", limit=1)[0]
+assert last.name == "0,0,30,0,90"
+call("startJob", "lab", body={"to": last.name})
+wait_for("lab", "heating", "homing", "growing")
+call("emergencyStop", "lab")
+wait_for("lab", "emergency-stop")
+recover("lab")
+call("maintain", "lab", body=example("maintain"))
+call("maintain", "lab", body={"task": "cooldown"})
+wait_for("lab", "idle")
+
+# The other robot has a fault, and recovers.
+call("startJob", "cold", body={"to": "0,0,20,0,90"})
+assert wait_for("cold", "fault").fault == "heating-too-slow"
+recover("cold")
+wait_for("cold", "idle")
+
+is_over.set()
+watcher.join(DEADLINE_S)
+schema = {**document, "$ref": "#/components/schemas/RobotEvent"}
+for event in seen:
+    Draft202012Validator(schema).validate(event)
+assert {event["event"] for event in seen} == {"robots", "recovery", "heartbeat"}
+assert called == operations.keys(), f"not called: {operations.keys() - called}"
+print(f"the first hour by a generated client: {len(called)} operations, {len(seen)} events")
