@@ -88,7 +88,7 @@ impl From<LibraryError> for Problem {
 /// New entry: a name, and one of a plan, a scene and a robot file. The scene of a plan can be given with it.
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[schemars(example = serde_json::json!({ "name": "a rod" }))]
+#[schemars(example = serde_json::json!({ "name": "the floor", "scene": "964f007737e9afc6.toml" }))]
 pub struct NewLibraryEntry {
     /// Name for people, 1 to 100 characters. Each kind has it once.
     #[schemars(length(min = 1, max = 100))]

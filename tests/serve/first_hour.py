@@ -5,8 +5,8 @@
 CLIENT is the directory of the generated package, URL that of the API, GROWBOT the program, which changes the spool. The
 robots are `lab`, with little filament and a switch that detects its end, and `cold`, which cannot heat in time.
 
-Each request body is the example of the document, or one that differs in the goal. The script calls each operation of
-the document, and compares each event with the schema.
+The script sends the example of each request body, calls each operation of the document, and compares each event with
+its schema.
 """
 
 import importlib
@@ -120,8 +120,11 @@ def recover(name):
         if step.action == "preheat":
             wait(f"{name} is hot", lambda: (robot := call("getRobot", name)).temperature_c > robot.target_c - 5)
         elif step.action in ("load", "purge"):
-            # The board refuses the next step as long as the feed moves.
             time.sleep(2)
+        while step.action == "continue" and call("getRobot", name).state == "paused":
+            # The board refuses to continue as long as the feed moves.
+            time.sleep(1)
+            call("sendCommand", name, body={"command": "continue"})
 
 
 # The robots, and what happens to them, which a second thread watches.
@@ -141,11 +144,12 @@ scene = operations["uploadScene"][1]["requestBody"]["content"]["application/octe
 upload = httpx.post(f"{url}/scenes", params={"name": "floor.toml"}, content=scene)
 called.add("uploadScene")
 scene = models.SceneUploadResponse.from_dict(upload.json()).scene
-entry = call("addLibraryEntry", body={**example("addLibraryEntry"), "plan": plan.plan})
-assert entry.name in [kept.name for kept in call("listLibrary")]
+floor = call("addLibraryEntry", body=example("addLibraryEntry"))
+entry = call("addLibraryEntry", body={"name": "a rod", "plan": plan.plan})
+assert [kept.name for kept in call("listLibrary")] == ["a rod", "the floor"]
 assert json.loads(read("getLibraryFile", entry=entry.id).text) == plan.plan
 assert "<svg" in read("getLibraryThumbnail", entry=entry.id).text
-assert call("removeLibraryEntry", entry.id) == []
+assert [kept.id for kept in call("removeLibraryEntry", entry.id)] == [floor.id]
 goal = {**example("startJob"), "to": "0,0,120,0,90", "scene": scene, "force": True}
 job = call("startJob", "lab", body=goal, idempotency_key="first")
 assert call("startJob", "lab", body=goal, idempotency_key="first").id == job.id
