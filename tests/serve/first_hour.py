@@ -29,7 +29,9 @@ DEADLINE_S = 300
 client = client_module.Client(base_url=url, timeout=60)
 document = httpx.get(f"{url}/openapi.json").json()
 operations = {
-    operation["operationId"]: (path, operation) for path, item in document["paths"].items() for operation in item.values()
+    operation["operationId"]: (path, operation)
+    for path, methods in document["paths"].items()
+    for operation in methods.values()
 }
 called = set()
 
@@ -173,7 +175,8 @@ call("resumeJob", job.id)
 wait_for_job(job.id, "done")
 lines = events("streamJobLog", f"/jobs/{job.id}/events", lambda _: False)
 assert [int(line["id"]) for line in lines] == list(range(1, len(lines) + 1))
-assert [json.loads(line) for line in read("getJobLog", job=job.id).text.splitlines()] == [line["data"] for line in lines]
+log = read("getJobLog", job=job.id).text
+assert [json.loads(line) for line in log.splitlines()] == [line["data"] for line in lines]
 assert "<html" in read("viewJob", job=job.id).text
 
 # A queue of three: one is removed, two grow, each after the last body is removed.
