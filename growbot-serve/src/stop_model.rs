@@ -51,7 +51,7 @@ const SETTLE: Duration = Duration::from_millis(8);
 /// Number of waits for bytes after which the robot's thread has carried out all queued requests.
 const SETTLE_WAITS: u32 = 8;
 /// Maximum time of a wait of a test, for example until the robot's thread has connected again.
-const CONNECT_LIMIT: Duration = Duration::from_secs(20);
+const CONNECT_LIMIT: Duration = Duration::from_secs(300);
 pub(super) const ROBOT: &str = "growbot-a2";
 
 /// An order of a person, or an event of the board, its line or the service.
