@@ -8,16 +8,17 @@ use axum::extract::{Path, State};
 use axum::routing::{get, post};
 use axum::{Extension, Json};
 use growbot_client::recovery::RecoverySequence;
-use growbot_remote::api::{PageUrls, RobotCommand};
+use growbot_remote::api::{Job, PageUrls, RobotCommand};
+use serde_json::json;
 
 use super::access::Access;
 use super::audit::CommandSource;
 use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
-use super::job_routes::{describe_job_start, job, job_log, job_log_lines, job_view, jobs, new_job, resume};
+use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
 use super::live_routes;
-use super::openapi::{describe, returns, with_order_time};
+use super::openapi::{Content, describe, describe_creation, returns, with_header, with_order_time};
 use super::plan_routes::{new_plan, new_scene, view_plan};
 use super::port_lease::lease_port;
 use super::problem::Problem;
@@ -42,14 +43,14 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         )
         .api_route(
             "/robots/{robot}/jobs",
-            post_with(
-                new_job,
-                describe_job_start(
-                    "startJob",
-                    "Start a job from a plan or a goal. A repeated request with the same Idempotency-Key returns the \
-                     existing job.",
-                ),
-            ),
+            post_with(new_job, |operation| {
+                let words = "Start a job from a plan or a goal. A repeated request with the same Idempotency-Key \
+                             returns the existing job.";
+                let operation = operation.with(describe_creation::<Job>("startJob", words)).with(with_order_time);
+                let key = "Key of the job, for a repetition of the request.";
+                let operation = with_header(operation, "idempotency-key", key, &json!({ "type": "string" }));
+                operation.response::<200, Json<Job>>()
+            }),
         )
         .api_route(
             "/robots/{robot}/commands",
@@ -106,14 +107,14 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             "/plans/{number}/view",
             get_with(view_plan, |operation| {
                 let words = "The page of a plan, with its body in 3D.";
-                operation.with(describe("viewPlan", words)).with(returns("text/html", "The page."))
+                operation.with(describe("viewPlan", words)).with(returns("The page.", &[("text/html", Content::Text)]))
             }),
         )
         .api_route(
             "/jobs/{job}/view",
             get_with(job_view, |operation| {
                 let words = "The page of a job, with its body in 3D as it was planned and as it was built.";
-                operation.with(describe("viewJob", words)).with(returns("text/html", "The page."))
+                operation.with(describe("viewJob", words)).with(returns("The page.", &[("text/html", Content::Text)]))
             }),
         )
         .api_route(
@@ -121,7 +122,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             get_with(job_log, |operation| {
                 let words = "The run log of a job.";
                 let log = "Lines of JSON, as the book describes them under Files.";
-                operation.with(describe("getJobLog", words)).with(returns("application/jsonl", log))
+                operation.with(describe("getJobLog", words)).with(returns(log, &[("application/jsonl", Content::Text)]))
             }),
         )
         .api_route(
@@ -131,7 +132,10 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
                              same events on a WebSocket.";
                 let events = "Events with the name `log`. Their `id` is the number of the line, their `data` is the \
                               line.";
-                operation.with(describe("streamJobLog", words)).with(returns("text/event-stream", events))
+                let id = "Number of the log line after which the stream starts.";
+                let operation = operation.with(describe("streamJobLog", words));
+                let operation = with_header(operation, "last-event-id", id, &json!({ "type": "integer", "minimum": 0 }));
+                operation.with(returns(events, &[("text/event-stream", Content::Text)]))
             }),
         )
         .route("/robots/{robot}/port-lease", post(lease_port))

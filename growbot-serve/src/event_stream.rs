@@ -116,7 +116,7 @@ impl LogTail {
 pub enum RobotEvent {
     /// The status of all robots, now and after each change.
     Robots(Vec<RobotStatus>),
-    /// The sequence of recovery of each robot that needs a person, by the name of the robot.
+    /// The sequence of recovery of each robot that needs a person, by the name of the robot, now and after each change.
     Recovery(BTreeMap<String, RecoverySequence>),
     /// Every 2 s, with the age of each status.
     Heartbeat(Heartbeat<BTreeMap<String, Option<f64>>>),
@@ -138,7 +138,7 @@ impl From<RobotEvent> for StreamEvent {
 
 /// Returns the events of all robots.
 pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamEvent> {
-    let (mut sent, mut sent_recovery) = (String::new(), BTreeMap::new());
+    let (mut sent, mut sent_recovery) = (String::new(), None);
     state_events(source.changes(), MIN_EVENT_INTERVAL, move |is_heartbeat_due| {
         let robots = source.robots();
         // The robots come first, so that a page that has any data has them.
@@ -149,8 +149,8 @@ pub fn robot_events<S: PageSource>(source: Arc<S>) -> impl Stream<Item = StreamE
         }
         // Comes before the robots, because a status changes with each temperature.
         let recovery: BTreeMap<_, _> = robots.iter().filter_map(named_recovery).collect();
-        if recovery != sent_recovery && !is_first {
-            sent_recovery.clone_from(&recovery);
+        if sent_recovery.as_ref() != Some(&recovery) && !is_first {
+            sent_recovery = Some(recovery.clone());
             return Continue(Some(RobotEvent::Recovery(recovery).into()));
         }
         // The age of a status is not a change.
@@ -170,7 +170,21 @@ fn named_recovery(robot: &RobotStatus) -> Option<(String, RecoverySequence)> {
 mod tests {
     use std::io::Write;
 
+    use futures_util::stream::StreamExt;
+
     use super::*;
+    use crate::stop_model::service;
+
+    #[test]
+    fn a_new_stream_says_that_no_robot_needs_a_person() {
+        let directory = tempfile::tempdir().unwrap();
+        let service = Arc::new(service(&directory));
+        let runtime = tokio::runtime::Builder::new_current_thread().enable_time().build().unwrap();
+        let events = robot_events(service).take(3).map(|event| (event.event, event.data));
+        let events: Vec<_> = runtime.block_on(events.collect());
+        assert_eq!(events[0], ("robots", "[]".to_owned()));
+        assert_eq!((events[1].0, &events[2]), ("heartbeat", &("recovery", "{}".to_owned())));
+    }
 
     #[test]
     fn each_line_is_sent_once_when_complete() {

@@ -4,7 +4,6 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::sync::Arc;
 
-use aide::transform::TransformOperation;
 use axum::body::{Body, Bytes};
 use axum::extract::{Path, Query, State};
 use axum::http::StatusCode;
@@ -31,7 +30,6 @@ use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blockin
 use super::job_pages::page_of;
 use super::json_body::JsonBody;
 use super::limits::{RoleLimits, holding};
-use super::openapi::{describe, with_idempotency_key, with_order_time};
 use super::page_source::ArrivalPermits;
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
@@ -51,17 +49,6 @@ pub(super) type NewJobResponse = Result<(StatusCode, Json<Job>), Problem>;
 /// Parts of a request that starts a job.
 pub(super) type JobOrder =
     (ServiceState, Extension<ArrivalPermits>, Extension<Arc<RoleLimits>>, Path<String>, HeaderMap);
-
-/// Like [`describe`], for an operation that starts a job.
-pub(super) fn describe_job_start(
-    name: &'static str,
-    words: &'static str,
-) -> impl Fn(TransformOperation) -> TransformOperation {
-    move |operation| {
-        let operation = operation.with(describe(name, words)).with(with_order_time).with(with_idempotency_key);
-        operation.response::<200, Json<Job>>().response::<201, Json<Job>>()
-    }
-}
 
 pub async fn new_job(order: JobOrder, JsonBody(wanted): JsonBody<GrowRequest>) -> NewJobResponse {
     start_job(order, move |_, start| start(&wanted)).await
@@ -287,7 +274,7 @@ pub async fn job_log(
 #[derive(Debug, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EventQuery {
-    /// Number of the log line after which the stream starts. The header `Last-Event-ID` precedes it.
+    /// Number of the log line after which the stream starts. Ignored if the request has the header `Last-Event-ID`.
     after: Option<u64>,
 }
 

@@ -24,7 +24,7 @@ use super::handler::{ApiResult, ServiceState, run_blocking};
 use super::json_body::JsonBody;
 use super::library_store::{LibraryEntry, LibraryError, LibraryKind, StoredEntry};
 use super::limits::RoleLimits;
-use super::openapi::{describe, describe_creation, returns};
+use super::openapi::{Content, describe, describe_creation, returns};
 use super::paths::ServicePaths;
 use super::problem::Problem;
 use super::scene_store;
@@ -62,14 +62,21 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
             "/library/{entry}/file",
             get_with(file, |operation| {
                 let words = "The content of an entry: a plan, a robot file, or the file of a scene.";
-                operation.with(describe("getLibraryFile", words)).with(returns("*/*", "The content."))
+                let types = [
+                    ("application/json", Content::Json),
+                    ("application/octet-stream", Content::Bytes),
+                    ("text/plain", Content::Text),
+                ];
+                operation.with(describe("getLibraryFile", words)).with(returns("The content.", &types))
             }),
         )
         .api_route(
             "/library/{entry}/thumbnail",
             get_with(picture, |operation| {
                 let words = "The thumbnail of a plan or a scene. Empty for a robot file.";
-                operation.with(describe("getLibraryThumbnail", words)).with(returns("image/svg+xml", "The thumbnail."))
+                operation
+                    .with(describe("getLibraryThumbnail", words))
+                    .with(returns("The thumbnail.", &[("image/svg+xml", Content::Text)]))
             }),
         )
 }

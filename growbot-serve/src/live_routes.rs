@@ -20,7 +20,7 @@ use serde::Serialize;
 use super::access::{Access, require_control};
 use super::event_stream::{RobotEvent, robot_events};
 use super::limits::RoleLimits;
-use super::openapi::{describe, returns, streams};
+use super::openapi::{Content, describe, returns, streams};
 use super::page_source::{ArrivalPermits, PageSource};
 use super::problem::Problem;
 use crate::watch::sockets::{CommandMessage, EventSink, command_socket};
@@ -46,7 +46,9 @@ pub fn routes<S: PageSource>() -> ApiRouter<Arc<S>> {
             "/jobs/{job}/live/",
             get_with(page::<S>, |operation| {
                 let words = "The page of a job that grows, with its body in 3D. The paths below it are for the page.";
-                operation.with(describe("viewGrowth", words)).with(returns("text/html", "The page."))
+                operation
+                    .with(describe("viewGrowth", words))
+                    .with(returns("The page.", &[("text/html", Content::Text)]))
             }),
         )
         .route("/jobs/{job}/live/updates", get(live_updates::<S>))

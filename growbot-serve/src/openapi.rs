@@ -29,10 +29,33 @@ pub fn describe_creation<T: JsonSchema>(
     move |operation| operation.with(describe(name, words)).response::<201, Json<T>>()
 }
 
-/// Returns a function that sets the successful response of an operation to a content that is not JSON.
-pub fn returns(media_type: &'static str, words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
+/// Kind of a content that has no schema of its own.
+#[derive(Debug, Clone, Copy)]
+pub enum Content {
+    /// Any JSON.
+    Json,
+    Text,
+    Bytes,
+}
+
+impl Content {
+    fn schema(self) -> Schema {
+        match self {
+            Self::Json => json_schema!({}),
+            Self::Text => json_schema!({ "type": "string" }),
+            Self::Bytes => json_schema!({ "type": "string", "format": "binary" }),
+        }
+    }
+}
+
+/// Returns a function that sets the successful response of an operation to a content of one of these media types.
+pub fn returns(
+    words: &'static str,
+    types: &[(&'static str, Content)],
+) -> impl Fn(TransformOperation) -> TransformOperation {
     move |mut operation| {
-        set_response(operation.inner_mut(), media_type, words, json_schema!({ "type": "string" }));
+        let types = types.iter().map(|&(media_type, content)| (media_type, content.schema()));
+        set_response(operation.inner_mut(), words, types);
         operation
     }
 }
@@ -42,14 +65,17 @@ pub fn returns(media_type: &'static str, words: &'static str) -> impl Fn(Transfo
 pub fn streams<T: JsonSchema>(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |mut operation| {
         let event = in_context(|context| context.schema.subschema_for::<T>());
-        set_response(operation.inner_mut(), "text/event-stream", words, event);
+        set_response(operation.inner_mut(), words, [("text/event-stream", event)]);
         operation
     }
 }
 
-fn set_response(operation: &mut Operation, media_type: &str, words: &str, schema: Schema) {
-    let schema = Some(SchemaObject { json_schema: schema, external_docs: None, example: None });
-    let content = [(media_type.to_owned(), MediaType { schema, ..MediaType::default() })].into();
+fn set_response<'a>(operation: &mut Operation, words: &str, types: impl IntoIterator<Item = (&'a str, Schema)>) {
+    let content = types.into_iter().map(|(media_type, json_schema)| {
+        let schema = Some(SchemaObject { json_schema, external_docs: None, example: None });
+        (media_type.to_owned(), MediaType { schema, ..MediaType::default() })
+    });
+    let content = content.collect();
     let response = Response { description: words.to_owned(), content, ..Response::default() };
     let responses = &mut operation.responses.get_or_insert_default().responses;
     responses.insert(StatusCode::Code(200), ReferenceOr::Item(response));
@@ -57,18 +83,18 @@ fn set_response(operation: &mut Operation, media_type: &str, words: &str, schema
 
 /// Adds the header with the time of an order to an operation that is refused if it arrives late.
 pub fn with_order_time(operation: TransformOperation) -> TransformOperation {
-    let words = "`time_ms` of the latest heartbeat, plus the time since it arrived. An order that is older than 5 s is \
-                 refused. Without this header, the age is not checked.";
-    with_header(operation, heartbeat::HEADER, words, &json!({ "type": "integer", "minimum": 0 }))
+    let words = format!(
+        "`time_ms` of the latest heartbeat, plus the time since it arrived. An order that is more than {} s old, or more \
+         than {} s in the future, is refused, unless it stops or pauses the robot, or cools it down. Without this \
+         header, the age is not checked.",
+        heartbeat::MAX_ORDER_AGE.as_secs(),
+        heartbeat::MAX_AHEAD.as_secs()
+    );
+    with_header(operation, heartbeat::HEADER, &words, &json!({ "type": "integer", "minimum": 0 }))
 }
 
-/// Adds the header `Idempotency-Key` to an operation that starts a job.
-pub fn with_idempotency_key(operation: TransformOperation) -> TransformOperation {
-    let words = "Key of the job. A repeated request with the same key returns the existing job.";
-    with_header(operation, "idempotency-key", words, &json!({ "type": "string" }))
-}
-
-fn with_header<'a>(
+/// Adds an optional header to an operation.
+pub fn with_header<'a>(
     mut operation: TransformOperation<'a>,
     name: &str,
     words: &str,
@@ -95,7 +121,7 @@ pub fn documented<S: Clone + Send + Sync + 'static>(api: ApiRouter<S>) -> (Route
             ..Info::default()
         },
         // Relative to the address of the document.
-        servers: vec![Server { url: ".".to_owned(), ..Server::default() }],
+        servers: vec![Server { url: "../v1".to_owned(), ..Server::default() }],
         ..OpenApi::default()
     };
     let router = api.finish_api(&mut document);
@@ -116,7 +142,7 @@ fn complete(document: &OpenApi) -> Value {
                 responses.get_mut("default").map(name_problem);
             }
             if let Some(bytes) = operation.pointer_mut("/requestBody/content/application~1octet-stream") {
-                bytes["schema"] = json!({ "type": "string", "format": "binary" });
+                bytes["schema"] = Content::Bytes.schema().to_value();
                 bytes["example"] = SCENE.into();
             }
         }
@@ -145,14 +171,16 @@ fn names_in(path: &str) -> impl Iterator<Item = &str> {
 }
 
 fn in_path(name: &str) -> Value {
-    let words = match name {
-        "robot" => "Name of the robot in the service.",
-        "job" => "Identifier of the job.",
-        "queued" => "Identifier of the queued body.",
-        "entry" => "Identifier of the entry of the library.",
-        _ => "Number of the plan's page, as in `view_path`.",
+    let text = json!({ "type": "string" });
+    let (words, schema) = match name {
+        "robot" => ("Name of the robot in the service.", text),
+        "job" => ("Identifier of the job.", text),
+        "queued" => ("Identifier of the queued body.", text),
+        "entry" => ("Identifier of the entry of the library.", text),
+        "number" => ("Number of the plan's page, as in `view_path`.", json!({ "type": "integer", "minimum": 0 })),
+        _ => ("", text),
     };
-    json!({ "name": name, "in": "path", "required": true, "description": words, "schema": { "type": "string" } })
+    json!({ "name": name, "in": "path", "required": true, "description": words, "schema": schema })
 }
 
 fn add(operation: &mut Value, parameters: &[Value]) {

@@ -10,17 +10,17 @@ use axum::http::header::HeaderMap;
 use axum::{Extension, Json};
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::run_log::utc_now;
-use growbot_remote::api::{GrowQueuedRequest, GrowRequest, QueuedBody};
+use growbot_remote::api::{GrowQueuedRequest, GrowRequest, Job, QueuedBody};
 use serde_json::value::to_raw_value;
 
 use super::access::{Access, require_control};
 use super::audit::CommandSource;
 use super::grow_request::resolve_request;
 use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
-use super::job_routes::{NewJobResponse, check_body, describe_job_start, job_name, start_job};
+use super::job_routes::{NewJobResponse, check_body, job_name, start_job};
 use super::json_body::JsonBody;
 use super::limits::RoleLimits;
-use super::openapi::{describe, describe_creation};
+use super::openapi::{describe, describe_creation, with_order_time};
 use super::page_source::ArrivalPermits;
 use super::problem::Problem;
 use super::queue_store::QueueError;
@@ -42,13 +42,10 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         )
         .api_route(
             "/robots/{robot}/queue/{queued}/grow",
-            post_with(
-                grow,
-                describe_job_start(
-                    "growQueuedBody",
-                    "Start a job from a queued body, after a person has removed the last body from the robot.",
-                ),
-            ),
+            post_with(grow, |operation| {
+                let words = "Start a job from a queued body, after a person has removed the last body from the robot.";
+                operation.with(describe_creation::<Job>("growQueuedBody", words)).with(with_order_time)
+            }),
         )
         .api_route(
             "/robots/{robot}/queue/{queued}/remove",

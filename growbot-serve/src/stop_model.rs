@@ -186,13 +186,13 @@ impl<'a> Case<'a> {
         self.wait_for_connection();
         for step in steps {
             self.step(step);
-            if step == Step::LineBack {
-                // Before the service has connected and corrected its list of jobs, it refuses the next order.
-                self.wait_for_connection();
-            }
             self.settle();
         }
-        // However the case ends, the line comes back and the service follows.
+        self.finish()
+    }
+
+    /// Ends the case: the line comes back, and the service follows. Returns what breaks the model.
+    pub(super) fn finish(&mut self) -> Vec<String> {
         self.line.board().line = LineState::Up;
         self.wait_for_connection();
         self.settle();

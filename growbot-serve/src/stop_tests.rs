@@ -14,7 +14,16 @@ fn run(steps: &[Step]) -> (BoardState, PauseCause) {
     let directory = tempfile::tempdir().unwrap();
     let service = service(&directory);
     let mut case = Case::new(&service, "lab".to_owned());
-    let violations = case.run(steps.iter().copied());
+    case.wait_for_connection();
+    for step in steps {
+        case.step(*step);
+        if *step == Step::LineBack {
+            // Before the service has connected and corrected its list of jobs, it refuses orders.
+            case.wait_for_connection();
+        }
+        case.settle();
+    }
+    let violations = case.finish();
     assert!(violations.is_empty(), "{steps:?}: {violations:?}");
     let board = case.line.board();
     (board.state, board.pause)

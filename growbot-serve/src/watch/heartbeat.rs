@@ -12,9 +12,9 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 /// Maximum age of an order that does not stop or pause the robot.
-const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
+pub const MAX_ORDER_AGE: Duration = Duration::from_secs(5);
 /// Maximum time by which an order may seem to come from the future, because two clocks do not run at the same speed.
-const MAX_AHEAD: Duration = Duration::from_secs(1);
+pub const MAX_AHEAD: Duration = Duration::from_secs(1);
 /// Name of the HTTP header with the time at which an order was given, ms since the start of the service's machine.
 pub const HEADER: &str = "growbot-order-time";
 

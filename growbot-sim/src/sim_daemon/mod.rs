@@ -33,6 +33,9 @@ pub enum SimDaemonError {
     /// The simulated robot is switched off: its process does not run. The field is the robot's name.
     #[error("the simulated robot sim:{0} is off: switch it on")]
     NotRunning(String),
+    /// The process of the simulated robot has not responded in time. The field is the robot's name.
+    #[error("the process of the simulated robot sim:{0} does not respond: the machine is busy; try again")]
+    Unresponsive(String),
     /// The simulated robot is already switched on: a process runs it. The field is the robot's name.
     #[error("the simulated robot sim:{0} is already on: switch it off")]
     AlreadyRunning(String),

@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Write};
+use std::net::Shutdown;
 use std::os::unix::net::UnixStream;
 use std::rc::Rc;
 use std::time::Duration;
@@ -18,8 +19,8 @@ use crate::port::TipSettings;
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 
-/// Timeout for requests that the robot's process answers immediately, unless the machine is busy. Its end is noticed at
-/// once.
+/// Timeout for requests that the robot's process answers immediately, unless the machine is busy. If the process ends,
+/// the request fails at once.
 const AT_ONCE: Duration = Duration::from_secs(30);
 /// Slowest speed of a simulated robot's time, as a multiple of real time.
 const SLOWEST_PACE: f64 = 0.1;
@@ -48,7 +49,7 @@ impl DaemonPort {
     /// the robot off.
     ///
     /// # Errors
-    /// [`SimDaemonError::NotRunning`].
+    /// [`SimDaemonError::NotRunning`], [`SimDaemonError::Unresponsive`].
     pub fn open_shared(place: &StateDir) -> Result<Self, SimDaemonError> {
         Self::open_as(place, false)
     }
@@ -63,6 +64,9 @@ impl DaemonPort {
             Ok(Response::Busy) => Err(SimDaemonError::Busy(place.name().to_owned())),
             Ok(Response::Done { .. }) => Ok(line),
             Ok(_) => Err(SimDaemonError::OtherRelease(place.name().to_owned())),
+            Err(PortError::Lost(_, error)) if error.kind() == io::ErrorKind::TimedOut => {
+                Err(SimDaemonError::Unresponsive(place.name().to_owned()))
+            }
             Err(_) => Err(off()),
         }
     }
@@ -121,7 +125,9 @@ impl DaemonPort {
         let mut answer = String::new();
         match self.reader.read_line(&mut answer) {
             Err(error) if matches!(error.kind(), io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut) => {
-                let detail = format!("the simulated board has not responded for {} s", limit.as_secs());
+                // A late response would be taken for that to the next request.
+                let _ = self.reader.get_mut().shutdown(Shutdown::Both);
+                let detail = format!("no response of the simulated board within {} s", limit.as_secs());
                 Err(io::Error::new(io::ErrorKind::TimedOut, detail))
             }
             Ok(0) | Err(_) => Err(switched_off()),
