@@ -297,7 +297,11 @@ fn refusals_are_problem_details_and_foreign_pages_open_no_socket() {
     }
     let (_, document) = lab.ask("GET", "/openapi.json", "");
     let operation = &document["paths"]["/robots/{robot}/commands"]["post"];
-    assert_eq!(operation["parameters"][0]["name"], "robot", "{operation}");
+    let parameters = operation["parameters"].as_array().unwrap().iter().map(|parameter| &parameter["name"]);
+    assert_eq!(parameters.collect::<Vec<_>>(), ["growbot-order-time", "robot"], "{operation}");
+    let created: Vec<&String> =
+        document["paths"]["/library"]["post"]["responses"].as_object().unwrap().keys().collect();
+    assert_eq!(created, ["201", "default"]);
     let responses: Vec<&String> = operation["responses"].as_object().unwrap().keys().collect();
     assert_eq!(responses, ["200", "default"]);
     assert!(operation["responses"]["default"]["content"]["application/problem+json"].is_object(), "{operation}");
