@@ -2,8 +2,8 @@
 
     first_hour.py CLIENT DOCUMENT_URL GROWBOT
 
-CLIENT is the directory of the generated package, GROWBOT the program, which changes the spool. The
-robots are `lab`, with little filament and a switch that detects its end, and `cold`, which cannot heat in time.
+CLIENT is the directory of the generated package, GROWBOT the program, which changes the spool. The robots are `lab`,
+with little filament and a switch that detects its end, and `cold`, which cannot heat in time.
 
 The script sends the example of each request body, calls each operation of the document, and compares each event with
 its schema. Generated clients read no streams, and this one no pictures and no run logs, so the script requests these.
