@@ -26,7 +26,7 @@ const CLICK_MS = 1_000;
 const description = await readFile(resolve(import.meta.dirname, "../../robots/growbot-a1.toml"), "utf8");
 const patient = `${description}\n[pause]\nstandby_c = 150.0\nstandby_after_s = 60.0\noff_after_s = 36000.0\n`;
 const descriptions = {
-  lab: `${patient.replace(/^spool_mm = .*/m, "spool_mm = 6000.0")}\n[sensors.filament_presence]\nactive_low = true\n`,
+  lab: `${patient.replace(/^spool_mm = .*/m, "spool_mm = 9000.0")}\n[sensors.filament_presence]\nactive_low = true\n`,
   cold: patient.replace(/^heating_timeout_s = .*/m, "heating_timeout_s = 10.0"),
 };
 for (const text of Object.values(descriptions)) assert.notEqual(text, description);
