@@ -128,13 +128,14 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         .api_route(
             "/jobs/{job}/events",
             get_with(job_log_lines, |operation| {
-                let words = "The lines of a job's run log, each once, until the job ends. `jobs/{job}/events/ws` has the \
-                             same events on a WebSocket.";
+                let words = "The lines of a job's run log, each once, until the job ends. `jobs/{job}/events/ws` has \
+                             the same events on a WebSocket.";
                 let events = "Events with the name `log`. Their `id` is the number of the line, their `data` is the \
                               line.";
                 let id = "Number of the log line after which the stream starts.";
                 let operation = operation.with(describe("streamJobLog", words));
-                let operation = with_header(operation, "last-event-id", id, &json!({ "type": "integer", "minimum": 0 }));
+                let number = json!({ "type": "integer", "minimum": 0 });
+                let operation = with_header(operation, "last-event-id", id, &number);
                 operation.with(returns(events, &[("text/event-stream", Content::Text)]))
             }),
         )

@@ -60,8 +60,8 @@ pub fn returns(
     }
 }
 
-/// Returns a function that sets the successful response of an operation to a stream of server-sent events. The schema of
-/// an event has its name as `event` and its content as `data`.
+/// Returns a function that sets the successful response of an operation to a stream of server-sent events. The schema
+/// of an event has its name as `event` and its content as `data`.
 pub fn streams<T: JsonSchema>(words: &'static str) -> impl Fn(TransformOperation) -> TransformOperation {
     move |mut operation| {
         let event = in_context(|context| context.schema.subschema_for::<T>());
@@ -84,9 +84,9 @@ fn set_response<'a>(operation: &mut Operation, words: &str, types: impl IntoIter
 /// Adds the header with the time of an order to an operation that is refused if it arrives late.
 pub fn with_order_time(operation: TransformOperation) -> TransformOperation {
     let words = format!(
-        "`time_ms` of the latest heartbeat, plus the time since it arrived. An order that is more than {} s old, or more \
-         than {} s in the future, is refused, unless it stops or pauses the robot, or cools it down. Without this \
-         header, the age is not checked.",
+        "`time_ms` of the latest heartbeat, plus the time since it arrived. An order that is more than {} s old, or \
+         more than {} s in the future, is refused, unless it stops or pauses the robot, or cools it down. Without \
+         this header, the age is not checked.",
         heartbeat::MAX_ORDER_AGE.as_secs(),
         heartbeat::MAX_AHEAD.as_secs()
     );

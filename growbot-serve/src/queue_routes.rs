@@ -31,7 +31,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
     ApiRouter::new()
         .api_route(
             "/robots/{robot}/queue",
-            get_with(bodies, describe("listQueue", "The bodies that wait for the robot, the next one first.")).post_with(
+            get_with(bodies, describe("listQueue", "The bodies that wait for the robot, the next first.")).post_with(
                 push,
                 describe_creation::<QueuedBody>(
                     "queueBody",

@@ -154,6 +154,10 @@ def recover(name):
             call("sendCommand", name, body={"command": "continue"})
 
 
+for path, operation in operations.values():
+    undescribed = [parameter["name"] for parameter in operation["parameters"] if not parameter.get("description")]
+    assert not undescribed, f"{path}: no description of {undescribed}"
+
 # The robots, and what happens to them, which a second thread watches.
 assert call("getAccess").can_control
 assert {robot.name for robot in call("listRobots")} == {"lab", "cold"}

@@ -187,8 +187,8 @@ impl Lab {
         wait_for(state, || (self.attended_robot("lab")["state"] == state).then_some(()));
     }
 
-    /// Returns the status of a robot. On a busy machine the service may not run for seconds, which are minutes for a fast
-    /// robot: it parks, and continues only if a person orders it. This orders it.
+    /// Returns the status of a robot. On a busy machine the service may not run for seconds, which are minutes for a
+    /// fast robot: it parks, and continues only if a person orders it. This orders it.
     pub fn attended_robot(&self, name: &str) -> Value {
         let (_, robot) = self.ask("GET", &format!("/robots/{name}"), "");
         if robot["state"] == "parked" && robot["pause_cause"] == "host-silent" {
