@@ -43,14 +43,17 @@ try {
   page.on("pageerror", (error) => errors.push(error.stack));
   page.setDefaultTimeout(TIMEOUT_MS);
 
-  /** Moves the focus by Tab until it is on this element. */
+  /** Moves the focus by Tab, or by Shift and Tab to what is before it, until it is on this element. */
   const tabTo = async (element) => {
     await element.waitFor();
     for (let count = 0; count < MAX_TABS; count += 1) {
-      if (await element.evaluate((own) => own === own.ownerDocument.activeElement && own.ownerDocument.hasFocus())) {
-        return;
-      }
-      await page.keyboard.press("Tab");
+      const key = await element.evaluate((own) => {
+        const focused = own.ownerDocument.activeElement;
+        if (own === focused && own.ownerDocument.hasFocus()) return null;
+        return own.compareDocumentPosition(focused) === Node.DOCUMENT_POSITION_FOLLOWING ? "Shift+Tab" : "Tab";
+      });
+      if (key === null) return;
+      await page.keyboard.press(key);
     }
     assert.fail(`Tab does not reach ${element}`);
   };
