@@ -1,12 +1,14 @@
 //! Measures the time until a growing robot on a serial line (a pty) carries out an order: from a command in another
-//! terminal, from the page, and the emergency stop while the service is frozen. Prints a table. GROWBOT_ORDERS=50
-//! repeats each measurement 50 times.
+//! terminal, from the page, and the emergency stop while the service is frozen, while a console leases the port, and
+//! over TCP with one connection. Prints a table. GROWBOT_ORDERS=50 repeats each measurement 50 times.
 
 #[allow(dead_code, reason = "no test needs all of it")]
 use crate::emergency;
 use crate::lab;
 use crate::running;
 
+use std::io::Write;
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use emergency::Bench;
@@ -15,26 +17,55 @@ use lab::{Lab, wait_for};
 use running::command;
 use serde_json::json;
 
-/// A growth on a simulated board on a serial line, which a service drives.
+/// A growth on a simulated board on a serial line or TCP, which a service drives.
 struct Growth {
+    /// Console that leases the port of the service and drives the growth. `None` if the service drives it.
+    console: Option<Child>,
     lab: Lab,
     bench: Bench,
+}
+
+impl Drop for Growth {
+    fn drop(&mut self) {
+        if let Some(console) = &mut self.console {
+            let _ = console.kill();
+            let _ = console.wait();
+        }
+    }
 }
 
 impl Growth {
     /// Starts a growth that takes hours, and waits until the board grows.
     fn begin() -> Self {
-        let bench = Bench::warm();
+        Self::begin_at(Bench::warm())
+    }
+
+    fn begin_at(bench: Bench) -> Self {
+        let growth = Self::at_rest(bench);
+        let (status, job) = growth.lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "0,0,300,0,90" }).to_string());
+        assert_eq!(status, 201, "{job}");
+        growth.wait_for(State::Growing);
+        growth
+    }
+
+    /// Starts the growth by a console, to which the service leases the port, and waits until the board heats.
+    fn begin_by_console() -> Self {
+        let mut growth = Self::at_rest(Bench::warm());
+        let mut command = growth.lab.command(&["console"]);
+        let command = command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
+        let console = growth.console.insert(command.spawn().unwrap());
+        console.stdin.take().unwrap().write_all(b"plan 0,0,300,0,90\nstart\nwait 1000000\n").unwrap();
+        wait_for("the board heats", || growth.bench.seen().heats.then_some(()));
+        growth
+    }
+
+    fn at_rest(bench: Bench) -> Self {
         let port = &bench.name;
         let lab = Lab::configured(&format!(
             "port = \"{port}\"\nrobot = \"growbot-a\"\n[robots.lab]\nport = \"{port}\"\nrobot = \"growbot-a\"\n"
         ));
         lab.wait_until_ready();
-        let growth = Self { lab, bench };
-        let (status, job) = growth.lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "0,0,300,0,90" }).to_string());
-        assert_eq!(status, 201, "{job}");
-        growth.wait_for(State::Growing);
-        growth
+        Self { console: None, lab, bench }
     }
 
     fn wait_for(&self, state: State) {
@@ -110,6 +141,7 @@ fn commands_from_another_terminal_and_the_page_act_during_a_growth() {
     print("pause on the page", page_pause);
     drop(growth);
     let (mut by_command, mut by_page, mut frozen) = (vec![], vec![], vec![]);
+    let (mut leased, mut page_leased, mut on_tcp) = (vec![], vec![], vec![]);
     for _ in 0..count {
         let growth = Growth::begin();
         by_command.push(growth.emergency_stop(|| growth.command(&["estop"])));
@@ -120,10 +152,21 @@ fn commands_from_another_terminal_and_the_page_act_during_a_growth() {
         assert!(command("kill").args(["-STOP", &pid]).status().unwrap().success());
         frozen.push(growth.emergency_stop(|| growth.command(&["estop"])));
         assert!(command("kill").args(["-CONT", &pid]).status().unwrap().success());
+        let growth = Growth::begin_by_console();
+        leased.push(growth.emergency_stop(|| growth.command(&["estop"])));
+        let growth = Growth::begin_by_console();
+        page_leased.push(growth.emergency_stop(|| growth.order("emergency-stop")));
+        let growth = Growth::begin_at(Bench::on_tcp());
+        on_tcp.push(growth.emergency_stop(|| growth.command(&["estop"])));
     }
-    for (what, times) in
-        [("`growbot estop`", by_command), ("on the page", by_page), ("`growbot estop`, the service frozen", frozen)]
-    {
+    for (what, times) in [
+        ("`growbot estop`", by_command),
+        ("on the page", by_page),
+        ("`growbot estop`, the service frozen", frozen),
+        ("`growbot estop`, the port leased by a console", leased),
+        ("on the page, the port leased by a console", page_leased),
+        ("`growbot estop`, a robot behind TCP", on_tcp),
+    ] {
         let (off, told) = times.into_iter().unzip();
         print(&format!("{what}: everything off"), off);
         print(&format!("{what}: confirmed"), told);
