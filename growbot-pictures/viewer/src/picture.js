@@ -142,11 +142,13 @@ function buildPicture(container, subject, range, square) {
     followTip();
     stage.redraw();
   };
+  const remove = (object) => {
+    if (!object) return;
+    object.traverse(dispose);
+    scene.remove(object);
+  };
   const replaceBody = (replacement) => {
     body = replacement;
-    const visible = tube?.mesh.visible ?? true;
-    for (const old of [tube?.mesh, shadow?.line]) old?.traverse(dispose);
-    scene.remove(...[tube?.mesh, shadow?.line].filter(Boolean));
     const [min, max] = range ?? heightRange([{ body, sizes }]);
     const [below, above] = heightsBeyond(body, sizes, [min, max]);
     const signs = [below ? "< " : "", "", above ? "> " : ""];
@@ -154,11 +156,19 @@ function buildPicture(container, subject, range, square) {
       end.textContent = `${signs[i]}${(min + ((max - min) * i) / 2).toFixed(2)}`;
     });
     find(".legend small").textContent = below || above ? `from percentile ${PERCENTILES.join(" to ")}` : "";
-    tube = makeTube(body, sizes, [min, max]);
-    tube.mesh.visible = visible;
+    if (tube && body.layers.count <= tube.capacity) {
+      tube.replaceBody(body, [min, max]);
+    } else {
+      const isVisible = tube?.mesh.visible ?? true;
+      remove(tube?.mesh);
+      tube = makeTube(body, sizes, [min, max], planned.layers.count);
+      tube.mesh.visible = isVisible;
+      scene.add(tube.mesh);
+    }
+    remove(shadow?.line);
     shadow = makeShadow(body, floorAt);
     applyShadowTheme();
-    scene.add(tube.mesh, shadow.line);
+    scene.add(shadow.line);
     stage.points = [...bodies(), ...marks];
     show(Math.min(shown, body.layers.count));
   };

@@ -58,43 +58,25 @@ function linearBytes(share) {
 }
 
 /**
- * Makes the tube of a body. The result has `mesh` and `show(layers)`, which sets the visible part. Lengths are in mm.
+ * Makes the tube of a body, with room for a body of at least `minCapacity` layers, so that a growing one needs no more
+ * memory. The result has `mesh`, `capacity`, `replaceBody(body, range)` for a body that fits, and `show(layers)`, which
+ * sets the visible part. Lengths are in mm.
  */
-export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
-  const { frames, layers } = body;
-  const stride = Math.max(1, Math.ceil(layers.count / MAX_RINGS));
-  const at = [];
-  for (let i = 0; i < layers.count; i += stride) at.push(i);
-  at.push(layers.count);
-
+export function makeTube(body, { outerRadius, tipRadius, wall }, range, minCapacity = 0) {
+  const capacity = Math.max(minCapacity, body.layers.count);
+  const stride = Math.max(1, Math.ceil(capacity / MAX_RINGS));
+  const maxRings = Math.ceil(capacity / stride) + 1;
   const palette = Array.from({ length: 256 }, (_, i) => linearBytes(i / 255));
   const round = Array.from({ length: SEGMENTS + 1 }, (_, j) => (j / SEGMENTS) * 2 * Math.PI);
   const [cosines, sines] = [round.map(Math.cos), round.map(Math.sin)];
-  const vertices = at.length * (SEGMENTS + 1);
+  const vertices = maxRings * (SEGMENTS + 1);
   const position = new Float32Array(vertices * 3);
   const normal = new Float32Array(vertices * 3);
   const colour = new Uint8Array(vertices * 3);
   const ring = new Float32Array(vertices);
-  let v = 0;
-  for (const layer of at) {
-    const f = layer * 12;
-    const below = Math.max(0, layer - 1);
-    const [alpha, height, lean] = [layers.alpha[below], layers.height[below], tipRadius * layers.tilt[below]];
-    for (let j = 0; j <= SEGMENTS; j += 1) {
-      for (let k = 0; k < 3; k += 1) {
-        const out = cosines[j] * frames[f + k] + sines[j] * frames[f + 3 + k];
-        normal[v * 3 + k] = out;
-        position[v * 3 + k] = frames[f + 9 + k] + outerRadius * out;
-      }
-      const share = (height + lean * Math.cos(round[j] - alpha) - min) / (max - min);
-      colour.set(palette[Math.round(255 * Math.min(1, Math.max(0, share)))] ?? palette[127], v * 3);
-      ring[v] = layer;
-      v += 1;
-    }
-  }
-  const index = new Uint32Array((at.length - 1) * SEGMENTS * 6);
+  const index = new Uint32Array((maxRings - 1) * SEGMENTS * 6);
   let n = 0;
-  for (let i = 0; i + 1 < at.length; i += 1) {
+  for (let i = 0; i + 1 < maxRings; i += 1) {
     for (let j = 0; j < SEGMENTS; j += 1) {
       const a = i * (SEGMENTS + 1) + j;
       const b = a + SEGMENTS + 1;
@@ -110,17 +92,45 @@ export function makeTube(body, { outerRadius, tipRadius, wall }, [min, max]) {
   geometry.setIndex(new BufferAttribute(index, 1));
   const mesh = new Mesh(geometry, withLayerLines(new MeshLambertMaterial({ vertexColors: true, side: DoubleSide })));
   mesh.frustumCulled = false;
-
   const rim = makeRim(outerRadius, wall);
   mesh.add(rim.mesh);
+
+  // Current body, and its last ring.
+  let [current, last] = [body, 0];
   const show = (count) => {
+    const { frames, layers } = current;
     // Number of rings within these layers. The last ring may have a smaller distance from the one before.
-    const rings = count >= layers.count ? at.length - 1 : Math.floor(count / stride);
+    const rings = count >= layers.count ? last : Math.floor(count / stride);
     geometry.setDrawRange(0, rings * SEGMENTS * 6);
-    rim.moveTo(frames, at[rings] * 12);
+    rim.moveTo(frames, (rings === last ? layers.count : rings * stride) * 12);
   };
-  show(layers.count);
-  return { mesh, show };
+  const replaceBody = (replacement, [min, max]) => {
+    current = replacement;
+    const { frames, layers } = current;
+    last = Math.ceil(layers.count / stride);
+    let v = 0;
+    for (let i = 0; i <= last; i += 1) {
+      const layer = Math.min(i * stride, layers.count);
+      const f = layer * 12;
+      const below = Math.max(0, layer - 1);
+      const [alpha, height, lean] = [layers.alpha[below], layers.height[below], tipRadius * layers.tilt[below]];
+      for (let j = 0; j <= SEGMENTS; j += 1) {
+        for (let k = 0; k < 3; k += 1) {
+          const out = cosines[j] * frames[f + k] + sines[j] * frames[f + 3 + k];
+          normal[v * 3 + k] = out;
+          position[v * 3 + k] = frames[f + 9 + k] + outerRadius * out;
+        }
+        const share = (height + lean * Math.cos(round[j] - alpha) - min) / (max - min);
+        colour.set(palette[Math.round(255 * Math.min(1, Math.max(0, share)))] ?? palette[127], v * 3);
+        ring[v] = layer;
+        v += 1;
+      }
+    }
+    for (const attribute of Object.values(geometry.attributes)) attribute.needsUpdate = true;
+    show(layers.count);
+  };
+  replaceBody(body, range);
+  return { mesh, capacity, replaceBody, show };
 }
 
 /** Makes the planned tube, translucent and a little narrower than the one as built. */

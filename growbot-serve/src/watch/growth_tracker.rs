@@ -15,8 +15,9 @@ use time::OffsetDateTime;
 
 use super::heartbeat::status_age_s;
 
-/// Maximum number of temperature readings that are kept. If there are more, every second reading is dropped.
-const MAX_READINGS: usize = 4096;
+/// Maximum number of temperature readings that are kept, about one for each pixel of a chart. If there are more, every
+/// second reading is dropped.
+const MAX_READINGS: usize = 1024;
 
 /// State of a growth as live pages show it.
 pub struct GrowthTracker {
@@ -391,7 +392,7 @@ mod tests {
         let update = update_of(&watched, &mut seen);
         let taken = update["readings"]["taken"].as_array().unwrap();
         assert_eq!((update["readings"]["from"].as_u64(), taken.len()), (Some(0), MAX_READINGS / 2 + 1));
-        assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(4095.0)));
+        assert_eq!((taken[1][0].as_f64(), taken.last().unwrap()[0].as_f64()), (Some(2.0), Some(1023.0)));
     }
 
     #[test]
