@@ -74,6 +74,7 @@ export function BodyView({ robotName, shown, isChosen, isGrowing, frame, viewed,
       {shown ? (
         <iframe
           key={attempt} ref={frame} src={shown.url} onLoad={check} data-growbot-view=""
+          data-growbot-drag={shown.isGoalDraggable ? "" : undefined}
           title={`3D view of the body of ${robotName}`}
           class={problem ? "failed" : ""}
         />
@@ -81,7 +82,9 @@ export function BodyView({ robotName, shown, isChosen, isGrowing, frame, viewed,
         <p class="empty">No body yet. Enter a goal under Next body and press Preview: the body is shown here before
           anything heats.</p>
       )}
-      <p class="caption" role={problem ? "status" : undefined}>{problem || describe(viewed)}</p>
+      <p class="caption" role={problem ? "status" : undefined}>
+        {problem || `${describe(viewed)}${shown?.isGoalDraggable && viewed.body ? " Drag the goal to move it." : ""}`}
+      </p>
     </section>
   );
 }

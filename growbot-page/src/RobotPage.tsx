@@ -3,6 +3,7 @@
 import { useRef, useState } from "preact/hooks";
 import { BodyView } from "./BodyView";
 import { Charts } from "./Charts";
+import { dragGoal } from "./dragged_goal";
 import { NextBody } from "./NextBody";
 import { jobs } from "./page_state";
 import type { Robot } from "./page_state";
@@ -10,6 +11,7 @@ import { PersonNeeded } from "./PersonNeeded";
 import { chosenBodies, jobViewUrl, liveUrl } from "./shown_body";
 import type { ChosenBody } from "./shown_body";
 import { StateCard } from "./StateCard";
+import { drawPath } from "./viewer_messages";
 import type { ViewedBody, ViewerMessage } from "./viewer_messages";
 
 const NOTHING: ViewedBody = { body: null, cursor: null, readings: null };
@@ -48,12 +50,18 @@ export function RobotPage({ robot }: { robot: Robot }) {
   const [viewed, setViewed] = useState<{ source: string; of: ViewedBody }>({ source, of: NOTHING });
   const current = viewed.source === source ? viewed.of : NOTHING;
   const frame = useRef<HTMLIFrameElement>(null);
-  const hear = (message: ViewerMessage) => setViewed((before) => {
-    const of = before.source === source ? before.of : NOTHING;
-    if (message.kind === "body") return { source, of: { ...of, body: message } };
-    if (message.kind === "cursor") return { source, of: { ...of, cursor: message } };
-    return { source, of: { ...of, readings: message.readings } };
-  });
+  const hear = (message: ViewerMessage) => {
+    if (message.kind === "goal") {
+      dragGoal(name, message, (points) => drawPath(frame.current, points));
+      return;
+    }
+    setViewed((before) => {
+      const of = before.source === source ? before.of : NOTHING;
+      if (message.kind === "body") return { source, of: { ...of, body: message } };
+      if (message.kind === "cursor") return { source, of: { ...of, cursor: message } };
+      return { source, of: { ...of, readings: message.readings } };
+    });
+  };
   return (
     <>
       <PersonNeeded robot={robot} />

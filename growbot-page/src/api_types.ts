@@ -75,7 +75,8 @@ export interface Plan {
 /** Response to a request for a plan. */
 export interface PlanResponse {
   plan: Plan;
-  view_path: string;
+  centreline_mm: [number, number, number][];
+  view_path: string | null;
 }
 
 /** A request to grow or to plan: either a goal `to`, or a plan. */

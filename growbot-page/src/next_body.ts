@@ -99,6 +99,9 @@ export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
 }
 
+/** Returns the path of the API that plans for a robot. */
+export const plansPath = (robot: string) => `plans?robot=${encodeURIComponent(robot)}`;
+
 /** Returns what is missing in the form. Null if it is complete. */
 function problemOf({ source, waypoints, target, given }: NextBodyForm): Problem | null {
   if (source === "plan") return given ? null : { message: "Choose a plan file first." };
@@ -122,11 +125,11 @@ export async function preview(robot: string): Promise<boolean> {
   const isCurrent = () => formOf(robot).revision === form.revision;
   update(robot, { isPlanning: true, problem: null });
   try {
-    const path = `plans?robot=${encodeURIComponent(robot)}`;
-    const { plan, view_path: view } = await request<PlanResponse>(path, await requestOf(form));
+    const { plan, view_path: view } = await request<PlanResponse>(plansPath(robot), await requestOf(form));
     if (!isCurrent()) return false;
     update(robot, { plan });
-    chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view) });
+    const isGoalDraggable = form.source === "goal";
+    chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view ?? ""), isGoalDraggable });
     return true;
   } catch (error) {
     const { message } = error as Error;

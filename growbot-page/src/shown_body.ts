@@ -8,6 +8,8 @@ import { API } from "./service";
 export interface ChosenBody {
   title: string;
   url: string;
+  /** True if the goal in the view can be dragged. */
+  isGoalDraggable?: boolean;
   /** True if the page scrolls to the body, because its command is far below. */
   isScrolledTo?: boolean;
 }

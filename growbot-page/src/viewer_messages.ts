@@ -1,5 +1,7 @@
 // Messages between the page and the 3D view in its frame (growbot-pictures/viewer/src/embedding.js).
 
+import type { PlanResponse } from "./api_types";
+
 /** A temperature: time in s, temperature and target in C. The target is null while the heater is off. */
 export type Reading = [time: number, celsius: number, target: number | null];
 
@@ -37,7 +39,15 @@ export interface ReadingsMessage {
   readings: Reading[];
 }
 
-export type ViewerMessage = BodyMessage | CursorMessage | ReadingsMessage;
+/** The position to which a person drags the goal, mm. */
+export interface GoalMessage {
+  kind: "goal";
+  position: [number, number, number];
+  /** False while the goal moves. */
+  isDropped: boolean;
+}
+
+export type ViewerMessage = BodyMessage | CursorMessage | ReadingsMessage | GoalMessage;
 
 /** All that the view has sent about the body that it shows. */
 export interface ViewedBody {
@@ -52,7 +62,15 @@ export function readMessage(event: MessageEvent, frame: HTMLIFrameElement | null
   return event.data?.growbot ?? null;
 }
 
+const send = (frame: HTMLIFrameElement | null, message: object) =>
+  frame?.contentWindow?.postMessage({ growbot: message }, location.origin);
+
 /** Moves the slider of the view in this frame to a length of the body. */
 export function moveCursor(frame: HTMLIFrameElement | null, lengthMm: number): void {
-  frame?.contentWindow?.postMessage({ growbot: { kind: "cursor", lengthMm } }, location.origin);
+  send(frame, { kind: "cursor", lengthMm });
+}
+
+/** Draws a path to the dragged goal in the view in this frame. `points` are its centreline, mm. */
+export function drawPath(frame: HTMLIFrameElement | null, points: PlanResponse["centreline_mm"]): void {
+  send(frame, { kind: "path", points });
 }

@@ -12,6 +12,9 @@ use super::robot_worker::RobotWorker;
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
+/// Timeout of the start of a growth, for which files are written and layers sent. It is shorter than the time for
+/// which a command of growbot waits for a response.
+pub(super) const START_TIMEOUT: Duration = Duration::from_secs(25);
 /// Number of reconnection intervals for which a stop waits for a robot that is not connected, before the stop fails.
 const RECONNECTIONS: u32 = 2;
 /// Interval of the checks whether the board has confirmed a stop.

@@ -23,7 +23,7 @@ use serde::Deserialize;
 use tokio::task::spawn_blocking;
 
 use super::access::{Access, require_control};
-use super::commands::COMMAND_TIMEOUT;
+use super::commands::START_TIMEOUT;
 use super::event_stream::job_events;
 use super::grow_request::{PlanInScene, request_hash, resolve_request};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
@@ -152,7 +152,7 @@ pub(super) fn make_job(
     service.shared.jobs().insert(&job, key.map(|key| (key, &*hash))).map_err(Problem::internal)?;
     let new = NewJob { job: job.clone(), body, permit: order.permit };
     let grow = RobotRequest::Grow(Box::new(new));
-    if let Err(why) = keeper.request_claimed(grow, &order.claim, COMMAND_TIMEOUT) {
+    if let Err(why) = keeper.request_claimed(grow, &order.claim, START_TIMEOUT) {
         // A job that has started after the timeout keeps the state that its robot reports.
         if !service.shared.jobs_to_read().log_path(&job.id).exists() {
             service.shared.jobs().mark_rejected(&job.id, &why.to_string());
@@ -214,7 +214,7 @@ pub async fn resume(
         let outcome = keeper
             .ensure_idle()
             .and_then(|()| ensure_resumable(&job))
-            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), COMMAND_TIMEOUT));
+            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), START_TIMEOUT));
         drop(begins);
         service.shared.audit.note(by, &job.robot, "resume", &outcome);
         outcome?;

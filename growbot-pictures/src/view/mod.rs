@@ -40,6 +40,7 @@ use std::iter::once;
 use std::path::Path;
 
 use centreline::polyline;
+pub use centreline::thinned;
 use growbot_core::job::job_layers;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder, decode};

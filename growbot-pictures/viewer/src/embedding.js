@@ -7,6 +7,9 @@ const MAX_POINTS = 400;
 /** True if a page of growbot shows this page in a frame. Other pages, such as notebooks, show the whole page. */
 export const isEmbedded = window.frameElement?.dataset.growbotView !== undefined;
 
+/** True if a person can drag the goal, because the page around this one plans again then. */
+export const isGoalDraggable = isEmbedded && window.frameElement.dataset.growbotDrag !== undefined;
+
 function send(message) {
   if (isEmbedded) window.parent.postMessage({ growbot: message }, location.origin);
 }
@@ -48,11 +51,26 @@ export function sendReadings(readings) {
   if (isEmbedded) send({ kind: "readings", readings: thinned(readings.length).map((index) => readings[index]) });
 }
 
-/** Calls `move(lengthMm)` when the other page moves the slider. */
-export function onCursor(move) {
+/** Sends the position to which the goal is dragged, mm. `isDropped` is false while it moves. */
+export function sendGoal(position, isDropped) {
+  send({ kind: "goal", position, isDropped });
+}
+
+/** Calls `use` with each message of this kind from the page around this one. */
+function onMessage(kind, use) {
   if (!isEmbedded) return;
   window.addEventListener("message", ({ origin, source, data }) => {
-    const lengthMm = data?.growbot?.kind === "cursor" ? data.growbot.lengthMm : null;
-    if (origin === location.origin && source === window.parent && Number.isFinite(lengthMm)) move(lengthMm);
+    const message = data?.growbot;
+    if (origin === location.origin && source === window.parent && message?.kind === kind) use(message);
   });
+}
+
+/** Calls `move(lengthMm)` when the other page moves the slider. */
+export function onCursor(move) {
+  onMessage("cursor", ({ lengthMm }) => { if (Number.isFinite(lengthMm)) move(lengthMm); });
+}
+
+/** Calls `draw(points)` when the other page has a path to the dragged goal: its centreline, mm. */
+export function onPath(draw) {
+  onMessage("path", ({ points }) => draw(points));
 }

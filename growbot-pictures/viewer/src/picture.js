@@ -5,6 +5,8 @@
 
 import { Box3, Vector3 } from "three";
 import { gradient } from "./colours.js";
+import { makeGoalDraggable } from "./drag.js";
+import { isGoalDraggable } from "./embedding.js";
 import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
 import { makeObstacles } from "./obstacles.js";
 import { makeStage } from "./stage.js";
@@ -101,6 +103,8 @@ function buildPicture(container, subject, range, square) {
     label("reached", () => reached, "--planned");
     balls.push(makeBall(reached, 0.12 * sizes.outerRadius, 0));
   }
+  const goalBall = isGoalDraggable && makeBall(goal.position, 0.2 * sizes.outerRadius, 0);
+  if (goalBall) balls.push(goalBall);
   if (balls.length > 0) scene.add(...balls);
   const marks = [startTail, goalEnd, goal.position, reached].filter(Boolean).map((point) => new Vector3(...point));
   box.setFromPoints([...bodies(), ...marks]).expandByScalar(sizes.outerRadius);
@@ -209,6 +213,7 @@ function buildPicture(container, subject, range, square) {
   stage.resize();
   stage.setViewpoint("corner");
   new ResizeObserver(stage.resize).observe(container);
+  if (goalBall) makeGoalDraggable(stage, goalBall);
   const { setViewpoint } = stage;
   return { show, replaceBody, setVisible, setSceneVisible, setFollowing, applyTheme, setViewpoint, stage };
 }

@@ -4,11 +4,12 @@ import {
   AmbientLight, Box3, Color, DirectionalLight, OrthographicCamera, Scene, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
+import { isEmbedded } from "./embedding.js";
 
 const VIEW_DIRECTIONS = { front: [0, -1, 0], side: [1, 0, 0], top: [0, -1e-4, 1] };
 
-/** Margins for labels, legend and scale bar, pixels of the page. */
-const MARGIN = { top: 24, bottom: 64, sides: 24 };
+/** Margins for labels, buttons, legend and scale bar, pixels of the page. In a frame, the buttons lie on the picture. */
+const MARGIN = { top: isEmbedded ? 60 : 24, bottom: 64, sides: 24 };
 
 /** Returns the one of eight corners that shows these directions best. The first direction has the most weight. */
 function bestCorner(directions) {
@@ -151,6 +152,12 @@ export function makeStage(canvas, drawn) {
     toScreen: (point) => {
       const projected = new Vector3().fromArray(point).project(camera);
       return [(0.5 + 0.5 * projected.x) * canvas.clientWidth, (0.5 - 0.5 * projected.y) * canvas.clientHeight];
+    },
+    /** Returns the point at this position in the picture, pixels of the page, that is as far away as another point. */
+    fromScreen: ([x, y], { depthOf }) => {
+      const { z } = new Vector3().fromArray(depthOf).project(camera);
+      const [right, up] = [(2 * x) / canvas.clientWidth - 1, 1 - (2 * y) / canvas.clientHeight];
+      return new Vector3(right, up, z).unproject(camera).toArray();
     },
   };
   stage.linked = [stage];
