@@ -3,6 +3,7 @@
 //!
 //! - [`remote_robot`]: a robot of the service; [`client`]: requests to the service, and the events of a job;
 //!   [`socket`]: the Unix socket on which it listens; `transport`: HTTP on this socket;
+//! - [`emergency`]: the emergency stop by the service and by the port;
 //! - [`api`]: the requests and responses.
 //!
 //! The feature `schema` derives JSON Schemas of the requests and responses.
@@ -10,6 +11,7 @@
 
 pub mod api;
 pub mod client;
+pub mod emergency;
 pub mod remote_robot;
 pub mod socket;
 #[cfg(test)]

@@ -81,15 +81,8 @@ impl RemoteRobot {
     /// # Errors
     /// [`ServiceError`].
     pub fn send_command(&self, command: RobotCommand) -> Result<(), ServiceError> {
-        self.send_command_within(command, RESPONSE_TIMEOUT)
-    }
-
-    /// Like [`RemoteRobot::send_command`], but with `limit` as the timeout of the response.
-    ///
-    /// # Errors
-    /// [`ServiceError`].
-    pub fn send_command_within(&self, command: RobotCommand, limit: Duration) -> Result<(), ServiceError> {
-        self.client.request(&self.route("/commands"), Some(CommandRequest { command }), Some(limit)).map(drop)
+        let timeout = Some(RESPONSE_TIMEOUT);
+        self.client.request(&self.route("/commands"), Some(CommandRequest { command }), timeout).map(drop)
     }
 
     /// Sends a command of a user to the growth of a job.

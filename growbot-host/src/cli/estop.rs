@@ -9,7 +9,8 @@ use clap::{Args, Command};
 use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
-use growbot_remote::api::RobotCommand;
+use growbot_remote::client::RESPONSE_TIMEOUT;
+use growbot_remote::emergency;
 use growbot_serve::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
@@ -17,8 +18,7 @@ use super::failure::Failure;
 use super::json_arg::JsonArg;
 use super::port_arg::{RequiredPortArg, SelectedPort};
 use super::robot_arg::RobotArg;
-use super::service_lookup::robots_in_emergency;
-use super::service_robot::{emergency_limit, owner_in_emergency};
+use super::service_lookup::{EMERGENCY, robots_in_emergency, service_in_emergency};
 use super::{remedies, usage};
 
 /// Emergency stop: heater and steppers off before the board does anything else
@@ -117,14 +117,12 @@ fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Resul
 
 /// Stops one robot. Returns the reason if its board did not acknowledge the stop.
 fn stop(port: &SelectedPort) -> Result<(), String> {
-    // A service that does not respond must not delay the stop.
-    match owner_in_emergency(port)
-        .map(|robot| robot.send_command_within(RobotCommand::EmergencyStop, emergency_limit(port)).is_ok())
-    {
-        Some(true) => Ok(()),
+    // Only the service can stop a robot that is simulated inside it.
+    let limit = if port.is_in_process() { 2 * RESPONSE_TIMEOUT } else { 2 * EMERGENCY };
+    emergency::stop_by_either(service_in_emergency(), port.text(), limit, |answer| match answer {
         Some(false) if port.is_in_process() => Err("the service has not confirmed the emergency stop".to_owned()),
         _ => stop_at_port(port),
-    }
+    })
 }
 
 /// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.

@@ -9,8 +9,8 @@ use growbot_serve::settings::{self, InvalidFiles, SettingsError};
 
 use super::remedies;
 
-/// Timeout of each of the two requests to the service that an emergency stop makes. If the service has not confirmed
-/// the stop in time, the command sends it to the robot's port itself.
+/// Time for which an emergency stop waits for each of two responses of the service. If the service has not confirmed
+/// the stop by then, the command sends it to the robot's port, too.
 pub const EMERGENCY: Duration = Duration::from_millis(50);
 
 /// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.

@@ -3,7 +3,6 @@
 use std::io::{self, IsTerminal};
 use std::ops::ControlFlow;
 use std::path::Path;
-use std::time::Duration;
 
 use growbot_client::growth::{LogTarget, OnInterrupted};
 use growbot_core::link::message::HostSilencePolicy;
@@ -16,7 +15,7 @@ use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_remote::PREFIX;
 use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls, RobotCommand};
-use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
+use growbot_remote::client::{JobUpdate, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::{LeasedPort, RemoteRobot};
 use growbot_sim::crash::FirmwareImage;
 use time::OffsetDateTime;
@@ -26,28 +25,14 @@ use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
-use super::port_arg::SelectedPort;
 use super::replay;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
-use super::service_lookup::{EMERGENCY, service_in_emergency};
 use super::stop_on_interrupt::react_to_interrupt;
 
 impl From<ServiceError> for Failure {
     fn from(error: ServiceError) -> Self {
         if error.is_invalid_request() { Self::before_start(&error) } else { Self::during_request(&error) }
     }
-}
-
-/// Returns the robot at this port for an emergency, in which a service that hangs must not delay the stop. `None` if no
-/// service of this user owns the port.
-pub fn owner_in_emergency(port: &SelectedPort) -> Option<RemoteRobot> {
-    service_in_emergency()?.robot_at(port.text(), emergency_limit(port)).ok().flatten()
-}
-
-/// Returns the timeout of each request of an emergency stop. It is longer for a robot that is simulated inside the
-/// service, because only the service can stop that robot.
-pub fn emergency_limit(port: &SelectedPort) -> Duration {
-    if port.is_in_process() { RESPONSE_TIMEOUT } else { EMERGENCY }
 }
 
 /// Prints the address of a growth's page, if it is requested.
