@@ -210,7 +210,8 @@ fn a_script_that_ends_while_heating_reports_it() {
         for part in [&["the robot is heating", "pauses after the current layer", "300 s", &remedy], parts].concat() {
             assert!(ran.err.contains(part), "no {part:?}: {}", ran.err);
         }
-        assert!(bench.seen().heats);
+        // The heater is off for moments while it holds the temperature.
+        until("the board still heats", || bench.seen().heats);
     }
 }
 
