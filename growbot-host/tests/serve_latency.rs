@@ -81,7 +81,7 @@ impl Growth {
         took
     }
 
-    /// Runs `growbot estop`, and returns its duration. On a starved machine, nobody may confirm within its 3 s.
+    /// Runs `growbot estop`, and returns its duration. On a starved machine, its 3 s may be too short for a confirmation.
     fn estop(&self) -> Duration {
         let began = Instant::now();
         let (code, answer) = self.lab.run(&["estop"]);

@@ -46,14 +46,14 @@ pub struct PlanQuery {
     page: PlanPage,
 }
 
-/// Whether a page of a plan is made.
+/// The page of a plan that the service makes.
 #[derive(Debug, Default, Clone, Copy, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 enum PlanPage {
-    /// The page is made and kept.
+    /// A page that the service keeps.
     #[default]
     Kept,
-    /// There is no page.
+    /// No page.
     None,
 }
 

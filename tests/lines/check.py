@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 # This number may only fall, except by the lines of a command that is added.
-ALLOWED = 74_850
+ALLOWED = 74_885
 
 SUFFIXES = ("rs", "py", "js", "ts", "tsx", "css", "html")
 # Folders and files of tests, examples, tools and what others have written.
