@@ -81,13 +81,15 @@ impl Growth {
         took
     }
 
-    /// Runs `growbot estop`, and returns its duration. On a starved machine, its 3 s may be too short for a confirmation.
+    /// Runs `growbot estop`, and returns its duration. The command is repeated if the 3 s for which it waits for a
+    /// confirmation are too short on a starved machine.
     fn estop(&self) -> Duration {
         let began = Instant::now();
-        let (code, answer) = self.lab.run(&["estop"]);
-        let took = began.elapsed();
-        assert!(code == Some(0) || answer.contains("DID NOT CONFIRM"), "{answer}");
-        took
+        wait_for("a confirmation", || {
+            let (code, answer) = self.lab.run(&["estop"]);
+            assert!(code == Some(0) || answer.contains("DID NOT CONFIRM"), "{answer}");
+            (code == Some(0)).then(|| began.elapsed())
+        })
     }
 
     /// Sends a request to the page, and returns the time until its response.

@@ -15,6 +15,8 @@ interface BodyViewProps {
   shown: ChosenBody | null;
   /** True if a person has chosen the body. */
   isChosen: boolean;
+  /** True if a person can drag the goal of the body now. */
+  isGoalDraggable: boolean;
   isGrowing: boolean;
   frame: RefObject<HTMLIFrameElement | null>;
   viewed: ViewedBody;
@@ -33,7 +35,8 @@ function describe({ body, cursor }: ViewedBody): string {
     + `pitch ${formatNumber(cursor.pitch, 1)}°.`;
 }
 
-export function BodyView({ robotName, shown, isChosen, isGrowing, frame, viewed, onMessage }: BodyViewProps) {
+export function BodyView(props: BodyViewProps) {
+  const { robotName, shown, isChosen, isGoalDraggable, isGrowing, frame, viewed, onMessage } = props;
   const [attempt, setAttempt] = useState(0);
   const [problem, setProblem] = useState("");
   const listener = useRef(onMessage);
@@ -74,7 +77,7 @@ export function BodyView({ robotName, shown, isChosen, isGrowing, frame, viewed,
       {shown ? (
         <iframe
           key={attempt} ref={frame} src={shown.url} onLoad={check} data-growbot-view=""
-          data-growbot-drag={shown.isGoalDraggable ? "" : undefined}
+          data-growbot-drag={shown.isGoalDraggable ? isGoalDraggable : undefined}
           title={`3D view of the body of ${robotName}`}
           class={problem ? "failed" : ""}
         />
@@ -83,7 +86,7 @@ export function BodyView({ robotName, shown, isChosen, isGrowing, frame, viewed,
           anything heats.</p>
       )}
       <p class="caption" role={problem ? "status" : undefined}>
-        {problem || `${describe(viewed)}${shown?.isGoalDraggable && viewed.body ? " Drag the goal to move it." : ""}`}
+        {problem || `${describe(viewed)}${isGoalDraggable && viewed.body ? " Drag the goal to move it." : ""}`}
       </p>
     </section>
   );

@@ -5,6 +5,7 @@ import { BodyView } from "./BodyView";
 import { Charts } from "./Charts";
 import { dragGoal } from "./dragged_goal";
 import { NextBody } from "./NextBody";
+import { isGoalPreviewed } from "./next_body";
 import { jobs } from "./page_state";
 import type { Robot } from "./page_state";
 import { PersonNeeded } from "./PersonNeeded";
@@ -69,6 +70,7 @@ export function RobotPage({ robot }: { robot: Robot }) {
         <StateCard robot={robot} body={!chosen && robot.status.job ? current.body : null} />
         <BodyView
           key={source} robotName={name} shown={shown} isChosen={chosen !== null} isGrowing={robot.status.job !== null}
+          isGoalDraggable={Boolean(chosen?.isGoalDraggable) && isGoalPreviewed(name)}
           frame={frame} viewed={current} onMessage={hear}
         />
         <Charts robotName={name} viewed={current} frame={frame} />

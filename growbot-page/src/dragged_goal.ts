@@ -10,8 +10,9 @@ import type { GoalMessage } from "./viewer_messages";
 
 type DrawPath = (points: PlanResponse["centreline_mm"]) => void;
 
-/** Robots for whose dragged goal a path is being planned. */
-const planning = new Set<string>();
+const TIMEOUT_MS = 5_000;
+/** Drags that have not ended, by the name of the robot. */
+const drags = new Map<string, AbortController>();
 
 function targetAt({ fields, anyDirection }: Target, [x, y, z]: GoalMessage["position"]): Target {
   const [xText, yText, zText] = [x, y, z].map((part) => part.toFixed(1));
@@ -23,25 +24,35 @@ export function dragGoal(robot: string, { position, isDropped }: GoalMessage, dr
   const { source, target } = formOf(robot);
   if (source !== "goal") return;
   enter(robot, { target: targetAt(target, position) });
-  if (isDropped) void preview(robot);
-  else void drawLatest(robot, draw);
+  const drag = drags.get(robot);
+  if (isDropped) {
+    drag?.abort();
+    drags.delete(robot);
+    void preview(robot);
+  } else if (!drag) {
+    const started = new AbortController();
+    drags.set(robot, started);
+    void drawPaths(robot, draw, started.signal);
+  }
 }
 
-/** Draws the path to the goal that is entered, until the path to the latest goal is drawn. */
-async function drawLatest(robot: string, draw: DrawPath): Promise<void> {
-  if (planning.has(robot)) return;
-  planning.add(robot);
+/** Draws the path to the goal that is entered, until the path to the latest goal is drawn or the drag has ended. */
+async function drawPaths(robot: string, draw: DrawPath, end: AbortSignal): Promise<void> {
   let planned = -1;
   while (formOf(robot).revision !== planned) {
     const form = formOf(robot);
     planned = form.revision;
-    draw(await pathTo(robot, form).catch(() => []));
+    // There is no path to some of the goals on the way.
+    const points = await pathTo(robot, form, end).catch(() => []);
+    if (end.aborted) return;
+    draw(points);
   }
-  planning.delete(robot);
+  drags.delete(robot);
 }
 
-/** Returns the centreline of the body that is entered, without its scene. Fails if there is no path to its goal. */
-async function pathTo(robot: string, form: NextBodyForm): Promise<PlanResponse["centreline_mm"]> {
+/** Returns the centreline of the body that is entered, without its scene. */
+async function pathTo(robot: string, form: NextBodyForm, end: AbortSignal): Promise<PlanResponse["centreline_mm"]> {
   const outline = await requestOf({ ...form, scene: null, ignoreScene: false });
-  return (await request<PlanResponse>(`${plansPath(robot)}&page=none`, outline)).centreline_mm;
+  const signal = AbortSignal.any([end, AbortSignal.timeout(TIMEOUT_MS)]);
+  return (await request<PlanResponse>(`${plansPath(robot)}&page=none`, outline, { signal })).centreline_mm;
 }

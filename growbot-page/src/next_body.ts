@@ -53,6 +53,8 @@ export const EMPTY_FORM: NextBodyForm = {
 };
 
 export const forms = signal<ReadonlyMap<string, NextBodyForm>>(new Map());
+/** The preview that is being planned for a robot. */
+const planning = new Map<string, AbortController>();
 /** Names under which the service stores the scenes of this page's files. */
 const storedScenes = new WeakMap<File, string>();
 
@@ -99,6 +101,12 @@ export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
 }
 
+/** Returns whether the goal that is entered is that of the preview. */
+export function isGoalPreviewed(robot: string): boolean {
+  const { source, plan } = formOf(robot);
+  return source === "goal" && plan !== null;
+}
+
 /** Returns the path of the API that plans for a robot. */
 export const plansPath = (robot: string) => `plans?robot=${encodeURIComponent(robot)}`;
 
@@ -122,14 +130,19 @@ export async function preview(robot: string): Promise<boolean> {
     update(robot, { problem });
     return false;
   }
-  const isCurrent = () => formOf(robot).revision === form.revision;
+  // The service gives up a plan for which no page waits any more.
+  planning.get(robot)?.abort();
+  const own = new AbortController();
+  planning.set(robot, own);
+  const isCurrent = () => formOf(robot).revision === form.revision && !own.signal.aborted;
   update(robot, { isPlanning: true, problem: null });
   try {
-    const { plan, view_path: view } = await request<PlanResponse>(plansPath(robot), await requestOf(form));
-    if (!isCurrent()) return false;
+    const { signal } = own;
+    const { plan, view_path: view } = await request<PlanResponse>(plansPath(robot), await requestOf(form), { signal });
+    if (!isCurrent() || view === null) return false;
     update(robot, { plan });
     const isGoalDraggable = form.source === "goal";
-    chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view ?? ""), isGoalDraggable });
+    chooseBody(robot, { title: "Preview of the next body", url: planViewUrl(view), isGoalDraggable });
     return true;
   } catch (error) {
     const { message } = error as Error;
@@ -138,7 +151,10 @@ export async function preview(robot: string): Promise<boolean> {
     if (isCurrent()) update(robot, { plan: null, problem: found });
     return false;
   } finally {
-    update(robot, { isPlanning: false });
+    if (planning.get(robot) === own) {
+      planning.delete(robot);
+      update(robot, { isPlanning: false });
+    }
   }
 }
 

@@ -1,50 +1,48 @@
-//! The emergency stop of a robot by the service that owns its port, and by the port itself.
+//! The emergency stop of a robot by the service that owns its port. It is sent beside the stop at the port itself.
 
 use std::sync::mpsc::{self, Receiver};
-use std::thread;
+use std::thread::Builder;
 use std::time::Duration;
 
 use crate::api::RobotCommand;
 use crate::client::{RESPONSE_TIMEOUT, ServiceClient};
 
-/// Stops the robot at this port by the service, if it owns the port, and by `stop_at_port` if the service has not
-/// confirmed the stop within `limit`. A service that hangs must not delay the stop. It may still confirm while the port
-/// does not respond to this program, for example because the port serves one program at a time.
-///
-/// `stop_at_port` gets false if the service has refused the stop, and `None` if it has not answered or does not own the
-/// port.
-///
-/// # Errors
-/// That of `stop_at_port`, if the service has not confirmed the stop either.
-pub fn stop_by_either<E>(
-    service: Option<ServiceClient>,
-    port: &str,
-    limit: Duration,
-    stop_at_port: impl FnOnce(Option<bool>) -> Result<(), E>,
-) -> Result<(), E> {
-    let (sender, by_service) = mpsc::channel();
-    if let Some(service) = service {
-        let port = port.to_owned();
-        thread::spawn(move || {
-            let robot = service.robot_at(&port, RESPONSE_TIMEOUT).ok().flatten()?;
-            sender.send(robot.send_command(RobotCommand::EmergencyStop).is_ok()).ok()
-        });
-    } else {
-        drop(sender);
-    }
-    confirmed_by_either(&by_service, limit, stop_at_port)
+/// An emergency stop that has been sent to the service. A service that hangs must not delay the stop, but it may
+/// confirm later, while the port does not respond to this program, for example because another program uses it.
+pub struct ServiceStop {
+    /// True if the board has confirmed the stop to the service, false if not. Nothing comes from a service that does
+    /// not own the port.
+    answers: Receiver<bool>,
+    answer: Option<bool>,
 }
 
-fn confirmed_by_either<E>(
-    by_service: &Receiver<bool>,
-    limit: Duration,
-    stop_at_port: impl FnOnce(Option<bool>) -> Result<(), E>,
-) -> Result<(), E> {
-    match by_service.recv_timeout(limit).ok() {
-        Some(true) => Ok(()),
-        answer => {
-            stop_at_port(answer).or_else(|error| if by_service.try_recv() == Ok(true) { Ok(()) } else { Err(error) })
+impl ServiceStop {
+    /// Sends the stop of the robot at this port to the service, if there is one. Does not wait.
+    #[must_use]
+    pub fn begin(service: Option<ServiceClient>, port: &str) -> Self {
+        let (sender, answers) = mpsc::channel();
+        let port = port.to_owned();
+        let request = move || {
+            let robot = service?.robot_at(&port, RESPONSE_TIMEOUT).ok().flatten()?;
+            sender.send(robot.send_command(RobotCommand::EmergencyStop).is_ok()).ok()
+        };
+        // A thread that cannot be created must not prevent the stop at the port.
+        let _ = Builder::new().spawn(request);
+        Self { answers, answer: None }
+    }
+
+    /// Waits for the service's answer, for at most `limit`. Returns true if it has confirmed the stop.
+    pub fn wait(&mut self, limit: Duration) -> bool {
+        if self.answer.is_none() {
+            self.answer = self.answers.recv_timeout(limit).ok();
         }
+        self.answer == Some(true)
+    }
+
+    /// Returns true if the service owns the port, but has not confirmed the stop.
+    #[must_use]
+    pub fn has_failed(&self) -> bool {
+        self.answer == Some(false)
     }
 }
 
@@ -53,19 +51,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_service_may_confirm_while_the_port_does_not_respond() {
-        for (answer, expected) in [(true, Ok(())), (false, Err("silent"))] {
-            let (sender, by_service) = mpsc::channel();
-            let stopped = confirmed_by_either(&by_service, Duration::ZERO, |_| {
-                sender.send(answer).unwrap();
-                Err("silent")
-            });
-            assert_eq!(stopped, expected);
-        }
-    }
-
-    #[test]
-    fn a_port_without_a_service_is_tried_at_once() {
-        assert_eq!(stop_by_either(None, "/dev/ttyACM0", Duration::MAX, |answer| answer.map_or(Ok(()), Err)), Ok(()));
+    fn a_service_may_confirm_late_and_no_service_is_not_waited_for() {
+        let (sender, answers) = mpsc::channel();
+        let mut stop = ServiceStop { answers, answer: None };
+        assert!(!stop.wait(Duration::ZERO) && !stop.has_failed());
+        sender.send(true).unwrap();
+        assert!(stop.wait(Duration::ZERO) && stop.wait(Duration::ZERO));
+        assert!(!ServiceStop::begin(None, "/dev/ttyACM0").wait(Duration::MAX));
     }
 }

@@ -12,8 +12,8 @@ use super::robot_worker::RobotWorker;
 
 /// Timeout of a robot's response to a command.
 pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
-/// Timeout of the start of a growth, for which files are written and layers sent. It is shorter than the time for
-/// which a command of growbot waits for a response.
+/// Timeout of the start of a growth, for which files are written and layers sent. It is shorter than the 30 s for which
+/// a command of growbot waits, if no other start is before it.
 pub(super) const START_TIMEOUT: Duration = Duration::from_secs(25);
 /// Number of reconnection intervals for which a stop waits for a robot that is not connected, before the stop fails.
 const RECONNECTIONS: u32 = 2;

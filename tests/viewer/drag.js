@@ -40,7 +40,8 @@ try {
   page.setDefaultTimeout(TIMEOUT_MS);
   await page.goto(lab.controlUrl);
   const { nextBody, preview, frame, drawnLayers, typeGoal, waitForState } = partsOf(page, "lab");
-  const field = (label) => nextBody.getByRole("group", { name: "Goal", exact: true }).getByLabel(label, { exact: true });
+  const fields = nextBody.getByRole("group", { name: "Goal", exact: true });
+  const field = (label) => fields.getByLabel(label, { exact: true });
   await waitForState("idle");
   console.log(`| goal, ${moves} moves | median, ms | max, ms |\n|---|---|---|`);
   for (const [name, goal] of Object.entries(GOALS)) {
@@ -60,6 +61,11 @@ try {
         window.paths.push({ points: data.growbot.points, tookMs: performance.now() - window.movedAt });
       });
     });
+    const readFields = () => Promise.all(["X, mm", "Y, mm", "Z, mm"].map((label) => field(label).inputValue()));
+    // A click moves nothing.
+    const typed = await readFields();
+    await page.mouse.click(x, y);
+    assert.deepEqual([await readFields(), await preview.count()], [typed, 1]);
     await page.mouse.down();
     for (let move = 1; move <= moves; move++) {
       await page.mouse.move(x + MOVE_PIXELS * move, y);
@@ -69,16 +75,21 @@ try {
       }), move);
     }
     const paths = await canvas.evaluate(() => window.paths);
-    const dragged = await Promise.all(["X, mm", "Y, mm", "Z, mm"].map((label) => field(label).inputValue()));
-    assert.notEqual(dragged.join(), goal.split(",").slice(0, 3).join());
-    const ends = paths.at(-1).points.at(-1).map((part) => part.toFixed(1));
-    assert.deepEqual(ends, dragged, "the last path does not end at the goal");
+    const dragged = await readFields();
+    const ends = paths.map(({ points }) => points.at(-1));
+    assert.deepEqual(ends.at(-1).map((part) => part.toFixed(1)), dragged, "the last path does not end at the goal");
+    // The goal moves with the pointer, at the scale of the picture.
+    const step = MOVE_PIXELS * await frame.locator(".scale").evaluate((scale) =>
+      Number.parseFloat(scale.querySelector("b").innerText) / Number.parseFloat(scale.querySelector("i").style.width));
+    for (const [index, end] of ends.slice(1).entries()) {
+      const moved = Math.hypot(...end.map((part, k) => part - ends[index][k]));
+      assert.ok(Math.abs(moved / step - 1) < 0.05, `the goal moved by ${moved} mm, not ${step} mm`);
+    }
     const times = paths.map(({ tookMs }) => tookMs).sort((a, b) => a - b);
     console.log(`| ${name} | ${times[Math.floor(times.length / 2)].toFixed(1)} | ${times.at(-1).toFixed(1)} |`);
     await page.mouse.up();
-    // The dropped goal is planned as a whole.
-    await preview.waitFor();
-    await drawnLayers.waitFor();
+    // The body to the dropped goal is shown.
+    await page.getByText(`: ${dragged.join(", ")} mm, heading`).waitFor();
   }
 } finally {
   await browser.close();

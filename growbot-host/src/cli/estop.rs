@@ -10,7 +10,7 @@ use growbot_client::client::{Client, EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 use growbot_client::port::time_since_boot;
 use growbot_host::output::print;
 use growbot_remote::client::RESPONSE_TIMEOUT;
-use growbot_remote::emergency;
+use growbot_remote::emergency::ServiceStop;
 use growbot_serve::settings::{self, InvalidFiles, SettingOrigin};
 use growbot_sim::port::{self, OpenError, PortName};
 
@@ -117,12 +117,15 @@ fn ports_from_files(given: &RequiredPortArg, mut invalid: InvalidFiles) -> Resul
 
 /// Stops one robot. Returns the reason if its board did not acknowledge the stop.
 fn stop(port: &SelectedPort) -> Result<(), String> {
+    let mut by_service = ServiceStop::begin(service_in_emergency(), port.text());
     // Only the service can stop a robot that is simulated inside it.
-    let limit = if port.is_in_process() { 2 * RESPONSE_TIMEOUT } else { 2 * EMERGENCY };
-    emergency::stop_by_either(service_in_emergency(), port.text(), limit, |answer| match answer {
-        Some(false) if port.is_in_process() => Err("the service has not confirmed the emergency stop".to_owned()),
-        _ => stop_at_port(port),
-    })
+    if by_service.wait(if port.is_in_process() { 2 * RESPONSE_TIMEOUT } else { EMERGENCY }) {
+        return Ok(());
+    }
+    if port.is_in_process() && by_service.has_failed() {
+        return Err("the service has not confirmed the emergency stop".to_owned());
+    }
+    stop_at_port(port, || by_service.wait(Duration::ZERO))
 }
 
 /// Returns the failure for a stop that the board did not acknowledge, with the advice to cut the power.
@@ -139,8 +142,8 @@ pub fn usage_error(error: &clap::Error, root: &Command) -> ExitCode {
     unacknowledged(format_args!("no emergency stop was sent: {}", usage::message(error, root))).report()
 }
 
-/// Sends the stop to the port itself, until the board confirms it or the time is over.
-fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
+/// Sends the stop to the port itself, until the board or `is_confirmed` confirms it or the time is over.
+fn stop_at_port(port: &SelectedPort, mut is_confirmed: impl FnMut() -> bool) -> Result<(), String> {
     port.require_running_robot("the emergency stop").map_err(|failure| failure.message().to_string())?;
     let mut attempts = 0;
     let began = time_since_boot();
@@ -154,15 +157,24 @@ fn stop_at_port(port: &SelectedPort) -> Result<(), String> {
                 attempts += 1;
                 error
             }
-            Ok(line) => match Client::new(line, port.text()).emergency_stop_within(left(), &mut attempts) {
-                Ok(true) => return Ok(()),
-                Ok(false) => {
-                    let why = why.map_or_else(|| unheard(port), |error| remedies::message(&error));
-                    return Err(tried(&why, attempts, elapsed()));
+            Ok(line) => {
+                let mut client = Client::new(line, port.text());
+                loop {
+                    match client.emergency_stop_within(EMERGENCY_PAUSE, &mut attempts) {
+                        Ok(by_board) if by_board || is_confirmed() => return Ok(()),
+                        Ok(_) if left().is_zero() => {
+                            let why = why.map_or_else(|| unheard(port), |error| remedies::message(&error));
+                            return Err(tried(&why, attempts, elapsed()));
+                        }
+                        Ok(_) => {}
+                        Err(error) => break error.into(),
+                    }
                 }
-                Err(error) => error.into(),
-            },
+            }
         };
+        if is_confirmed() {
+            return Ok(());
+        }
         let is_over = left().is_zero();
         // An error because the time ran out does not replace the error of an earlier attempt.
         let latest = match why {

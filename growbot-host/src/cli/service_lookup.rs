@@ -9,8 +9,8 @@ use growbot_serve::settings::{self, InvalidFiles, SettingsError};
 
 use super::remedies;
 
-/// Time for which an emergency stop waits for each of two responses of the service. If the service has not confirmed
-/// the stop by then, the command sends it to the robot's port, too.
+/// Time for which an emergency stop waits for the list of the service's robots, and then for its confirmation. After
+/// that the command sends the stop to the robot's port, too.
 pub const EMERGENCY: Duration = Duration::from_millis(50);
 
 /// Returns the port of the robot with this name, from the settings, or else from the service that owns the robot.

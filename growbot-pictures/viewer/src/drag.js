@@ -1,50 +1,34 @@
-// Dragging the goal of a plan. The goal moves in the plane of the picture. The page around this one plans on the way, and
-// the path to the dragged goal is drawn. The fields of that page do the same by keyboard.
+// Dragging the goal of a plan. The goal moves in the plane of the picture. The page around this one plans on the way,
+// and the path to the dragged goal is drawn. Its fields are for the keyboard.
 
-import { onPath, sendGoal } from "./embedding.js";
+import { canDragGoal, onPath, sendGoal } from "./embedding.js";
 import { makeTrace } from "./marks.js";
 
 /** Greatest distance from the goal at which a drag begins, pixels of the page. */
 const REACH = { mouse: 12, touch: 24 };
+/** Distance from the press at which a drag begins, pixels of the page. A click moves nothing. */
+const MIN_MOVE = 4;
 
 /** Lets a person drag the goal on this stage. `ball` is at the goal, and moves with it. */
 export function makeGoalDraggable(stage, ball) {
   const canvas = stage.controls.domElement;
-  let [goal, pointer, path] = [ball.position.toArray(), null, null];
+  const planned = ball.position.toArray();
+  // The press that may become a drag, and the path that is drawn.
+  let [press, path] = [null, null];
+  stage.restoreView();
 
   const pointOf = ({ clientX, clientY }) => {
     const { left, top } = canvas.getBoundingClientRect();
     return [clientX - left, clientY - top];
   };
-  const isNear = (event) => {
-    const [x, y] = pointOf(event);
-    const [goalX, goalY] = stage.toScreen(goal);
-    return Math.hypot(x - goalX, y - goalY) < (event.pointerType === "touch" ? REACH.touch : REACH.mouse);
-  };
-  // Before the camera's controls, which must not turn the picture at the same time.
-  canvas.addEventListener("pointerdown", (event) => {
-    if (pointer !== null || event.button !== 0 || !isNear(event)) return;
-    pointer = event.pointerId;
-    canvas.setPointerCapture(pointer);
-    stage.controls.enabled = false;
-  }, { capture: true });
-  canvas.addEventListener("pointermove", (event) => {
-    if (pointer === null) canvas.style.cursor = isNear(event) ? "move" : "";
-    if (pointer !== event.pointerId) return;
-    goal = stage.fromScreen(pointOf(event), { depthOf: goal });
+  const distance = ([x, y], [otherX, otherY]) => Math.hypot(x - otherX, y - otherY);
+  const isNear = (event) => canDragGoal()
+    && distance(pointOf(event), stage.toScreen(planned)) < (event.pointerType === "touch" ? REACH.touch : REACH.mouse);
+  const moveTo = (goal) => {
     ball.position.fromArray(goal);
     stage.redraw();
-    sendGoal(goal, false);
-  });
-  const drop = (event) => {
-    if (pointer !== event.pointerId) return;
-    pointer = null;
-    stage.controls.enabled = true;
-    sendGoal(goal, true);
   };
-  canvas.addEventListener("pointerup", drop);
-  canvas.addEventListener("pointercancel", drop);
-  onPath((points) => {
+  const drawPath = (points) => {
     if (path) {
       path.geometry.dispose();
       path.material.dispose();
@@ -53,5 +37,34 @@ export function makeGoalDraggable(stage, ball) {
     path = makeTrace(points, ball.material.color);
     stage.scene.add(path);
     stage.redraw();
+  };
+  // Before the camera's controls, which must not turn the picture at the same time.
+  canvas.addEventListener("pointerdown", (event) => {
+    if (press || !event.isPrimary || event.button !== 0 || !isNear(event)) return;
+    press = { id: event.pointerId, at: pointOf(event), hasMoved: false };
+    canvas.setPointerCapture(press.id);
+    stage.controls.enabled = false;
+  }, { capture: true });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!press) canvas.style.cursor = isNear(event) ? "move" : "";
+    if (press?.id !== event.pointerId) return;
+    press.hasMoved ||= distance(pointOf(event), press.at) >= MIN_MOVE;
+    if (!press.hasMoved) return;
+    moveTo(stage.fromScreen(pointOf(event), { depthOf: planned }));
+    sendGoal(ball.position.toArray(), false);
   });
+  const release = (event) => {
+    if (press?.id !== event.pointerId) return;
+    const { hasMoved } = press;
+    press = null;
+    stage.controls.enabled = true;
+    if (!hasMoved) return;
+    // A system gesture gives the goal back.
+    if (event.type === "pointercancel") moveTo(planned);
+    stage.keepView();
+    sendGoal(ball.position.toArray(), true);
+  };
+  canvas.addEventListener("pointerup", release);
+  canvas.addEventListener("pointercancel", release);
+  onPath(drawPath);
 }

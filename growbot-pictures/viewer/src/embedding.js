@@ -7,8 +7,11 @@ const MAX_POINTS = 400;
 /** True if a page of growbot shows this page in a frame. Other pages, such as notebooks, show the whole page. */
 export const isEmbedded = window.frameElement?.dataset.growbotView !== undefined;
 
-/** True if a person can drag the goal, because the page around this one plans again then. */
-export const isGoalDraggable = isEmbedded && window.frameElement.dataset.growbotDrag !== undefined;
+/** True if the page around this one plans again when a person drags the goal. */
+export const hasDraggableGoal = isEmbedded && window.frameElement.dataset.growbotDrag !== undefined;
+
+/** Returns whether a drag of the goal can begin now: not if the page has another goal meanwhile. */
+export const canDragGoal = () => window.frameElement?.dataset.growbotDrag === "true";
 
 function send(message) {
   if (isEmbedded) window.parent.postMessage({ growbot: message }, location.origin);

@@ -6,12 +6,15 @@
 import { Box3, Vector3 } from "three";
 import { gradient } from "./colours.js";
 import { makeGoalDraggable } from "./drag.js";
-import { isGoalDraggable } from "./embedding.js";
+import { hasDraggableGoal } from "./embedding.js";
 import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
 import { makeObstacles } from "./obstacles.js";
 import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
 import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./tube.js";
+
+/** Room for more layers, as a factor, once a body is longer than its plan. */
+const GROWTH = 1.25;
 
 const pointAlong = (from, direction, length) => from.map((part, k) => part + direction[k] * length);
 
@@ -103,7 +106,7 @@ function buildPicture(container, subject, range, square) {
     label("reached", () => reached, "--planned");
     balls.push(makeBall(reached, 0.12 * sizes.outerRadius, 0));
   }
-  const goalBall = isGoalDraggable && makeBall(goal.position, 0.2 * sizes.outerRadius, 0);
+  const goalBall = hasDraggableGoal && makeBall(goal.position, 0.2 * sizes.outerRadius, 0);
   if (goalBall) balls.push(goalBall);
   if (balls.length > 0) scene.add(...balls);
   const marks = [startTail, goalEnd, goal.position, reached].filter(Boolean).map((point) => new Vector3(...point));
@@ -165,7 +168,9 @@ function buildPicture(container, subject, range, square) {
     } else {
       const isVisible = tube?.mesh.visible ?? true;
       remove(tube?.mesh);
-      tube = makeTube(body, sizes, [min, max], planned.layers.count);
+      // A body in closed loop may become longer than its plan.
+      const capacity = tube ? Math.ceil(GROWTH * body.layers.count) : planned.layers.count;
+      tube = makeTube(body, sizes, [min, max], capacity);
       tube.mesh.visible = isVisible;
       scene.add(tube.mesh);
     }

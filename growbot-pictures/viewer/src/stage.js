@@ -8,8 +8,12 @@ import { isEmbedded } from "./embedding.js";
 
 const VIEW_DIRECTIONS = { front: [0, -1, 0], side: [1, 0, 0], top: [0, -1e-4, 1] };
 
-/** Margins for labels, buttons, legend and scale bar, pixels of the page. In a frame, the buttons lie on the picture. */
+/** Margins for labels, legend and scale bar, pixels of the page. In a frame, buttons lie on the picture. */
 const MARGIN = { top: isEmbedded ? 60 : 24, bottom: 64, sides: 24 };
+
+const KEPT_VIEW = "growbot-kept-view";
+/** Time for which a view is kept. The page that takes it over is made meanwhile. */
+const KEEP_MS = 60_000;
 
 /** Returns the one of eight corners that shows these directions best. The first direction has the most weight. */
 function bestCorner(directions) {
@@ -114,6 +118,23 @@ export function makeStage(canvas, drawn) {
     redraw();
     following = false;
   };
+  /** Keeps the view for the next page in this frame, which shows a body in its place. */
+  const keepView = () => {
+    const { position, zoom } = camera;
+    const until = Date.now() + KEEP_MS;
+    const view = { position: position.toArray(), target: controls.target.toArray(), zoom, halfHeight, until };
+    sessionStorage.setItem(KEPT_VIEW, JSON.stringify(view));
+  };
+  /** Takes over the kept view, if there is one. */
+  const restoreView = () => {
+    const kept = JSON.parse(sessionStorage.getItem(KEPT_VIEW));
+    sessionStorage.removeItem(KEPT_VIEW);
+    if (!kept || Date.now() > kept.until) return;
+    camera.position.fromArray(kept.position);
+    controls.target.fromArray(kept.target);
+    camera.zoom = kept.zoom;
+    setHalfHeight(kept.halfHeight);
+  };
   /** Moves the camera without turning it, so that this point is in the middle. */
   const lookAt = (point) => {
     const move = new Vector3().fromArray(point).sub(controls.target);
@@ -123,7 +144,7 @@ export function makeStage(canvas, drawn) {
     redraw();
   };
   const stage = {
-    scene, camera, controls, setViewpoint, aimCamera, setHalfHeight, follow, lookAt, redraw,
+    scene, camera, controls, setViewpoint, aimCamera, setHalfHeight, follow, keepView, restoreView, lookAt, redraw,
     /** Points that must be visible, and the margin around them, mm. */
     points: [],
     margin: 0,

@@ -15,8 +15,8 @@ use time::OffsetDateTime;
 
 use super::heartbeat::status_age_s;
 
-/// Maximum number of temperature readings that are kept, about one for each pixel of a chart. If there are more, every
-/// second reading is dropped.
+/// Maximum number of temperature readings that are kept, more than a chart draws. If there are more, every second
+/// reading is dropped.
 const MAX_READINGS: usize = 1024;
 
 /// State of a growth as live pages show it.
