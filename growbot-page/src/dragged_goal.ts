@@ -42,7 +42,7 @@ async function drawPaths(robot: string, draw: DrawPath, end: AbortSignal): Promi
   while (formOf(robot).revision !== planned) {
     const form = formOf(robot);
     planned = form.revision;
-    // There is no path to some of the goals on the way.
+    // Some goals on the way have no path.
     const points = await pathTo(robot, form, end).catch(() => []);
     if (end.aborted) return;
     draw(points);
