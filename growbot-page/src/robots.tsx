@@ -1,5 +1,6 @@
 // The page of the service. It shows the state that the service reports and sends the person's commands.
 
+import "./language";
 import { render } from "preact";
 import { startNotifications } from "./browser_notifications";
 import { connect } from "./connection_state";

@@ -37,6 +37,9 @@ async function open(pageUrl, options) {
   page.setDefaultTimeout(TIMEOUT_MS);
   page.on("pageerror", (error) => errors.push(error.stack));
   watchRequests(page, pageUrl, pageUrl === controlUrl ? "control" : "view", errors);
+  // A browser may name a language that has no number format.
+  const nameNoLanguage = () => Object.defineProperty(navigator, "language", { value: "C", configurable: true });
+  if (pageUrl === viewUrl) await page.addInitScript(nameNoLanguage);
   await page.goto(pageUrl);
   return page;
 }
