@@ -208,19 +208,26 @@ pub async fn resume(
     let by = require_control(access)?;
     let job = found_job(&service, &id)?;
     let keeper = Arc::clone(find_robot(&service, &job.robot)?);
-    let permit = permits.recent(&job.robot)?.clone();
-    run_blocking(move || {
-        let begins = keeper.lock_job_start();
-        let outcome = keeper
-            .ensure_idle()
-            .and_then(|()| ensure_resumable(&job))
-            .and_then(|()| keeper.request(RobotRequest::Resume(Box::new(job.clone()), permit), START_TIMEOUT));
-        drop(begins);
-        service.shared.audit.note(by, &job.robot, "resume", &outcome);
-        outcome?;
+    let order = Order { permit: permits.recent(&job.robot)?.clone(), claim: Claim::default() };
+    let requester = Requester(order.claim.clone());
+    let resumed = run_blocking(move || {
+        let resumed = resume_job(&keeper, &job, order);
+        service.shared.audit.note(by, &job.robot, "resume", &resumed);
+        resumed?;
         found_job(&service, &id).map(Json)
-    })
-    .await
+    });
+    let resumed = resumed.await;
+    drop(requester);
+    resumed
+}
+
+/// Resumes a job on its robot, unless the client that ordered it has gone.
+pub(super) fn resume_job(keeper: &RobotWorker, job: &Job, order: Order) -> Result<(), RobotRequestError> {
+    let _begins = keeper.lock_job_start();
+    keeper.ensure_idle()?;
+    ensure_resumable(job)?;
+    let resume = RobotRequest::Resume(Box::new(job.clone()), order.permit);
+    keeper.request_claimed(resume, &order.claim, START_TIMEOUT)
 }
 
 /// Returns an error if the job cannot be resumed.
@@ -326,7 +333,7 @@ mod tests {
     use super::*;
     use crate::audit::CommandSource;
     use crate::limits::Computation;
-    use crate::stop_model::{Case, service};
+    use crate::stop_model::{Case, Step, service};
 
     #[test]
     fn a_job_whose_requester_goes_once_it_is_planned_is_not_made() {
@@ -347,5 +354,23 @@ mod tests {
         assert_eq!(refused.detail, RobotRequestError::GivenUp.to_string());
         assert_eq!(service.shared.jobs_to_read().latest(1).unwrap(), []);
         assert_eq!(case.line.board().state, BoardState::Idle);
+    }
+
+    #[test]
+    fn a_resume_whose_requester_has_gone_does_not_begin() {
+        let directory = tempfile::tempdir().unwrap();
+        let service = service(&directory);
+        let mut case = Case::new(&service, "lab".to_owned());
+        assert_eq!(case.run([Step::Grow, Step::Stop].into_iter()), Vec::<String>::new());
+        let job = service.shared.jobs_to_read().latest(1).unwrap().remove(0);
+        for (has_gone, resumed) in [(true, Err(RobotRequestError::GivenUp)), (false, Ok(()))] {
+            let order = Order { permit: case.worker.signal().permit(), claim: Claim::default() };
+            let requester = Requester(order.claim.clone());
+            if has_gone {
+                drop(requester);
+            }
+            let found = resume_job(&case.worker, &job, order);
+            assert_eq!(found.map_err(|error| error.to_string()), resumed.map_err(|error| error.to_string()));
+        }
     }
 }

@@ -27,7 +27,7 @@ use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
 use super::grow_request::resolve_request;
-use super::job_routes::{Order, make_job, new_job};
+use super::job_routes::{Order, make_job, new_job, resume_job};
 use super::job_store::JobStore;
 use super::json_body::JsonBody;
 use super::library_store::LibraryStore;
@@ -266,8 +266,7 @@ impl<'a> Case<'a> {
                 let jobs = self.service.shared.jobs_to_read().latest(1000).map_err(Problem::internal)?;
                 let job =
                     jobs.into_iter().find(|job| job.robot == self.name).ok_or_else(|| Problem::not_found("job", ""))?;
-                self.worker.ensure_idle()?;
-                return Ok(self.worker.request(RobotRequest::Resume(Box::new(job), permit), COMMAND_TIMEOUT)?);
+                return Ok(resume_job(&self.worker, &job, Order { permit, claim: Claim::default() })?);
             }
             Step::Preheat => {
                 self.worker.ensure_idle()?;

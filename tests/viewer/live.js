@@ -56,8 +56,13 @@ async function grow(...args) {
  */
 async function open(browser, address, path, update) {
   const page = await browser.newPage({ viewport: { width: 1200, height: 760 }, colorScheme: "light" });
-  const message = JSON.stringify({ event: "update", data: update });
-  if (update) await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
+  if (update) {
+    // On a busy machine the page may give up the socket, and request the stream.
+    const message = JSON.stringify({ event: "update", data: update });
+    await page.routeWebSocket("**/updates/ws", (socket) => socket.send(message));
+    const stream = { contentType: "text/event-stream", body: `event: update\ndata: ${JSON.stringify(update)}\n\n` };
+    await page.route("**/updates", (route) => route.fulfill(stream));
+  }
   page.setDefaultTimeout(TIMEOUT_MS);
   // On a busy machine a page gives up a connection that is too slow, and makes another. The browser reports that.
   let retries = 0;
