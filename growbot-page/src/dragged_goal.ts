@@ -28,6 +28,8 @@ export function dragGoal(robot: string, { position, isDropped }: GoalMessage, dr
   if (isDropped) {
     drag?.abort();
     drags.delete(robot);
+    // The body that is planned may be another one, or there may be none.
+    draw([]);
     void preview(robot);
   } else if (!drag) {
     const started = new AbortController();
