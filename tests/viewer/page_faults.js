@@ -152,9 +152,11 @@ async function discardingAsks() {
   const hasBody = async () => (await lab.robot("lab")).layers > 0;
   // A double click on the button does not answer the question.
   await discard.dblclick();
-  assert.ok(await partsOfLab(page).question.isVisible() && await hasBody());
+  await partsOfLab(page).question.waitFor();
+  assert.ok(await hasBody());
   await page.keyboard.press("Escape");
-  assert.ok(await partsOfLab(page).question.isHidden() && await hasBody());
+  await partsOfLab(page).question.waitFor({ state: "hidden" });
+  assert.ok(await hasBody());
   await discard.click();
   await partsOfLab(page).confirm("Discard body");
   await lab.waitForRobot("lab", (robot) => robot.layers === 0, "the body is not discarded");
