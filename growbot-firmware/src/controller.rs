@@ -155,8 +155,9 @@ impl<B: Board> Controller<B> {
             now_us: 0,
         };
         controller.switch_off(handover);
+        controller.motion.set_retracted_steps(controller.retained.retracted_steps);
         if identity.configured {
-            controller.restore_job();
+            controller.restore_job(unknown.is_some());
         }
         controller.restore_fault(unknown);
         controller
@@ -257,6 +258,7 @@ impl<B: Board> Controller<B> {
 
     /// Writes the state that the next start needs into the memory that survives a reset.
     fn retain(&mut self) {
+        self.retained.retracted_steps = self.motion.behind();
         let ActiveJob { plan_id, layers_laid: laid, layers_begun: given, .. } = self.job;
         let under_way = ActiveWork {
             state: self.state,

@@ -45,7 +45,9 @@ impl<B: Board> Controller<B> {
     pub(super) fn handle_ended_move(&mut self, report: Report, handover: &Mailbox) {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
-            Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {}
+            Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {
+                self.retain()
+            }
             Report::Homed if self.state == State::Homing => {
                 self.motion.on_reported(self.now_us);
                 self.motion.next_turn = MotorDirection::Forward;
@@ -57,8 +59,10 @@ impl<B: Board> Controller<B> {
             }
             Report::Fed if growing => {
                 self.motion.on_reported(self.now_us);
-                let back = self.motion.feeding.take() == Some(MotorDirection::Backward);
-                self.motion.retracted_steps = if back { self.retract_steps() } else { 0 };
+                if self.motion.feeding.take() == Some(MotorDirection::Forward) {
+                    self.motion.retracted_steps = 0;
+                    self.retain();
+                }
             }
             // All other reports are late: they belong to moves from before everything was switched off.
             _ => {}
@@ -192,6 +196,11 @@ impl<B: Board> Controller<B> {
         handover.submit(Move::Feed(AxisMove { steps, direction, ticks_per_step, changes_filament: false }));
         self.motion.on_submitted(f64::from(steps) / steps_a_second, self.now_us);
         self.motion.feeding = Some(direction);
+        if direction == MotorDirection::Backward {
+            // As in maintenance, a move that is cut off counts with its full length.
+            self.motion.retracted_steps += steps;
+            self.retain();
+        }
     }
 
     /// Handles a pause. The growth continues as soon as a layer is stored and the nozzle is hot. Otherwise the nozzle

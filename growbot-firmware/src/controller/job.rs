@@ -299,8 +299,8 @@ impl<B: Board> Controller<B> {
     }
 
     /// Restores the job from the journal after a start of the board. The layer store does not contain the job's layers
-    /// after a start.
-    pub(super) fn restore_job(&mut self) {
+    /// after a start. `is_memory_lost` tells that the retained state is unknown.
+    pub(super) fn restore_job(&mut self, is_memory_lost: bool) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.
         let is_known = |job: &&JournalJob| job.robot == robot && (!job.ended || job.layers_laid == job.layer_count);
@@ -327,16 +327,12 @@ impl<B: Board> Controller<B> {
         self.store_mut().restart(known.layers_laid);
         self.job.carry = self.parts.journal.carry();
         self.job.forget_given();
-        // Between two layers the robot was paused, with filament pulled back. Before the first layer only the retained
-        // state distinguishes a pause from heating and homing.
-        let was_paused =
-            |work: ActiveWork| work.plan_id == known.plan_id && matches!(work.state, State::Paused | State::Parked);
-        let is_retracted = self.job.interrupted.is_none()
-            && match self.job.layers_laid {
-                0 => self.retained.under_way.is_some_and(was_paused),
-                laid => laid < self.job.layer_count,
-            };
-        self.motion.set_retracted_steps(if is_retracted { self.retract_steps() } else { 0 });
+        // Without the retained state, a robot between two layers is assumed to have been paused, with filament pulled
+        // back.
+        let laid = self.job.layers_laid;
+        if is_memory_lost && self.job.interrupted.is_none() && laid > 0 && laid < self.job.layer_count {
+            self.motion.set_retracted_steps(self.retract_steps());
+        }
     }
 
     /// Records in the journal that a layer is begun, before the step engine receives the layer. If the previous layer

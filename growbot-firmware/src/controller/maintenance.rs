@@ -128,6 +128,7 @@ impl<B: Board> Controller<B> {
             MotorDirection::Backward => (0.0, 0, order.steps),
         };
         self.motion.start_maintenance(MaintenanceMove::Filament { flow, forward, back }, seconds, self.now_us);
+        self.retain();
         if self.state == State::Paused {
             // The operator is working at the nozzle and decides when the growth continues.
             self.wait_for_start();

@@ -44,6 +44,8 @@ pub struct RetainedState {
     pub record: Option<FaultRecord>,
     /// Work in progress. `None` while the robot is at rest.
     pub under_way: Option<ActiveWork>,
+    /// Number of feed steps by which the end of the filament is behind the nozzle.
+    pub retracted_steps: u32,
 }
 
 impl RetainedState {
@@ -218,7 +220,7 @@ pub(crate) mod tests {
             layers_begun: u32::MAX,
             sectors_done: 64,
         };
-        RetainedState { record: Some(record), under_way: Some(under_way) }
+        RetainedState { record: Some(record), under_way: Some(under_way), retracted_steps: u32::MAX }
     }
 
     /// Retained memory of a board, for tests.
@@ -332,22 +334,23 @@ pub(crate) mod tests {
             longest().under_way.map(|under_way| ActiveWork { state, sectors_done: sectors, ..under_way })
         };
         let fault = Some(Fault::ThermistorOpen);
+        let state = |record, under_way| RetainedState { record, under_way, retracted_steps: 0 };
         std::vec![
             RetainedState::default(),
             // The self-test raised a fault before any work began.
-            RetainedState { record: record(Some(Fault::SupplyLow), false), under_way: None },
-            RetainedState { record: record(Some(Fault::SupplyLow), true), under_way: None },
+            state(record(Some(Fault::SupplyLow), false), None),
+            state(record(Some(Fault::SupplyLow), true), None),
             RetainedState::default(),
-            RetainedState { record: None, under_way: at(State::Heating, 0) },
-            RetainedState { record: None, under_way: at(State::Growing, 0) },
-            RetainedState { record: None, under_way: at(State::Growing, 7) },
-            RetainedState { record: None, under_way: at(State::Growing, 14) },
-            RetainedState { record: record(fault, false), under_way: None },
-            RetainedState { record: record(fault, true), under_way: None },
-            RetainedState { record: record(fault, true), under_way: at(State::Heating, 0) },
-            RetainedState { record: record(fault, true), under_way: at(State::Growing, 1) },
-            RetainedState { record: record(None, false), under_way: None },
-            RetainedState { record: record(None, true), under_way: None },
+            state(None, at(State::Heating, 0)),
+            state(None, at(State::Growing, 0)),
+            state(None, at(State::Growing, 7)),
+            state(None, at(State::Growing, 14)),
+            state(record(fault, false), None),
+            state(record(fault, true), None),
+            state(record(fault, true), at(State::Heating, 0)),
+            state(record(fault, true), at(State::Growing, 1)),
+            state(record(None, false), None),
+            state(record(None, true), None),
         ]
     }
 
