@@ -306,10 +306,23 @@ impl<'a> JobRunner<'a> {
             ClientError::Voided { .. } if self.permit.is_continuation() => Ok(()),
             // Meanwhile the board has begun to wait for a person.
             ClientError::Refused { refusal: Refusal::WrongState { .. }, .. } if self.permit.is_continuation() => Ok(()),
+            ClientError::Refused { refusal: Refusal::NoSession, .. } => self.follow_if_started(error),
             ClientError::Refused { .. } | ClientError::Voided { .. } => Err(GrowthError::NotStarted(error)),
             // The board may have started, and only its response is lost.
             error => Err(GrowthError::Interrupted(error)),
         })
+    }
+
+    /// Decides by the board's status what a `Start` that was refused without a session means: the board may have
+    /// accepted an earlier copy of it, whose response was lost before another host took the board over.
+    fn follow_if_started(&mut self, refusal: ClientError) -> Result<(), GrowthError> {
+        let status = self.client.status().map_err(GrowthError::Interrupted)?;
+        self.is_started = status.plan_id == self.job.plan_id
+            && matches!(
+                status.state,
+                State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done
+            );
+        if self.is_started { Ok(()) } else { Err(GrowthError::NotStarted(refusal)) }
     }
 
     fn start(&mut self) -> Result<(), ClientError> {

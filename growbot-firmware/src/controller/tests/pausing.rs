@@ -4,7 +4,7 @@ use growbot_core::link::message::{PauseCause, Refusal, ResetCause, State};
 use growbot_core::robot::{HeadRotation, Robot};
 
 use super::bench::{Bench, WARM};
-use super::requests::{bends, clear, continuation, feed_steps_of, pause, resume, start};
+use super::requests::{bends, clear, continuation, feed_steps_of, pause, resume, start, stop};
 use crate::testing::fast_robot;
 
 /// Returns the fast robot with a retraction of 4 mm of filament in a pause, which are 10 steps.
@@ -56,6 +56,48 @@ fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
     bench.run_to(State::Done, 200.0);
     bench.run(0.1);
     assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
+}
+
+#[test]
+fn filament_that_a_reset_leaves_half_pushed_is_pushed_in_full() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    bench.grow(&bends(40));
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 60.0);
+    bench.run(1.0);
+    bench.start();
+    bench.run_until(60.0, |bench| bench.motors.moved.feed == -5);
+    assert_eq!(bench.controller.state(), State::Growing);
+    let mut bench = bench.reset(ResetCause::External);
+    bench.accepted(&clear());
+    bench.accepted(&resume(0));
+    bench.hand_over(0, &bends(40));
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+    bench.run(0.1);
+    assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
+}
+
+#[test]
+fn a_retraction_that_is_cut_off_counts_in_full() {
+    let mut bench = Bench::greeted(retracting(), WARM);
+    let layers = bends(40);
+    bench.grow(&layers);
+    bench.run_to(State::Growing, 60.0);
+    bench.run(0.7);
+    bench.accepted(&pause());
+    bench.run_to(State::Paused, 0.5);
+    let fed = i64::from(bench.fed());
+    bench.run_until(1.0, |bench| bench.motors.moved.feed == fed - 5);
+    bench.accepted(&stop());
+    let laid = bench.status().layers_laid;
+    // The board reports all layers again.
+    bench.events.clear();
+    bench.accepted(&resume(laid));
+    bench.hand_over(laid as usize, &layers[laid as usize..]);
+    bench.start();
+    bench.run_to(State::Done, 200.0);
+    assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 5);
 }
 
 #[test]
