@@ -32,6 +32,7 @@ mod schemas;
 mod serve;
 mod serve_access;
 mod serve_attacks;
+mod serve_cameras;
 mod serve_freshness;
 mod serve_history;
 mod serve_latency;

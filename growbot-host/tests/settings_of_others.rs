@@ -127,17 +127,22 @@ fn a_file_of_another_user_is_refused_but_prevents_no_stop() {
 }
 
 #[test]
-fn only_the_users_file_names_commands_and_webhooks() {
+fn only_the_users_file_names_commands_webhooks_and_cameras() {
     let place = Place::new();
     let users_file = place.path("conf/growbot/growbot.toml").display().to_string();
-    for receiver in ["command = [\"touch\", \"ran\"]", "webhook = \"https://hooks.example/\""] {
-        place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.notify]\n{receiver}\n"));
+    for (section, line) in [
+        ("notify", "command = [\"touch\", \"ran\"]"),
+        ("notify", "webhook = \"https://hooks.example/\""),
+        ("cameras", "lab = \"http://camera.example/\""),
+    ] {
+        place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.{section}]\n{line}\n"));
         let ran = place.run(&["serve", "--page-port", "0"]);
-        let expected =
-            "lab/growbot.toml: [serve.notify] is allowed only in your own settings, because it names a command to run";
+        let expected = format!(
+            "lab/growbot.toml: [serve.{section}] is allowed only in your own settings, because it names a command to run"
+        );
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
         assert!(
-            ran.err.contains(expected) && ran.err.contains(&format!("move this section to {users_file}")),
+            ran.err.contains(&expected) && ran.err.contains(&format!("move this section to {users_file}")),
             "{}",
             ran.err
         );

@@ -13,6 +13,7 @@ use serde_json::json;
 
 use super::access::Access;
 use super::audit::CommandSource;
+use super::camera_routes;
 use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
@@ -30,6 +31,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
     live_routes::routes()
         .merge(queue_routes::routes())
         .merge(library_routes::routes())
+        .merge(camera_routes::routes())
         .api_route(
             "/robots/{robot}/recovery",
             get_with(

@@ -59,6 +59,9 @@ pub struct ServeEntry {
     /// Receivers of notices. By default there are none.
     #[serde(default)]
     pub notify: NotifyEntry,
+    /// Address of the camera of each robot that has one, `https:` or `http:`: of a picture or of an MJPEG stream.
+    #[serde(default)]
+    pub cameras: BTreeMap<String, String>,
 }
 
 impl ServeEntry {

@@ -273,6 +273,7 @@ impl<'a> RunningJob<'a> {
                     }
                 });
                 self.save_progress();
+                self.keeper.shared.cameras.on_laid(&self.keeper.name, &self.job.id, *index);
             }
             JobEvent::Amendment(amendment) => self.layers = amendment.total,
             JobEvent::CommandFailed(why) => self.keeper.update_state(|known| known.command_error = Some(why.clone())),

@@ -24,6 +24,8 @@
 //!   from using the same files.
 //! - [`notification`] are notifications for users who do not watch a page. `alert` are the conditions that cause them,
 //!   `notification_queue` stores them, and `notifier` sends them.
+//! - `camera` requests a `picture` from the camera of a robot, and `snapshot_store` stores one of each layer.
+//!   `camera_routes` are their routes. `web_address` are the addresses of cameras and of the webhook.
 //! - [`watch`] is the live page of one growth. A program without a service shows it for its own growth.
 //! - [`settings`] reads the settings files, `growbot.toml`, of which one part is for all commands and the other for the
 //!   service. [`settings_paths`] resolves the paths of a settings file. [`known_ports`] lists the ports at which robots
@@ -36,6 +38,8 @@ mod access;
 mod alert;
 pub mod api;
 mod audit;
+mod camera;
+mod camera_routes;
 mod command_routes;
 mod commands;
 pub mod config;
@@ -69,6 +73,7 @@ mod page_access;
 pub mod page_listener;
 mod page_source;
 mod paths;
+mod picture;
 mod plan_routes;
 mod port_lease;
 mod problem;
@@ -89,6 +94,7 @@ mod service_context;
 pub mod settings;
 pub mod settings_paths;
 mod site;
+mod snapshot_store;
 mod state_lock;
 mod stop_file;
 #[cfg(test)]
@@ -99,8 +105,10 @@ mod stopper;
 mod stream_event;
 mod tokens;
 pub mod watch;
+mod web_address;
 mod workers;
 
+pub use self::camera::CameraSettingsError;
 pub use self::job_store::JobStoreError;
 pub use self::notifier::{NotifyError, SecretError};
 pub use self::paths::ServicePaths;

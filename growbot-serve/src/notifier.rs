@@ -11,7 +11,6 @@ use std::thread::{self, sleep};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use std::{fs, io};
 
-use axum::http::Uri;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
 use ring::hmac;
@@ -26,6 +25,7 @@ use super::notification::{Notification, NotificationChannel, NotificationContext
 use super::notification_queue::QueuedNotification;
 use super::paths::ServicePaths;
 use super::secret_file::write_secret;
+use super::web_address::WebAddress;
 
 /// Timeout of a webhook's response.
 const RESPONSE_TIMEOUT: Duration = Duration::from_secs(10);
@@ -263,10 +263,7 @@ fn deliver(jobs: &Mutex<JobStore>, next: &QueuedNotification, sink: &Notificatio
 
 impl Webhook {
     fn new(address: &str, secret: &Path) -> Result<Self, NotifyError> {
-        let uri: Uri = address.parse().map_err(|_| NotifyError::Address)?;
-        let (Some(scheme @ ("http" | "https")), Some(host)) = (uri.scheme_str(), uri.host()) else {
-            return Err(NotifyError::Address);
-        };
+        let host = WebAddress::parse(address).ok_or(NotifyError::Address)?.origin();
         let agent = Agent::config_builder()
             .timeout_global(Some(RESPONSE_TIMEOUT))
             .max_redirects(0)
@@ -275,7 +272,7 @@ impl Webhook {
             .build();
         let error = |reason| NotifyError::Secret { path: secret.display().to_string(), reason };
         let key = hmac::Key::new(hmac::HMAC_SHA256, &secret_of(secret).map_err(error)?);
-        Ok(Self { address: address.to_owned(), host: format!("{scheme}://{host}"), key, agent: agent.into() })
+        Ok(Self { address: address.to_owned(), host, key, agent: agent.into() })
     }
 
     fn post(&self, next: &QueuedNotification) -> Result<(), DeliveryError> {

@@ -177,6 +177,7 @@ fn in_path(name: &str) -> Value {
         "job" => ("Identifier of the job.", text),
         "queued" => ("Identifier of the queued body.", text),
         "entry" => ("Identifier of the entry of the library.", text),
+        "layer" => ("Index of the layer, from 0.", json!({ "type": "integer", "minimum": 0, "maximum": u32::MAX })),
         "number" => ("Number of the plan's page, as in `view_path`.", json!({ "type": "integer", "minimum": 0 })),
         _ => ("", text),
     };

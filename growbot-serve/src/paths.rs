@@ -49,9 +49,9 @@ impl ServicePaths {
         { files }.try_for_each(|file| ownership::check_one(&file.path(), Protection::Access))
     }
 
-    fn directories(&self) -> [PathBuf; 7] {
+    fn directories(&self) -> [PathBuf; 8] {
         let [runtime, state] = [&self.runtime, &self.state].map(PathBuf::clone);
-        [runtime, state, self.logs(), self.scenes(), self.stops(), self.queues(), self.library()]
+        [runtime, state, self.logs(), self.scenes(), self.stops(), self.queues(), self.library(), self.snapshots()]
     }
 
     /// Returns the directory of the stored state.
@@ -83,6 +83,11 @@ impl ServicePaths {
     /// Returns the directory of the library's entries.
     pub fn library(&self) -> PathBuf {
         self.state.join("library")
+    }
+
+    /// Returns the directory with the pictures of the layers of each job.
+    pub fn snapshots(&self) -> PathBuf {
+        self.state.join("snapshots")
     }
 
     /// Returns the path of the SQLite database with the list of jobs.

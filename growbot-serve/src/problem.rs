@@ -106,6 +106,11 @@ impl Problem {
         }
     }
 
+    /// Returns the error 502: another device, such as a camera, gives no usable response.
+    pub fn bad_gateway(detail: impl ToString) -> Self {
+        Self::new(StatusCode::BAD_GATEWAY, "bad gateway", detail)
+    }
+
     /// Returns the error 500: the service has failed.
     pub fn internal(detail: impl ToString) -> Self {
         Self::new(StatusCode::INTERNAL_SERVER_ERROR, "internal error", detail)

@@ -7,7 +7,8 @@ use growbot_remote::api::{Job, PageUrls};
 use tokio::sync::watch;
 
 use super::audit::Audit;
-use super::config::{NotifyEntry, RobotEntry};
+use super::camera::{CameraSettingsError, Cameras};
+use super::config::{RobotEntry, ServeEntry};
 use super::job_store::{JobStore, JobStoreError};
 use super::library_store::LibraryStore;
 use super::notifier::{Notifier, NotifyError};
@@ -15,6 +16,7 @@ use super::paths::ServicePaths;
 use super::queue_store::QueueStore;
 use super::robot_worker::RobotWorker;
 use super::service_context::ServiceContext;
+use super::snapshot_store::SnapshotStore;
 
 /// The service of this user: its robots with their threads, their jobs, and the state that all connections share.
 pub struct Service {
@@ -34,21 +36,26 @@ pub enum StartError {
     /// The settings of notifications cannot be used.
     #[error(transparent)]
     Notify(#[from] NotifyError),
+    /// The settings of cameras cannot be used.
+    #[error(transparent)]
+    Cameras(#[from] CameraSettingsError),
 }
 
 impl Service {
-    /// Opens the list of jobs, and starts a thread for each robot and for each channel of notices.
+    /// Opens the list of jobs, and starts a thread for each robot, for each channel of notices and for each camera.
     ///
     /// # Errors
-    /// [`StartError`] if the directory or the database cannot be used, or if the settings of notifications are invalid.
+    /// [`StartError`] if the directory or the database cannot be used, or if the settings of notifications or cameras
+    /// are invalid.
     pub fn start(
         places: ServicePaths,
         robots: &BTreeMap<String, RobotEntry>,
-        receivers: &NotifyEntry,
+        settings: &ServeEntry,
     ) -> Result<Self, StartError> {
         let mut jobs = JobStore::open(&places)?;
         let audit = Audit::open(&places.audit())?;
-        let (notifier, threads) = Notifier::new(receivers, &places)?;
+        let (notifier, threads) = Notifier::new(&settings.notify, &places)?;
+        let cameras = Cameras::start(&settings.cameras, robots, SnapshotStore::new(&places))?;
         jobs.wakers = notifier.wakers();
         let jobs = Arc::new(Mutex::new(jobs));
         threads.start(&jobs);
@@ -57,6 +64,7 @@ impl Service {
             job_reader: Mutex::new(JobStore::open_to_read(&places)?),
             audit,
             notifier,
+            cameras,
             previews: Mutex::default(),
             queue: QueueStore::new(&places),
             library: LibraryStore::new(&places),

@@ -8,6 +8,7 @@ use tokio::sync::watch;
 
 use super::alert::Alert;
 use super::audit::Audit;
+use super::camera::Cameras;
 use super::job_store::JobStore;
 use super::library_store::LibraryStore;
 use super::notification::{NotificationContext, NotificationEvent};
@@ -32,6 +33,7 @@ pub(super) struct ServiceContext {
     pub(super) job_reader: Mutex<JobStore>,
     pub(super) audit: Audit,
     pub(super) notifier: Notifier,
+    pub(super) cameras: Cameras,
     pub(super) previews: Mutex<Previews>,
     pub(super) queue: QueueStore,
     pub(super) library: LibraryStore,

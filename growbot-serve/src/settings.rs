@@ -3,7 +3,7 @@
 //! An option overrides the environment. The environment overrides the nearest `growbot.toml`, which is searched from
 //! the working directory upwards. That file overrides the one in the user's configuration. A file is read only when a
 //! command needs it, so an invalid file does not stop other commands. A file that another user can have written is
-//! refused ([`ownership`]). Only the user's file can name what is run or called for a notification.
+//! refused ([`ownership`]). Only the user's file can name what is run or called for a notification, and cameras.
 
 use std::collections::BTreeMap;
 use std::env::{self, VarError};
@@ -151,14 +151,16 @@ pub enum SettingsError {
         /// Unsafe file or folder.
         error: OwnershipError,
     },
-    /// A `growbot.toml` that is not the user's own names receivers of notifications.
+    /// A `growbot.toml` that is not the user's own names receivers of notifications, or cameras.
     #[error(
-        "{file}: [serve.notify] is allowed only in your own settings, because it names a command to run or an address \
-         to call: move this section to {user_file}"
+        "{file}: [serve.{section}] is allowed only in your own settings, because it names a command to run or an \
+         address to call: move this section to {user_file}"
     )]
-    ProjectNotify {
+    ProjectSection {
         /// Name of the file.
         file: String,
+        /// Name of the section in `[serve]`.
+        section: &'static str,
         /// Name of the user's file.
         user_file: String,
     },
@@ -316,8 +318,8 @@ pub fn parse_service(text: &str, file: &str) -> Result<(BTreeMap<String, RobotEn
 }
 
 /// Returns the robots that the service owns, with the service's settings. They come from the nearest file if it has any
-/// of them, otherwise from the file in the user's configuration. The receivers of notifications always come from the
-/// user's file.
+/// of them, otherwise from the file in the user's configuration. The receivers of notifications and the cameras always
+/// come from the user's file.
 ///
 /// # Errors
 /// [`SettingsError`] of the files that had to be read.
@@ -325,21 +327,22 @@ pub fn load_service(mut invalid: InvalidFiles) -> Result<ServiceSettings, Settin
     let found = find_in_files(invalid.reborrow(), |file, origin| {
         let (robots, serve) = service_in(file)?;
         let is_users = matches!(origin, SettingOrigin::User(_));
-        if !is_users && serve.notify != NotifyEntry::default() {
+        let calls = [("notify", serve.notify != NotifyEntry::default()), ("cameras", !serve.cameras.is_empty())];
+        if let Some((section, _)) = calls.into_iter().find(|(_, is_set)| *is_set && !is_users) {
             let user_file =
                 user_file().map_or_else(|| "your own settings".to_owned(), |file| input::display_name(&file));
-            return Err(SettingsError::ProjectNotify { file: input::display_name(file), user_file });
+            return Err(SettingsError::ProjectSection { file: input::display_name(file), section, user_file });
         }
         let is_set = !robots.is_empty() || serve != ServeEntry::default();
         Ok(is_set.then(|| ServiceSettings { robots, serve, origin: origin.clone() }))
     })?;
     let mut settings = found.unwrap_or_default();
     if let SettingOrigin::Nearest(_) = settings.origin {
-        let notify = find_in_files(invalid, |file, origin| match origin {
-            SettingOrigin::User(_) => service_in(file).map(|(_, serve)| Some(serve.notify)),
+        let users = find_in_files(invalid, |file, origin| match origin {
+            SettingOrigin::User(_) => service_in(file).map(|(_, serve)| Some(serve)),
             _ => Ok(None),
         })?;
-        settings.serve.notify = notify.unwrap_or_default();
+        ServeEntry { notify: settings.serve.notify, cameras: settings.serve.cameras, .. } = users.unwrap_or_default();
     }
     Ok(settings)
 }

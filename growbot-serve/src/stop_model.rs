@@ -23,6 +23,7 @@ use strum::VariantArray;
 
 use super::access::Access;
 use super::audit::{Audit, CommandSource};
+use super::camera::Cameras;
 use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::{NotifyEntry, RobotEntry};
 use super::fake_board::{FakeLine, LineState};
@@ -42,6 +43,7 @@ use super::robot_request::{Claim, NewBody, NewJob, RobotRequest};
 use super::robot_worker::RobotWorker;
 use super::service::Service;
 use super::service_context::ServiceContext;
+use super::snapshot_store::SnapshotStore;
 use crate::watch::heartbeat::OrderAge;
 
 /// Number of test cases that run at the same time.
@@ -341,6 +343,7 @@ pub(super) fn service_with(directory: &tempfile::TempDir, notify: &NotifyEntry) 
         job_reader: Mutex::new(JobStore::open_to_read(&places).unwrap()),
         audit: Audit::open(&places.audit()).unwrap(),
         notifier,
+        cameras: Cameras::start(&BTreeMap::new(), &BTreeMap::new(), SnapshotStore::new(&places)).unwrap(),
         previews: Mutex::default(),
         queue: QueueStore::new(&places),
         library: LibraryStore::new(&places),

@@ -143,6 +143,9 @@ impl Subject<'_> {
                 }
             }
             Some(Outcome::Stopped) if has(Disturbance::is_stop) => {}
+            // Half a frame takes the greeting of the other host with it, and of its requests only the stop is served.
+            Some(Outcome::Stopped)
+                if has(|one| one == Disturbance::Cut) && has(|one| one == Disturbance::OtherRestarts) => {}
             Some(Outcome::Interrupted) if has(|one| one.is_reset() || one.is_stop()) => {}
             // A host waits for the end of one silent owner, and gives up if another host takes the board meanwhile.
             Some(Outcome::Interrupted)

@@ -46,7 +46,7 @@ impl<B: Board> Controller<B> {
         let growing = matches!(self.state, State::Growing | State::Paused);
         match report {
             Report::Homed | Report::Fed | Report::Rotated if self.motion.finish_maintenance(self.now_us) => {
-                self.retain()
+                self.retain();
             }
             Report::Homed if self.state == State::Homing => {
                 self.motion.on_reported(self.now_us);

@@ -84,7 +84,7 @@ pub fn run(args: &ServeArgs) -> Result<(), Failure> {
         .map_err(Failure::bad_input)?;
     runtime.block_on(async {
         let bound = Server::bind(&places, handed_over, port).await.map_err(|error| Failure::before_start(&error))?;
-        let service = Service::start(places, &robots, &serve.notify).map_err(Failure::bad_input)?;
+        let service = Service::start(places, &robots, &serve).map_err(Failure::bad_input)?;
         let [operate, read] = bound.page_urls().map_err(Failure::bad_input)?;
         if let SettingOrigin::Nearest(file) | SettingOrigin::User(file) = &origin {
             growbot_host::note!("settings of {}", file.display());
