@@ -147,7 +147,10 @@ fn every_toml_block_is_valid_in_a_robot_file_or_settings() {
             let place = format!("{}:{}", document.path.display(), block.line);
             if ["[robots.", "[serve.", "[serve]"].iter().any(|table| block.text.contains(table)) {
                 let (robots, serve) = settings::parse_service(&block.text, &place).unwrap();
-                let is_read = robots.len() > 1 || serve.notify.webhook.is_some() || !serve.origins.is_empty();
+                let is_read = robots.len() > 1
+                    || serve.notify.webhook.is_some()
+                    || !serve.origins.is_empty()
+                    || serve.cameras.len() > 1;
                 assert!(is_read, "{place}");
                 continue;
             }

@@ -2,6 +2,7 @@
 
 import { useEffect, useState } from "preact/hooks";
 import type { Job, JobState } from "./api_types";
+import { cameras, showPictures } from "./cameras";
 import { GuardedButton } from "./GuardedButton";
 import { formatDuration, formatTime } from "./format";
 import { readResults, results } from "./job_results";
@@ -43,6 +44,9 @@ function JobRow({ job, withRobot }: { job: Job; withRobot: boolean }) {
       <td class="actions">
         {job.laid > 0 && robot && (
           <button type="button" onClick={() => { select(); compareJob(job); }}>Compare</button>
+        )}
+        {job.laid > 0 && cameras.value.has(job.robot) && (
+          <button type="button" onClick={() => { select(); showPictures(job); }}>Pictures</button>
         )}
         {robot && (job.laid > 0 || job.state === "done") && (
           <button type="button" onClick={() => { select(); growAgain(job); }}>Grow again</button>

@@ -1,12 +1,14 @@
 // The page of one robot: its state, the body in three dimensions with its charts, and the next body.
 
-import { useRef, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { BodyView } from "./BodyView";
+import { Camera } from "./Camera";
+import { cameras, refreshCameras } from "./cameras";
 import { Charts } from "./Charts";
 import { dragGoal } from "./dragged_goal";
 import { NextBody } from "./NextBody";
 import { isGoalPreviewed } from "./next_body";
-import { jobs } from "./page_state";
+import { isLost, jobs } from "./page_state";
 import type { Robot } from "./page_state";
 import { PersonNeeded } from "./PersonNeeded";
 import { chosenBodies, jobViewUrl, liveUrl } from "./shown_body";
@@ -51,6 +53,7 @@ export function RobotPage({ robot }: { robot: Robot }) {
   const [viewed, setViewed] = useState<{ source: string; of: ViewedBody }>({ source, of: NOTHING });
   const current = viewed.source === source ? viewed.of : NOTHING;
   const frame = useRef<HTMLIFrameElement>(null);
+  useEffect(() => { if (!isLost.value) void refreshCameras(); }, [isLost.value]);
   const hear = (message: ViewerMessage) => {
     if (message.kind === "goal") {
       dragGoal(name, message, (points) => drawPath(frame.current, points));
@@ -74,6 +77,7 @@ export function RobotPage({ robot }: { robot: Robot }) {
           frame={frame} viewed={current} onMessage={hear}
         />
         <Charts robotName={name} viewed={current} frame={frame} />
+        {cameras.value.has(name) && <Camera robotName={name} />}
         <NextBody robot={robot} />
       </div>
     </>

@@ -161,6 +161,9 @@ for path, operation in operations.values():
 # The robots, and what happens to them, which a second thread watches.
 assert call("getAccess").can_control
 assert {robot.name for robot in call("listRobots")} == {"lab", "cold"}
+assert call("listCameras") == ["lab"]
+picture = read("getCameraPicture", robot="lab")
+assert picture.headers["content-type"] == "image/png" and picture.content.startswith(b"\x89PNG")
 seen = []
 is_over = threading.Event()
 watch = lambda: seen.extend(events("streamRobots", lambda _: is_over.is_set()))
@@ -207,6 +210,8 @@ assert [int(line["id"]) for line in lines] == list(range(1, len(lines) + 1))
 log = read("getJobLog", job=job.id).text
 assert [json.loads(line) for line in log.splitlines()] == [line["data"] for line in lines]
 assert "<html" in read("viewJob", job=job.id).text
+layers = call("listSnapshots", job.id)
+assert layers and read("getSnapshot", job=job.id, layer=layers[-1]).content == picture.content
 
 # A queue of three: one is removed, two grow, each after the last body is removed.
 subprocess.run([growbot, "power", "new-spool", "--port", "sim:lab"], check=True, stdout=subprocess.DEVNULL)

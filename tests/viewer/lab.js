@@ -12,12 +12,18 @@ import { Service } from "./service.js";
 
 /**
  * Starts a service with simulated robots of these names and of this kind, `pace` times as fast as real time. A robot
- * with a description of its own, in TOML, has that one. The directory of the service is removed by `remove()`.
+ * with a description of its own, in TOML, has that one. `userSettings` are the user's own settings, in TOML. The
+ * directory of the service is removed by `remove()`.
  */
-export async function startLab(growbot, robots, pace, robot = "growbot-a2", descriptions = {}) {
+export async function startLab(growbot, robots, pace, robot = "growbot-a2", descriptions = {}, userSettings = "") {
   const directory = await mkdtemp(join(tmpdir(), "growbot-robots-"));
   const directories = { XDG_STATE_HOME: join(directory, "state"), XDG_RUNTIME_DIR: join(directory, "run") };
   for (const path of Object.values(directories)) await mkdir(path, { mode: 0o700 });
+  if (userSettings) {
+    directories.XDG_CONFIG_HOME = join(directory, "config");
+    await mkdir(join(directory, "config/growbot"), { recursive: true, mode: 0o700 });
+    await writeFile(join(directory, "config/growbot/growbot.toml"), userSettings, { mode: 0o600 });
+  }
   const spawnOptions = { env: { ...environment, ...directories }, cwd: directory };
   const entries = robots.map((name) => `[robots.${name}]\nport = "sim:${name}"\npace = ${pace.toFixed(1)}\n`
     + `robot = "${descriptions[name] ? `${name}.toml` : robot}"\n`);
