@@ -37,7 +37,7 @@ export function EmergencyStop() {
   const stop = () => {
     const stopped = press?.targets.length ? press.targets : targets;
     setPress(null);
-    if (stopped.length) stopRobots(stopped);
+    if (stopped.length) void stopRobots(stopped);
     else showBanner("No robot is known yet: cut the robot's power, or run `growbot estop` on its machine.");
   };
   const isDisabled = canControl.value === false;

@@ -1,35 +1,22 @@
 // The next body: a goal or a plan, its preview, and the order to grow it.
 
 import { useId } from "preact/hooks";
-import type { RobotStatus } from "./api_types";
-import { confirmGrowth } from "./growth_question";
+import { confirmGrow } from "./grow_next_body";
 import { Library } from "./Library";
-import { choosePlanFile, enter, formOf, grow, preview } from "./next_body";
+import { choosePlanFile, enter, formOf, preview } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
 import { PathFields } from "./PathFields";
 import { PlanSummary } from "./PlanSummary";
 import { Queue } from "./Queue";
-import { enqueue, optionsText } from "./queued_bodies";
+import { enqueue } from "./queued_bodies";
 import { growthBlockedBy } from "./robot_texts";
 
 /** Warnings because of which the service refuses a plan, unless it is forced. */
 const BLOCKING = ["self-collision", "filament-short", "layer-limit"];
 const SOURCES: [NextBodyForm["source"], string][] = [["goal", "Goal"], ["plan", "Plan"]];
 const SCENE_TYPES = ".toml,.stl,.obj,.ply,.glb,.pcd";
-
-async function confirmGrow({ name }: RobotStatus): Promise<void> {
-  if (!formOf(name).plan && !await preview(name)) return;
-  // What is confirmed is what grows, even if something else is entered while the question is open.
-  const form = formOf(name);
-  const { plan } = form;
-  if (!plan) return;
-  const { layers, duration_s: durationS } = plan;
-  const options = optionsText({ ...form, ignore_scene: form.ignoreScene });
-  const growth = { title: `Grow on ${name}?`, layers, durationS, options };
-  if (await confirmGrowth(name, growth)) grow(name, form);
-}
 
 async function confirmQueue(name: string): Promise<void> {
   if (!formOf(name).plan && !await preview(name)) return;
@@ -118,7 +105,7 @@ export function NextBody({ robot }: { robot: Robot }) {
           <button type="submit" disabled={form.isPlanning}>{form.isPlanning ? "Planning…" : "Preview"}</button>
           <button
             type="button" class="primary" disabled={Boolean(reason) || form.isPlanning}
-            onClick={() => void confirmGrow(status)}
+            onClick={() => void confirmGrow(name)}
           >
             Grow
           </button>

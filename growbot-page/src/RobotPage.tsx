@@ -5,6 +5,7 @@ import { BodyView } from "./BodyView";
 import { Camera } from "./Camera";
 import { cameras, refreshCameras } from "./cameras";
 import { Charts } from "./Charts";
+import { Console } from "./Console";
 import { dragGoal } from "./dragged_goal";
 import { NextBody } from "./NextBody";
 import { isGoalPreviewed } from "./next_body";
@@ -80,6 +81,7 @@ export function RobotPage({ robot }: { robot: Robot }) {
         {cameras.value.has(name) && <Camera robotName={name} />}
         <NextBody robot={robot} />
       </div>
+      <Console robotName={name} />
     </>
   );
 }

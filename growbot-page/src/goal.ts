@@ -14,7 +14,7 @@ export interface Target {
   anyDirection: boolean;
 }
 
-const EMPTY_GOAL: Goal = { x: "", y: "", z: "", heading: "", pitch: "" };
+export const EMPTY_GOAL: Goal = { x: "", y: "", z: "", heading: "", pitch: "" };
 export const EMPTY_TARGET: Target = { fields: EMPTY_GOAL, anyDirection: false };
 /** A waypoint without numbers. Most are positions. */
 export const EMPTY_WAYPOINT: Target = { fields: EMPTY_GOAL, anyDirection: true };

@@ -159,9 +159,9 @@ export async function preview(robot: string): Promise<boolean> {
 }
 
 /** Grows what was entered in this form. A person has just confirmed it. */
-export function grow(robot: string, form: NextBodyForm): void {
+export async function grow(robot: string, form: NextBodyForm): Promise<void> {
   const timeMs = clock.now();
-  void runAction(robot, "Grow", async () => {
+  await runAction(robot, "Grow", async () => {
     const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
     chooseBody(robot, null);
     void refreshJobs();

@@ -68,8 +68,8 @@ export const stopResponses = signal<StopResponse[] | null>(null);
 /** Number of the latest stop of several robots. Responses to other stops are not listed. */
 let latestStop = 0;
 
-/** Sends the emergency stop to these robots. */
-export function stopRobots(names: string[]): void {
+/** Sends the emergency stop to these robots, at once to all. Ends with their responses. */
+export async function stopRobots(names: string[]): Promise<void> {
   const isListed = names.length > 1;
   if (isListed) latestStop += 1;
   const stop = latestStop;
@@ -77,17 +77,15 @@ export function stopRobots(names: string[]): void {
   if (isListed) {
     stopResponses.value = names.map((robot) => ({ robot, text: "no response yet", state: "waiting" }));
   }
-  for (const name of names) {
-    void runAction(name, "Emergency stop", async () => {
-      try {
-        setRobots([await sendCommand(name, "emergency-stop")]);
-        respond({ robot: name, text: "off, confirmed by the board", state: "stopped" });
-      } catch (error) {
-        respond({ robot: name, text: (error as Error).message, state: "failed" });
-        throw error;
-      }
-    });
-  }
+  await Promise.all(names.map((name) => runAction(name, "Emergency stop", async () => {
+    try {
+      setRobots([await sendCommand(name, "emergency-stop")]);
+      respond({ robot: name, text: "off, confirmed by the board", state: "stopped" });
+    } catch (error) {
+      respond({ robot: name, text: (error as Error).message, state: "failed" });
+      throw error;
+    }
+  })));
 }
 
 function setStopResponse(response: StopResponse): void {
