@@ -16,6 +16,7 @@ import { dirname, join, resolve } from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { chromium } from "playwright-core";
 import { PNG } from "pngjs";
+import { reachOutline } from "../../growbot-pictures/viewer/src/reach.js";
 import { environment } from "./environment.js";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -197,6 +198,24 @@ async function checkScene(browser) {
   await fitsPhone(dark);
 }
 
+/** The positions within reach of a plan's length. The planner needs that length to their surface. */
+async function checkReach(browser) {
+  const [radius, length] = [100, 400];
+  const outline = reachOutline(radius, length);
+  for (const [away, along] of [outline[0], outline[20], outline[60], outline[90]]) {
+    run("plan", "--to", `${away.toFixed(6)},0,${along.toFixed(6)}`, "--robot", "growbot-a", "-o", "reach.json");
+    const planned = JSON.parse(readFileSync(join(directory, "reach.json"))).length_mm;
+    assert.ok(Math.abs(planned - length) < 0.01, `${planned} mm to ${away}, ${along}`);
+  }
+  plan("reach", "--to", "100,50,300", "--robot", "growbot-a");
+  const page = await open(browser, "reach");
+  const seen = await picture(page);
+  await page.check("#show-reach");
+  assert.ok(difference(seen, await picture(page)) > 0.05, "the reach cannot be seen");
+  await page.uncheck("#show-reach");
+  assert.ok(difference(seen, await picture(page)) < 0.001, "the reach does not go");
+}
+
 /** Starts the browser without a window. The root user has no sandbox. */
 const launch = (...args) =>
   chromium.launch({
@@ -281,6 +300,7 @@ try {
 
   assert.ok(!(await middle.isVisible("#scene")), "obstacles without a scene");
   await checkScene(browser);
+  await checkReach(browser);
   await checkPair(browser);
   await checkWithoutPicture();
   assert.deepEqual(errors, []);

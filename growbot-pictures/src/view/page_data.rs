@@ -39,6 +39,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
         None if laid.is_some() => format!("simulated growth of {}", plan.robot),
         None => format!("plan for {}", plan.robot),
     };
+    let is_plan = run.is_none() && laid.is_none();
     let reached = run.and_then(measured_end).map(|(reached, _)| reached).or(laid.map(|body| body.tip));
     json!({
         "name": name,
@@ -64,6 +65,10 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
         "built": layers.built.as_deref().map(hex_of),
         "warnings": warnings,
         "scene": around.map(scene),
+        "reach": is_plan.then(|| json!({
+            "radius_mm": description.planning_radius_mm,
+            "length_mm": plan.requirements.length,
+        })),
     })
 }
 

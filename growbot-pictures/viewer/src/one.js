@@ -41,6 +41,8 @@ export function mountBody(data) {
   find("#bodies").hidden = !built;
   find("#scene").hidden = !data.scene;
   find("#show-scene").addEventListener("change", ({ target }) => picture?.setSceneVisible(target.checked));
+  find("#reach").hidden = !data.reach;
+  find("#show-reach").addEventListener("change", ({ target }) => picture?.setReachVisible(target.checked));
   find("#built-name").textContent = data.built_name;
   find("#commanded").hidden = !subject.commanded;
   find("#estimated").hidden = !subject.estimated;

@@ -9,6 +9,7 @@ import { makeGoalDraggable } from "./drag.js";
 import { hasDraggableGoal } from "./embedding.js";
 import { makeArrow, makeBall, makeCentreline, makeFloor, makeShadow, makeTipFrame, makeTrace } from "./marks.js";
 import { makeObstacles } from "./obstacles.js";
+import { makeReach } from "./reach.js";
 import { makeStage } from "./stage.js";
 import { scaleLength } from "./text.js";
 import { makeGhost, makeTube, heightRange, heightsBeyond, PERCENTILES } from "./tube.js";
@@ -29,6 +30,7 @@ const pointAlong = (from, direction, length) => from.map((part, k) => part + dir
  * - `setVisible({ built, planned, commanded, estimated })`: shows or hides the body as built, the planned body, the
  *   commanded path and the path that feedback estimated.
  * - `setSceneVisible(isVisible)`: shows or hides the obstacles.
+ * - `setReachVisible(isVisible)`: shows or hides the positions within reach, and shows everything from a corner.
  * - `setFollowing(isFollowing)`: keeps the tip in the middle, or not.
  * - `setViewpoint(viewpoint)`: shows everything from `corner`, `front`, `side` or `top`.
  * - `applyTheme()`: applies the colours of the page.
@@ -123,6 +125,9 @@ function buildPicture(container, subject, range, square) {
     if (obstacles.label) label(obstacles.label, () => obstacles.at, "--alarm");
   }
 
+  const reach = subject.reach && makeReach(start, subject.reach);
+  if (reach) scene.add(reach.mesh);
+
   const frame = makeTipFrame(2 * sizes.outerRadius);
   scene.add(frame.group);
   ["x", "y", "z"].forEach((name, axis) => {
@@ -154,6 +159,9 @@ function buildPicture(container, subject, range, square) {
     object.traverse(dispose);
     scene.remove(object);
   };
+  const setPoints = () => {
+    stage.points = [...bodies(), ...marks, ...(reach?.mesh.visible ? reach.points : [])];
+  };
   const replaceBody = (replacement) => {
     body = replacement;
     const [min, max] = range ?? heightRange([{ body, sizes }]);
@@ -178,7 +186,7 @@ function buildPicture(container, subject, range, square) {
     shadow = makeShadow(body, floorAt);
     applyShadowTheme();
     scene.add(shadow.line);
-    stage.points = [...bodies(), ...marks];
+    setPoints();
     show(Math.min(shown, body.layers.count));
   };
   const setVisible = ({ built: asBuilt, planned: asPlanned, commanded: asCommanded, estimated: asEstimated }) => {
@@ -193,12 +201,19 @@ function buildPicture(container, subject, range, square) {
     if (obstacles) obstacles.group.visible = isVisible;
     stage.redraw();
   };
+  const setReachVisible = (isVisible) => {
+    if (!reach) return;
+    reach.mesh.visible = isVisible;
+    setPoints();
+    stage.setViewpoint("corner");
+  };
   const setFollowing = (follows) => {
     isFollowing = follows;
     followTip();
   };
   const applyTheme = () => {
     obstacles?.setColours(colour("--obstacle"), colour("--alarm"));
+    reach?.mesh.material.color.set(colour("--goal"));
     floor.material.color.set(colour("--grid"));
     applyShadowTheme();
     line.material.color.set(colour("--planned"));
@@ -220,7 +235,9 @@ function buildPicture(container, subject, range, square) {
   new ResizeObserver(stage.resize).observe(container);
   if (goalBall) makeGoalDraggable(stage, goalBall);
   const { setViewpoint } = stage;
-  return { show, replaceBody, setVisible, setSceneVisible, setFollowing, applyTheme, setViewpoint, stage };
+  return {
+    show, replaceBody, setVisible, setSceneVisible, setReachVisible, setFollowing, applyTheme, setViewpoint, stage,
+  };
 }
 
 /** Returns the box around the centrelines of bodies. */
