@@ -11,21 +11,25 @@ import type { GoalMessage } from "./viewer_messages";
 type DrawPath = (points: PlanResponse["centreline_mm"]) => void;
 
 const TIMEOUT_MS = 5_000;
-/** Drags that have not ended, by the name of the robot. */
+/** Paths that are planned for a drag, by the name of the robot. */
 const drags = new Map<string, AbortController>();
+/** Goals as they were typed before a drag, by the name of the robot. */
+const typedTargets = new Map<string, Target>();
 
-function targetAt({ fields, anyDirection }: Target, [x, y, z]: GoalMessage["position"]): Target {
+function targetAt({ fields, anyDirection }: Target, [x, y, z]: [number, number, number]): Target {
   const [xText, yText, zText] = [x, y, z].map((part) => part.toFixed(1));
   return { fields: { ...fields, x: xText, y: yText, z: zText }, anyDirection };
 }
 
-/** Enters the dragged goal. Draws a path to it on the way, and previews the body when the goal is dropped. */
+/** Enters the dragged goal, or the typed one again if the drag is cancelled. Draws a path to it on the way, and previews the body when the goal is dropped. */
 export function dragGoal(robot: string, { position, isDropped }: GoalMessage, draw: DrawPath): void {
   const { source, target } = formOf(robot);
   if (source !== "goal") return;
-  enter(robot, { target: targetAt(target, position) });
+  if (!typedTargets.has(robot)) typedTargets.set(robot, target);
+  enter(robot, { target: position ? targetAt(target, position) : typedTargets.get(robot) });
   const drag = drags.get(robot);
   if (isDropped) {
+    typedTargets.delete(robot);
     drag?.abort();
     drags.delete(robot);
     // The body that is planned may be another one, or there may be none.

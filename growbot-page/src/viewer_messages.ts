@@ -42,7 +42,8 @@ export interface ReadingsMessage {
 /** The position to which a person drags the goal, mm. */
 export interface GoalMessage {
   kind: "goal";
-  position: [number, number, number];
+  /** Null if the drag is cancelled. */
+  position: [number, number, number] | null;
   /** False while the goal moves. */
   isDropped: boolean;
 }

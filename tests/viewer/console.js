@@ -121,7 +121,8 @@ try {
   await waitForState("emergency-stop");
   await response(/^Emergency stop: done$/);
   // The job of a stopped robot takes a moment to end.
-  while (/^the robot is not ready/.test(await say("clear"))) await page.waitForTimeout(200);
+  const deadline = Date.now() + TIMEOUT_MS;
+  while (/^the robot is not ready/.test(await say("clear")) && Date.now() < deadline) await page.waitForTimeout(200);
   await waitForState("stopped|idle");
   console.log("console: a growth");
 

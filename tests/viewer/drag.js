@@ -91,6 +91,21 @@ try {
     // The body to the dropped goal is shown.
     await page.getByText(`: ${dragged.join(", ")} mm, heading`).waitFor();
   }
+
+  // A drag that is cancelled gives the typed goal back.
+  await typeGoal("200.125,150,380,20,30");
+  await nextBody.getByRole("button", { name: "Preview", exact: true }).click();
+  await page.getByText(": 200.1, 150.0, 380.0 mm, heading").waitFor();
+  await drawnLayers.waitFor();
+  const canvas = frame.locator("canvas");
+  const [x, y] = await findGoal(page, canvas);
+  await page.mouse.down();
+  await page.mouse.move(x + 4 * MOVE_PIXELS, y);
+  const input = await field("X, mm").elementHandle();
+  await page.waitForFunction(({ value }) => value !== "200.125", input);
+  await canvas.dispatchEvent("pointercancel", { pointerId: 1 });
+  await page.waitForFunction(({ value }) => value === "200.125", input);
+  await page.mouse.up();
 } finally {
   await browser.close();
   await lab.remove();

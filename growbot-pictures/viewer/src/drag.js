@@ -60,9 +60,10 @@ export function makeGoalDraggable(stage, ball) {
     stage.controls.enabled = true;
     if (!hasMoved) return;
     // A system gesture gives the goal back.
-    if (event.type === "pointercancel") moveTo(planned);
+    const isCancelled = event.type === "pointercancel";
+    if (isCancelled) moveTo(planned);
     stage.keepView();
-    sendGoal(ball.position.toArray(), true);
+    sendGoal(isCancelled ? null : ball.position.toArray(), true);
   };
   canvas.addEventListener("pointerup", release);
   canvas.addEventListener("pointercancel", release);

@@ -54,7 +54,10 @@ export function sendReadings(readings) {
   if (isEmbedded) send({ kind: "readings", readings: thinned(readings.length).map((index) => readings[index]) });
 }
 
-/** Sends the position to which the goal is dragged, mm. `isDropped` is false while it moves. */
+/**
+ * Sends the position to which the goal is dragged, mm, or null if a drag is cancelled. `isDropped` is false while it
+ * moves.
+ */
 export function sendGoal(position, isDropped) {
   send({ kind: "goal", position, isDropped });
 }
