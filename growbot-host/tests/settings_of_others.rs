@@ -138,7 +138,7 @@ fn only_the_users_file_names_commands_webhooks_and_cameras() {
         place.write("lab/growbot.toml", &format!("[robots.lab]\nport = \"sim:lab\"\n[serve.{section}]\n{line}\n"));
         let ran = place.run(&["serve", "--page-port", "0"]);
         let expected = format!(
-            "lab/growbot.toml: [serve.{section}] is allowed only in your own settings, because it names a command to run"
+            "lab/growbot.toml: [serve.{section}] is allowed only in your own settings, because it names a command"
         );
         assert_eq!((ran.code, ran.out.as_str()), (Some(2), ""), "{}", ran.err);
         assert!(

@@ -1,5 +1,5 @@
-// The commands of the console of a robot: those of `growbot console` that have no place of their own on the page. A line
-// does what its button does, with the same conditions and the same question.
+// The commands of the console of a robot: those of `growbot console` that have no place of their own on the page. A
+// line does what its button does, with the same conditions and the same question.
 
 import type { CommandName } from "./api_types";
 import { EMPTY_GOAL, FIELDS, fieldsOf } from "./goal";

@@ -21,7 +21,10 @@ function targetAt({ fields, anyDirection }: Target, [x, y, z]: [number, number, 
   return { fields: { ...fields, x: xText, y: yText, z: zText }, anyDirection };
 }
 
-/** Enters the dragged goal, or the typed one again if the drag is cancelled. Draws a path to it on the way, and previews the body when the goal is dropped. */
+/**
+ * Enters the dragged goal, or the typed one again if the drag is cancelled. Draws a path to it on the way, and previews
+ * the body when the goal is dropped.
+ */
 export function dragGoal(robot: string, { position, isDropped }: GoalMessage, draw: DrawPath): void {
   const { source, target } = formOf(robot);
   if (source !== "goal") return;

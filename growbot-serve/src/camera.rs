@@ -6,7 +6,7 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::sync::mpsc::{self, Receiver, SyncSender, TrySendError};
+use std::sync::mpsc::{self, Receiver, SyncSender};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -16,7 +16,7 @@ use ureq::Agent;
 
 use super::config::RobotEntry;
 use super::picture::{Picture, PictureError};
-use super::snapshot_store::SnapshotStore;
+use super::snapshot_store::{SnapshotError, SnapshotStore};
 use super::web_address::WebAddress;
 
 /// Time limit of a picture, with all redirects.
@@ -41,10 +41,13 @@ pub enum CameraSettingsError {
     },
 }
 
-/// Reasons why there is no picture of a camera.
+/// Reasons why a request to a camera fails.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum CameraError {
-    #[error("the camera does not respond within {} s: check its power, its network and its address", PICTURE_TIMEOUT.as_secs())]
+    #[error(
+        "the camera does not respond within {} s: check its power, its network and its address",
+        PICTURE_TIMEOUT.as_secs()
+    )]
     Late,
     #[error("the camera cannot be reached: check its power, its network and its address")]
     Unreachable,
@@ -204,10 +207,8 @@ impl Cameras {
     /// Stores a picture of a layer that was just laid, without waiting for it.
     pub fn on_laid(&self, robot: &str, job: &str, layer: u32) {
         let Some((_, sender)) = self.cameras.get(robot) else { return };
-        match sender.try_send(LaidLayer { job: job.to_owned(), layer }) {
-            // Layers are laid faster than the camera gives pictures, or there is no thread.
-            Ok(()) | Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
-        }
+        // The layer has no picture if another one waits already, because the camera is slower than the robot.
+        let _ = sender.try_send(LaidLayer { job: job.to_owned(), layer });
     }
 }
 
@@ -215,11 +216,23 @@ impl Cameras {
 fn store_snapshots(robot: &str, camera: &Camera, store: &SnapshotStore, laid: &Receiver<LaidLayer>) {
     let mut fails = false;
     for LaidLayer { job, layer } in laid {
-        let stored = camera.picture().map_err(|error| error.to_string());
-        let stored = stored.and_then(|picture| store.add(&job, layer, &picture).map_err(|error| error.to_string()));
+        let stored = store_snapshot(camera, store, &job, layer);
         if let (Err(error), false) = (&stored, fails) {
             log::warn!("no picture of {robot} is stored: {error}");
         }
         fails = stored.is_err();
     }
+}
+
+/// Reasons why the picture of a layer is not stored.
+#[derive(Debug, thiserror::Error)]
+enum LayerPictureError {
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    #[error(transparent)]
+    Store(#[from] SnapshotError),
+}
+
+fn store_snapshot(camera: &Camera, store: &SnapshotStore, job: &str, layer: u32) -> Result<(), LayerPictureError> {
+    Ok(store.add(job, layer, &camera.picture()?)?)
 }

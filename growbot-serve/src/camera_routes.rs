@@ -77,7 +77,7 @@ async fn camera(
 ) -> Result<Picture, Problem> {
     find_robot(&service, &name)?;
     let camera = service.shared.cameras.camera(&name).ok_or_else(|| Problem::not_found("camera of robot", &name))?;
-    // Whoever waits for a camera counts as one who downloads.
+    // A client that waits for a camera counts as one that downloads.
     let _permit = limits.permit_download()?;
     run_blocking(move || camera.picture().map_err(Problem::bad_gateway)).await
 }

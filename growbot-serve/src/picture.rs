@@ -99,7 +99,7 @@ impl Picture {
     }
 }
 
-/// Returns the line that separates the parts of a stream of this content type. `None` if it is no stream.
+/// Returns the line that separates the parts of a stream of this content type. `None` if it is not a stream.
 fn boundary_of(content_type: &str) -> Option<Vec<u8>> {
     let (kind, parameters) = content_type.split_once(';')?;
     if !kind.trim().eq_ignore_ascii_case("multipart/x-mixed-replace") {

@@ -299,7 +299,7 @@ impl<B: Board> Controller<B> {
     }
 
     /// Restores the job from the journal after a start of the board. The layer store does not contain the job's layers
-    /// after a start. `is_memory_lost` tells that the retained state is unknown.
+    /// after a start. `is_memory_lost` is true if the retained state is unknown.
     pub(super) fn restore_job(&mut self, is_memory_lost: bool) {
         let robot = self.robot.hash();
         // A finished job is restored too, because the host may not have acknowledged its last layers.

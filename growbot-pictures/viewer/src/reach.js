@@ -47,7 +47,9 @@ export function makeReach(start, { radius_mm: radius, length_mm: length }) {
   // The lathe turns about its y axis.
   geometry.applyMatrix4(new Matrix4().makeBasis(x, z, y.negate()).setPosition(at));
   geometry.computeBoundingBox();
-  const material = new MeshLambertMaterial({ transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide });
+  const material = new MeshLambertMaterial({
+    transparent: true, opacity: OPACITY, depthWrite: false, side: DoubleSide,
+  });
   const mesh = new Mesh(geometry, material);
   // It is drawn after everything opaque, and before obstacles.
   mesh.renderOrder = 1;
