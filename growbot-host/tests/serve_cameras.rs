@@ -4,11 +4,11 @@
 use std::fs;
 use std::io::{Read, Write};
 use std::net::TcpListener;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, mpsc};
 use std::thread;
 
-use lab::{GOAL, Lab};
+use lab::{GOAL, Lab, wait_for};
 use serde_json::{Value, json};
 
 use crate::lab;
@@ -114,7 +114,7 @@ fn only_pictures_within_bounds_pass_and_no_message_gives_anything_away() {
         ("page", response("200 OK", "content-type: image/jpeg\r\n", b"<script>s3cret()</script>"), "neither a JPEG"),
         ("drawing", response("200 OK", "content-type: image/svg+xml\r\n", b"<svg>s3cret</svg>"), "neither a JPEG"),
         ("long", response("200 OK", "", &[PICTURE, &[0; 5 << 20]].concat()), "more than 4 MiB"),
-        ("nonsense", b"s3cret\r\n\r\n".to_vec(), "cannot be reached"),
+        ("nonsense", b"s3cret\r\n\r\n".to_vec(), "does not respond by HTTP"),
     ];
     let responses = bad.clone();
     let camera = Camera::start(move |path| {
@@ -132,17 +132,69 @@ fn only_pictures_within_bounds_pass_and_no_message_gives_anything_away() {
 }
 
 #[test]
+fn clients_share_a_silent_camera_and_delay_no_stop() {
+    let (release, is_released) = mpsc::channel::<()>();
+    let camera = Camera::start(move |_| {
+        let _ = is_released.recv();
+        response("200 OK", "", PICTURE)
+    });
+    let lab = Lab::with(60.0, &camera.settings(""));
+    lab.wait_until_ready();
+    let path = format!("/{}/api/v1/robots/lab/camera", lab.pages.as_ref().unwrap().1[1]);
+    let ask = || {
+        let mut stream = lab.page();
+        write!(stream, "GET {path} HTTP/1.1\r\nhost: localhost\r\nconnection: close\r\n\r\n").unwrap();
+        stream
+    };
+    // Some wait, and others have gone.
+    let mut waiting: Vec<_> = (0..20).map(|_| ask()).collect();
+    for _ in 0..100 {
+        drop(ask());
+    }
+    wait_for("a request to the camera", || (camera.requests.load(Ordering::Relaxed) > 0).then_some(()));
+    assert_eq!(lab.ask("POST", "/robots/lab/emergency-stop", "").0, 200);
+    assert_eq!(lab.ask("GET", "/jobs", "").0, 200);
+    drop(release);
+    for stream in &mut waiting {
+        let mut answer = Vec::new();
+        stream.read_to_end(&mut answer).unwrap();
+        // On a busy machine the camera may be released too late.
+        assert!(answer.starts_with(b"HTTP/1.1 200") || answer.starts_with(b"HTTP/1.1 502"), "{answer:?}");
+    }
+    assert!(camera.requests.load(Ordering::Relaxed) < 20);
+}
+
+#[test]
+fn a_body_grows_on_if_its_camera_fails() {
+    let camera = Camera::start(|_| response("500 s3cret", "x: s3cret\r\n", b"s3cret"));
+    let lab = Lab::with(60.0, &camera.settings("s3cret"));
+    lab.wait_until_ready();
+    let (_, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": GOAL }).to_string());
+    let job = job["id"].as_str().unwrap();
+    assert_eq!(lab.wait_for_end(job)["state"], "done");
+    assert_eq!(lab.ask("GET", &format!("/jobs/{job}/snapshots"), "").1, json!([]));
+    let heard = running::in_lines(&lab.heard());
+    assert!(heard.contains("no picture of lab is stored: the camera responds with the HTTP status 500"), "{heard}");
+    assert!(!heard.contains("s3cret"), "{heard}");
+}
+
+#[test]
 fn robots_without_a_camera_and_invalid_settings_are_refused() {
-    let lab = Lab::new(1.0);
+    // The robots of a project may be others than those of the user's own settings.
+    let lab = Lab::with(1.0, "[serve.cameras]\nother = \"http://camera/s3cret\"\n");
     assert_eq!(lab.ask("GET", "/cameras", "").1, json!([]));
     assert_eq!(lab.ask("GET", "/robots/lab/camera", "").0, 404);
+    let heard = running::in_lines(&lab.heard());
+    assert!(heard.contains("names other, but the service has no such robot: its camera is not used"), "{heard}");
+    assert!(!heard.contains("s3cret"), "{heard}");
     for (settings, expected) in [
-        ("lab = \"camera/s3cret\"", "the camera of lab in [serve.cameras] cannot be used: give a URL"),
-        ("lba = \"http://camera/s3cret\"", "names lba, but the service has no such robot"),
+        ("[serve.cameras]\nlab = \"camera/s3cret\"", "the camera of lab in [serve.cameras] cannot be used: give a URL"),
+        ("[serve]\ncameras = \"http://camera/s3cret\"", "give the address of each robot's camera as a text"),
+        ("[serve.cameras]\nlab = [\"http://camera/s3cret\"]", "give the address of each robot's camera as a text"),
     ] {
         let directory = tempfile::tempdir().unwrap();
         fs::create_dir(directory.path().join("growbot")).unwrap();
-        let settings = format!("[robots.lab]\nport = \"sim:lab\"\n[serve.cameras]\n{settings}\n");
+        let settings = format!("[robots.lab]\nport = \"sim:lab\"\n{settings}\n");
         fs::write(directory.path().join("growbot/growbot.toml"), &settings).unwrap();
         let mut serve = running::command(running::PROGRAM);
         serve.env("XDG_CONFIG_HOME", directory.path()).env("XDG_STATE_HOME", directory.path().join("state"));

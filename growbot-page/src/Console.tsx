@@ -7,6 +7,7 @@ import type { ConsoleResponse } from "./console_commands";
 const MAX_ENTRIES = 100;
 
 interface ConsoleEntry extends ConsoleResponse {
+  id: number;
   line: string;
 }
 
@@ -16,6 +17,7 @@ export function Console({ robotName }: { robotName: string }) {
   // Number of lines back from the present one, from 0.
   const [back, setBack] = useState(0);
   const hint = useId();
+  const latest = useRef(0);
   const log = useRef<HTMLDivElement>(null);
   useEffect(() => { log.current?.scrollTo(0, log.current.scrollHeight); }, [entries]);
   const lines = entries.map((entry) => entry.line);
@@ -24,8 +26,12 @@ export function Console({ robotName }: { robotName: string }) {
     if (!typed) return;
     setLine("");
     setBack(0);
+    latest.current += 1;
+    const id = latest.current;
+    const waiting: ConsoleEntry = { id, line: typed, text: "no response yet", isError: false };
+    setEntries((before) => [...before, waiting].slice(-MAX_ENTRIES));
     const response = await runLine(robotName, typed);
-    setEntries((before) => [...before, { line: typed, ...response }].slice(-MAX_ENTRIES));
+    setEntries((before) => before.map((entry) => (entry.id === id ? { ...entry, ...response } : entry)));
   };
   const recall = (to: number) => {
     if (to < 0 || to > lines.length) return;
@@ -48,8 +54,8 @@ export function Console({ robotName }: { robotName: string }) {
     <details class="card console">
       <summary>Console</summary>
       <div ref={log} class="console-log" role="log" aria-label="Responses of the console" tabIndex={0}>
-        {entries.map((entry, index) => (
-          <div key={index}>
+        {entries.map((entry) => (
+          <div key={entry.id}>
             <p class="typed">&gt; {entry.line}</p>
             <p class={entry.isError ? "error" : ""}>{entry.text}</p>
           </div>

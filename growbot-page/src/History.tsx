@@ -46,7 +46,7 @@ function JobRow({ job, withRobot }: { job: Job; withRobot: boolean }) {
           <button type="button" onClick={() => { select(); compareJob(job); }}>Compare</button>
         )}
         {job.laid > 0 && cameras.value.has(job.robot) && (
-          <button type="button" onClick={() => { select(); showPictures(job); }}>Pictures</button>
+          <button type="button" onClick={() => { select(); showPictures(job.robot, job); }}>Pictures</button>
         )}
         {robot && (job.laid > 0 || job.state === "done") && (
           <button type="button" onClick={() => { select(); growAgain(job); }}>Grow again</button>

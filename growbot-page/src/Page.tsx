@@ -1,12 +1,13 @@
 // The whole page: the header, which never moves, and below it one robot or all.
 
 import { useEffect } from "preact/hooks";
+import { refreshCameras } from "./cameras";
 import { Header } from "./Header";
 import { History } from "./History";
 import { NotificationSwitch } from "./NotificationSwitch";
 import { OrderBanners } from "./OrderBanners";
 import { Overview } from "./Overview";
-import { fragmentOf, robots, selectedName } from "./page_state";
+import { fragmentOf, isLost, robots, selectedName } from "./page_state";
 import { openQuestion } from "./question";
 import { QuestionDialog } from "./QuestionDialog";
 import { RobotPage } from "./RobotPage";
@@ -20,6 +21,7 @@ export function Page() {
   const state = robot?.status.state ?? robot?.status.connection;
   const title = robot ? `${name} ${state}${progress} - growbot` : "growbot robots";
   useEffect(() => { document.title = title; }, [title]);
+  useEffect(() => { if (!isLost.value) void refreshCameras(); }, [isLost.value]);
   return (
     <>
       <Header />

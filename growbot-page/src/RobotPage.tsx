@@ -1,15 +1,15 @@
 // The page of one robot: its state, the body in three dimensions with its charts, and the next body.
 
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useRef, useState } from "preact/hooks";
 import { BodyView } from "./BodyView";
 import { Camera } from "./Camera";
-import { cameras, refreshCameras } from "./cameras";
+import { cameras } from "./cameras";
 import { Charts } from "./Charts";
 import { Console } from "./Console";
 import { dragGoal } from "./dragged_goal";
 import { NextBody } from "./NextBody";
 import { isGoalPreviewed } from "./next_body";
-import { isLost, jobs } from "./page_state";
+import { jobs } from "./page_state";
 import type { Robot } from "./page_state";
 import { PersonNeeded } from "./PersonNeeded";
 import { chosenBodies, jobViewUrl, liveUrl } from "./shown_body";
@@ -54,7 +54,6 @@ export function RobotPage({ robot }: { robot: Robot }) {
   const [viewed, setViewed] = useState<{ source: string; of: ViewedBody }>({ source, of: NOTHING });
   const current = viewed.source === source ? viewed.of : NOTHING;
   const frame = useRef<HTMLIFrameElement>(null);
-  useEffect(() => { if (!isLost.value) void refreshCameras(); }, [isLost.value]);
   const hear = (message: ViewerMessage) => {
     if (message.kind === "goal") {
       dragGoal(name, message, (points) => drawPath(frame.current, points));

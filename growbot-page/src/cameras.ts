@@ -9,11 +9,16 @@ import { API, request, robotPath } from "./service";
 /** Time between two pictures, ms. */
 const PERIOD_MS = 1_000;
 const TIMEOUT_MS = 15_000;
+/** Time after which a failed request for the names is repeated, ms. */
+const RETRY_MS = 10_000;
 
 /** Names of the robots that have a camera. */
 export const cameras = signal<ReadonlySet<string>>(new Set());
-/** The job whose pictures are shown, by robot. Without an entry it is the latest one. */
+/** The job whose pictures a person has chosen, by robot. Without an entry it is the latest one. */
 export const picturedJobs = signal<ReadonlyMap<string, Job>>(new Map());
+/** Number of choices so far. Each moves the focus to the pictures, once. */
+export const choices = signal(0);
+let shownChoice = 0;
 
 /** The latest picture of a camera. */
 export interface CameraPicture {
@@ -31,7 +36,7 @@ export async function refreshCameras(): Promise<void> {
   try {
     cameras.value = new Set(await request<string[]>("cameras"));
   } catch {
-    // The names stay as they are, and are requested again with the next connection.
+    setTimeout(() => void refreshCameras(), RETRY_MS);
   }
 }
 
@@ -84,6 +89,18 @@ export const readSnapshots = (job: Job) => request<number[]>(`jobs/${job.id}/sna
 
 export const snapshotUrl = (job: Job, layer: number) => `${API}jobs/${job.id}/snapshots/${layer}`;
 
-export function showPictures(job: Job): void {
-  picturedJobs.value = new Map(picturedJobs.value).set(job.robot, job);
+/** Shows the pictures of a job, or again those of the latest one if it is null. */
+export function showPictures(robot: string, job: Job | null): void {
+  const next = new Map(picturedJobs.value);
+  if (job) next.set(robot, job);
+  else next.delete(robot);
+  picturedJobs.value = next;
+  if (job) choices.value += 1;
+}
+
+/** Returns whether the latest choice has not been shown yet, and notes that it is shown. */
+export function takeChoice(): boolean {
+  const isNew = shownChoice !== choices.value;
+  shownChoice = choices.value;
+  return isNew;
 }

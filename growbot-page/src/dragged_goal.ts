@@ -13,8 +13,8 @@ type DrawPath = (points: PlanResponse["centreline_mm"]) => void;
 const TIMEOUT_MS = 5_000;
 /** Paths that are planned for a drag, by the name of the robot. */
 const drags = new Map<string, AbortController>();
-/** Goals as they were typed before a drag, by the name of the robot. */
-const typedTargets = new Map<string, Target>();
+/** Goals as they were typed before a drag, and as the drag has entered them last, by the name of the robot. */
+const typedTargets = new Map<string, { typed: Target; entered: Target }>();
 
 function targetAt({ fields, anyDirection }: Target, [x, y, z]: [number, number, number]): Target {
   const [xText, yText, zText] = [x, y, z].map((part) => part.toFixed(1));
@@ -28,8 +28,12 @@ function targetAt({ fields, anyDirection }: Target, [x, y, z]: [number, number, 
 export function dragGoal(robot: string, { position, isDropped }: GoalMessage, draw: DrawPath): void {
   const { source, target } = formOf(robot);
   if (source !== "goal") return;
-  if (!typedTargets.has(robot)) typedTargets.set(robot, target);
-  enter(robot, { target: position ? targetAt(target, position) : typedTargets.get(robot) });
+  const before = typedTargets.get(robot);
+  // A drag that has not ended may be that of an earlier goal.
+  const typed = before?.entered === target ? before.typed : target;
+  const entered = position ? targetAt(target, position) : typed;
+  typedTargets.set(robot, { typed, entered });
+  enter(robot, { target: entered });
   const drag = drags.get(robot);
   if (isDropped) {
     typedTargets.delete(robot);

@@ -1,20 +1,22 @@
-//! Cameras of robots: one picture at a time is requested from each camera, for all clients together, and a thread of
-//! each camera stores a picture of each layer.
+//! Cameras of robots: a thread of each camera requests one picture at a time, for all clients together, and stores one
+//! of each layer.
 //!
 //! A camera is another device on the network. What it sends is bounded, and no message repeats what it sends or its
 //! address.
 
 use std::collections::BTreeMap;
 use std::io::{self, Read};
-use std::sync::mpsc::{self, Receiver, SyncSender};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::thread;
 use std::time::{Duration, Instant};
 
 use axum::http::header::{CONTENT_TYPE, HeaderMap, LOCATION};
+use rustix::process::setpriority_process;
+use tokio::sync::watch;
 use ureq::Agent;
 
 use super::config::RobotEntry;
+use super::limits::NICENESS;
 use super::picture::{Picture, PictureError};
 use super::snapshot_store::{SnapshotError, SnapshotStore};
 use super::web_address::WebAddress;
@@ -24,21 +26,12 @@ const PICTURE_TIMEOUT: Duration = Duration::from_secs(5);
 /// Maximum number of redirects, which must stay on the camera.
 const MAX_REDIRECTS: usize = 3;
 
-/// Errors in the settings of cameras.
+/// The address of a camera is invalid. The message does not repeat it, because it may contain a secret.
 #[derive(Debug, thiserror::Error)]
-pub enum CameraSettingsError {
-    /// The camera's address is invalid. The message does not repeat it, because it may contain a secret.
-    #[error("the camera of {robot} in [serve.cameras] cannot be used: give a URL with https:// or http:// and a host")]
-    Address {
-        /// Name of the robot.
-        robot: String,
-    },
-    /// The service has no robot of this name.
-    #[error("[serve.cameras] names {robot}, but the service has no such robot: give the name of one of [robots]")]
-    UnknownRobot {
-        /// Name in the settings.
-        robot: String,
-    },
+#[error("the camera of {robot} in [serve.cameras] cannot be used: give a URL with https:// or http:// and a host")]
+pub struct CameraSettingsError {
+    /// Name of the robot.
+    pub robot: String,
 }
 
 /// Reasons why a request to a camera fails.
@@ -51,7 +44,11 @@ pub enum CameraError {
     Late,
     #[error("the camera cannot be reached: check its power, its network and its address")]
     Unreachable,
-    #[error("the camera responds with the HTTP status {0}: check its address and its password")]
+    #[error("the certificate of the camera is not accepted: install it on this machine, or give an http:// address")]
+    Certificate,
+    #[error("the camera does not respond by HTTP: check its address and its port")]
+    NoHttp,
+    #[error("the camera responds with the HTTP status {0}: check its address, and the user and password in it")]
     Status(u16),
     #[error(
         "the camera redirects elsewhere, or more than {MAX_REDIRECTS} times: give the address to which it redirects"
@@ -61,41 +58,79 @@ pub enum CameraError {
     Picture(Arc<PictureError>),
 }
 
-/// A camera with its latest picture.
+/// A camera, with the thread that requests its pictures.
 pub struct Camera {
     address: WebAddress,
     agent: Agent,
-    latest: Mutex<Option<(Instant, Result<Picture, CameraError>)>>,
+    wanted: Mutex<WantedPictures>,
+    wakes: Condvar,
+    latest: watch::Sender<Option<Result<Picture, CameraError>>>,
+}
+
+/// Pictures that the camera's thread has yet to request.
+#[derive(Default)]
+struct WantedPictures {
+    /// True if a client waits for a picture.
+    live: bool,
+    /// The latest laid layer, if no picture of it was requested. Earlier ones have no picture, because the camera is
+    /// slower than the robot.
+    laid: Option<LaidLayer>,
 }
 
 impl Camera {
     fn new(address: WebAddress) -> Self {
         let agent = Agent::config_builder()
-            .timeout_global(Some(PICTURE_TIMEOUT))
             .max_redirects(0)
             .http_status_as_error(false)
             .proxy(None)
             .user_agent(concat!("growbot/", env!("CARGO_PKG_VERSION")))
             .build();
-        Self { address, agent: agent.into(), latest: Mutex::default() }
+        let latest = watch::Sender::new(None);
+        Self { address, agent: agent.into(), wanted: Mutex::default(), wakes: Condvar::new(), latest }
     }
 
-    /// Returns a picture that was requested after the call. All who wait share one request.
+    /// Returns the next picture that arrives. All that wait share one request, and occupy no thread.
     ///
     /// # Errors
     /// The camera gives no picture.
-    pub fn picture(&self) -> Result<Picture, CameraError> {
-        let called = Instant::now();
-        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((requested, picture)) = &*latest
-            && *requested >= called
-        {
-            return picture.clone();
+    pub async fn picture(&self) -> Result<Picture, CameraError> {
+        let mut latest = self.latest.subscribe();
+        self.want(|wanted| wanted.live = true);
+        // The sender lives as long as the camera.
+        let _ = latest.changed().await;
+        latest.borrow().clone().unwrap_or(Err(CameraError::Unreachable))
+    }
+
+    fn want(&self, change: impl FnOnce(&mut WantedPictures)) {
+        change(&mut self.wanted.lock().unwrap_or_else(PoisonError::into_inner));
+        self.wakes.notify_one();
+    }
+
+    /// Waits until a picture is wanted. Returns the layer of which it is, if it is of one.
+    fn next_wanted(&self) -> Option<LaidLayer> {
+        let wanted = self.wanted.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_idle = |wanted: &mut WantedPictures| !wanted.live && wanted.laid.is_none();
+        let mut wanted = self.wakes.wait_while(wanted, is_idle).unwrap_or_else(PoisonError::into_inner);
+        std::mem::take(&mut *wanted).laid
+    }
+
+    /// Requests pictures for clients, and stores one of each layer. A warning is printed when these begin to fail.
+    fn run(&self, robot: &str, store: &SnapshotStore) {
+        // Threads that drive robots run first.
+        let _ = setpriority_process(None, NICENESS);
+        let mut fails = false;
+        loop {
+            let laid = self.next_wanted();
+            let picture = self.request();
+            self.latest.send_replace(Some(picture.clone()));
+            let Some(LaidLayer { job, layer }) = laid else { continue };
+            let stored =
+                picture.map_err(LayerPictureError::from).and_then(|picture| Ok(store.add(&job, layer, &picture)?));
+            if let (Err(error), false) = (&stored, fails) {
+                log::warn!("no picture of {robot} is stored: {error}");
+            }
+            fails = stored.is_err();
         }
-        let requested = Instant::now();
-        let picture = self.request();
-        *latest = Some((requested, picture.clone()));
-        picture
     }
 
     fn request(&self) -> Result<Picture, CameraError> {
@@ -106,6 +141,8 @@ impl Camera {
             let request = self.agent.get(address.to_text()).config().timeout_global(Some(left)).build();
             let response = request.call().map_err(|error| match error {
                 ureq::Error::Timeout(_) => CameraError::Late,
+                ureq::Error::Tls(_) | ureq::Error::Rustls(_) => CameraError::Certificate,
+                ureq::Error::Protocol(_) => CameraError::NoHttp,
                 _ => CameraError::Unreachable,
             })?;
             let header = |name| text_of(response.headers(), name);
@@ -157,15 +194,16 @@ struct LaidLayer {
 
 /// The cameras of all robots that have one.
 pub struct Cameras {
-    cameras: BTreeMap<String, (Arc<Camera>, SyncSender<LaidLayer>)>,
+    cameras: BTreeMap<String, Arc<Camera>>,
     pub snapshots: Arc<SnapshotStore>,
 }
 
 impl Cameras {
-    /// Starts a thread for each camera of the settings.
+    /// Starts a thread for each camera of the settings. A camera of a robot that the service does not have is not used,
+    /// because the robots of a project may be others than those of the user's own settings.
     ///
     /// # Errors
-    /// [`CameraSettingsError`] if an address is invalid or the service has no such robot.
+    /// [`CameraSettingsError`] if an address is invalid.
     pub fn start(
         addresses: &BTreeMap<String, String>,
         robots: &BTreeMap<String, RobotEntry>,
@@ -174,22 +212,20 @@ impl Cameras {
         let snapshots = Arc::new(snapshots);
         let mut cameras = BTreeMap::new();
         for (robot, address) in addresses {
+            let invalid = || CameraSettingsError { robot: robot.clone() };
+            let camera = Arc::new(Camera::new(WebAddress::parse(address).ok_or_else(invalid)?));
             if !robots.contains_key(robot) {
-                return Err(CameraSettingsError::UnknownRobot { robot: robot.clone() });
+                log::warn!("[serve.cameras] names {robot}, but the service has no such robot: its camera is not used");
+                continue;
             }
-            let address =
-                WebAddress::parse(address).ok_or_else(|| CameraSettingsError::Address { robot: robot.clone() })?;
-            let camera = Arc::new(Camera::new(address));
-            // While a picture is on its way, one layer waits. Those between have no picture.
-            let (sender, receiver) = mpsc::sync_channel(1);
             let (name, of_thread, store) = (robot.clone(), Arc::clone(&camera), Arc::clone(&snapshots));
-            let spawned = thread::Builder::new()
-                .name(format!("camera {robot}"))
-                .spawn(move || store_snapshots(&name, &of_thread, &store, &receiver));
-            if let Err(error) = spawned {
-                log::warn!("no pictures of {robot} are stored, because the service cannot start a thread: {error}");
+            let thread = thread::Builder::new().name(format!("camera {robot}"));
+            match thread.spawn(move || of_thread.run(&name, &store)) {
+                Ok(_) => drop(cameras.insert(robot.clone(), camera)),
+                Err(error) => {
+                    log::warn!("the camera of {robot} is not used, because the service cannot start a thread: {error}");
+                }
             }
-            cameras.insert(robot.clone(), (camera, sender));
         }
         Ok(Self { cameras, snapshots })
     }
@@ -201,26 +237,14 @@ impl Cameras {
 
     /// Returns the camera of a robot. `None` without one.
     pub fn camera(&self, robot: &str) -> Option<Arc<Camera>> {
-        self.cameras.get(robot).map(|(camera, _)| Arc::clone(camera))
+        self.cameras.get(robot).cloned()
     }
 
     /// Stores a picture of a layer that was just laid, without waiting for it.
     pub fn on_laid(&self, robot: &str, job: &str, layer: u32) {
-        let Some((_, sender)) = self.cameras.get(robot) else { return };
-        // The layer has no picture if another one waits already, because the camera is slower than the robot.
-        let _ = sender.try_send(LaidLayer { job: job.to_owned(), layer });
-    }
-}
-
-/// Stores a picture of each layer that arrives. A warning is printed when pictures begin to fail.
-fn store_snapshots(robot: &str, camera: &Camera, store: &SnapshotStore, laid: &Receiver<LaidLayer>) {
-    let mut fails = false;
-    for LaidLayer { job, layer } in laid {
-        let stored = store_snapshot(camera, store, &job, layer);
-        if let (Err(error), false) = (&stored, fails) {
-            log::warn!("no picture of {robot} is stored: {error}");
+        if let Some(camera) = self.cameras.get(robot) {
+            camera.want(|wanted| wanted.laid = Some(LaidLayer { job: job.to_owned(), layer }));
         }
-        fails = stored.is_err();
     }
 }
 
@@ -231,8 +255,4 @@ enum LayerPictureError {
     Camera(#[from] CameraError),
     #[error(transparent)]
     Store(#[from] SnapshotError),
-}
-
-fn store_snapshot(camera: &Camera, store: &SnapshotStore, job: &str, layer: u32) -> Result<(), LayerPictureError> {
-    Ok(store.add(job, layer, &camera.picture()?)?)
 }

@@ -5,13 +5,12 @@ use std::sync::Arc;
 use aide::OperationOutput;
 use aide::axum::ApiRouter;
 use aide::axum::routing::get_with;
+use axum::Json;
 use axum::extract::{Path, State};
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE, X_CONTENT_TYPE_OPTIONS};
 use axum::response::{IntoResponse, Response};
-use axum::{Extension, Json};
 
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
-use super::limits::RoleLimits;
 use super::openapi::{Content, describe, returns};
 use super::picture::{Picture, PictureFormat};
 use super::problem::Problem;
@@ -29,7 +28,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         .api_route(
             "/robots/{robot}/camera",
             get_with(camera, |operation| {
-                let words = "A picture of the robot's camera, requested now. All who wait for one share it.";
+                let words = "The next picture of the robot's camera. All clients that wait for one share it.";
                 operation.with(describe("getCameraPicture", words)).with(picture())
             }),
         )
@@ -70,16 +69,10 @@ async fn cameras(State(service): ServiceState) -> Json<Vec<String>> {
     Json(service.shared.cameras.robots())
 }
 
-async fn camera(
-    State(service): ServiceState,
-    Extension(limits): Extension<Arc<RoleLimits>>,
-    Path(name): Path<String>,
-) -> Result<Picture, Problem> {
+async fn camera(State(service): ServiceState, Path(name): Path<String>) -> Result<Picture, Problem> {
     find_robot(&service, &name)?;
     let camera = service.shared.cameras.camera(&name).ok_or_else(|| Problem::not_found("camera of robot", &name))?;
-    // A client that waits for a camera counts as one that downloads.
-    let _permit = limits.permit_download()?;
-    run_blocking(move || camera.picture().map_err(Problem::bad_gateway)).await
+    camera.picture().await.map_err(Problem::bad_gateway)
 }
 
 async fn snapshots(State(service): ServiceState, Path(job): Path<String>) -> ApiResult<Vec<u32>> {

@@ -6,7 +6,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use schemars::JsonSchema;
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
 use super::notification::NotificationEvent;
 use crate::settings_paths::{port_from, robot_from};
@@ -60,7 +61,7 @@ pub struct ServeEntry {
     #[serde(default)]
     pub notify: NotifyEntry,
     /// Address of the camera of each robot that has one, `https:` or `http:`: of a picture or of an MJPEG stream.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "read_cameras")]
     pub cameras: BTreeMap<String, String>,
 }
 
@@ -79,6 +80,13 @@ impl ServeEntry {
     pub fn request(&self) -> Duration {
         Duration::from_secs(self.request_s.map_or(REQUEST_S, NonZeroU32::get).into())
     }
+}
+
+/// Reads the table of cameras. An error repeats no value, because it may contain a secret.
+fn read_cameras<'de, D: Deserializer<'de>>(from: D) -> Result<BTreeMap<String, String>, D::Error> {
+    BTreeMap::deserialize(from).map_err(|_| {
+        D::Error::custom("give the address of each robot's camera as a text: [serve.cameras], lab-1 = \"http://...\"")
+    })
 }
 
 /// Receivers of notices about the robots.

@@ -266,14 +266,19 @@ impl<'a> RunningJob<'a> {
             }
             JobEvent::Laid { index, .. } => {
                 self.laid = index.saturating_add(1);
+                // After a reconnection the board reports earlier layers, too.
+                let mut is_latest = true;
                 self.keeper.update_state(|known| {
                     known.reported = Some(time_since_boot());
                     if let Some(status) = &mut known.status {
-                        status.layers_laid = index.saturating_add(1);
+                        is_latest = status.layers_laid <= self.laid;
+                        status.layers_laid = self.laid;
                     }
                 });
                 self.save_progress();
-                self.keeper.shared.cameras.on_laid(&self.keeper.name, &self.job.id, *index);
+                if is_latest {
+                    self.keeper.shared.cameras.on_laid(&self.keeper.name, &self.job.id, *index);
+                }
             }
             JobEvent::Amendment(amendment) => self.layers = amendment.total,
             JobEvent::CommandFailed(why) => self.keeper.update_state(|known| known.command_error = Some(why.clone())),

@@ -34,7 +34,7 @@ const DOWNLOADS: [usize; 2] = [8, 16];
 const COMPUTATION_TIME: Duration = Duration::from_secs(30);
 
 /// Niceness of the threads that compute. Threads that drive robots or stop them have the niceness 0, so they run first.
-const NICENESS: i32 = 10;
+pub(super) const NICENESS: i32 = 10;
 
 /// Limits of the resources that the clients of one role use.
 pub struct RoleLimits {

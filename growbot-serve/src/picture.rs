@@ -7,6 +7,8 @@ use axum::body::Bytes;
 
 /// Maximum length of a picture, and of the part of a stream that is read for it, bytes.
 pub const MAX_PICTURE: usize = 4 << 20;
+/// Maximum number of pixels of a picture. A small file can have many, and each page holds all of them.
+const MAX_PIXELS: u64 = 40_000_000;
 /// Maximum length of the parts in which a response is read, bytes.
 const PART: usize = 16 << 10;
 
@@ -30,6 +32,15 @@ impl PictureFormat {
         match self {
             Self::Jpeg => b"\xff\xd8\xff",
             Self::Png => b"\x89PNG\r\n\x1a\n",
+        }
+    }
+
+    /// Returns the number of pixels of a picture, by its header. `None` without one.
+    fn pixels(self, bytes: &[u8]) -> Option<u64> {
+        match self {
+            Self::Jpeg => jpeg_pixels(bytes),
+            // The first chunk of a PNG file has width and height (PNG specification, 11.2.1).
+            Self::Png => Some(u64::from(be_u32(bytes, 16)?).saturating_mul(be_u32(bytes, 20)?.into())),
         }
     }
 
@@ -62,6 +73,8 @@ pub struct Picture {
 pub enum PictureError {
     #[error("it sends more than {} MiB: lower the resolution of its pictures", MAX_PICTURE >> 20)]
     TooLong,
+    #[error("its pictures have more than {} megapixels: lower their resolution", MAX_PIXELS / 1_000_000)]
+    TooManyPixels,
     #[error("it sends neither a JPEG nor a PNG picture: give the address of a picture or of an MJPEG stream")]
     NotPicture,
     #[error("the connection ended early: {0}")]
@@ -73,6 +86,7 @@ impl Picture {
     pub fn read(content_type: &str, mut from: impl Read) -> Result<Self, PictureError> {
         let boundary = boundary_of(content_type);
         let (mut read, mut part) = (Vec::new(), vec![0; PART]);
+        let mut search = PartSearch::default();
         loop {
             if read.len() > MAX_PICTURE {
                 return Err(PictureError::TooLong);
@@ -83,13 +97,16 @@ impl Picture {
             let found = match &boundary {
                 None if is_end => Some(&read[..]),
                 None => None,
-                Some(boundary) => first_part(&read, boundary, is_end),
+                Some(boundary) => search.first_part(&read, boundary, is_end),
             };
             if let Some(found) = found {
                 if found.len() > MAX_PICTURE {
                     return Err(PictureError::TooLong);
                 }
                 let format = PictureFormat::of(found).ok_or(PictureError::NotPicture)?;
+                if format.pixels(found).is_some_and(|pixels| pixels > MAX_PIXELS) {
+                    return Err(PictureError::TooManyPixels);
+                }
                 return Ok(Self { format, bytes: Bytes::copy_from_slice(found) });
             }
             if is_end {
@@ -114,18 +131,65 @@ fn boundary_of(content_type: &str) -> Option<Vec<u8>> {
     Some(format!("--{}", boundary.trim_start_matches("--")).into_bytes())
 }
 
-/// Returns the content of the first part of a stream, if it is complete.
-fn first_part<'a>(stream: &'a [u8], boundary: &[u8], is_end: bool) -> Option<&'a [u8]> {
-    let part = &stream[position(stream, boundary)? + boundary.len()..];
-    let head_end = position(part, b"\r\n\r\n")?;
-    let (head, content) = (&part[..head_end], &part[head_end + 4..]);
-    if let Some(length) = content_length(head) {
-        return content.get(..length);
+/// Returns the number of pixels of a JPEG file, from its frame header (ITU-T T.81, B.2.2). `None` without one.
+fn jpeg_pixels(bytes: &[u8]) -> Option<u64> {
+    let mut at = 2;
+    loop {
+        let (mark, length) = (be_u16(bytes, at)?, be_u16(bytes, at + 2)?);
+        match mark {
+            // Huffman tables, extensions and arithmetic tables have numbers between those of frames.
+            0xffc4 | 0xffc8 | 0xffcc => {}
+            0xffc0..=0xffcf => return Some(u64::from(be_u16(bytes, at + 5)?) * u64::from(be_u16(bytes, at + 7)?)),
+            0xff00..=0xffff => {}
+            _ => return None,
+        }
+        at += 2 + usize::from(length.max(2));
     }
-    match position(content, boundary) {
-        // The line break before a boundary belongs to it.
-        Some(end) => Some(content[..end].strip_suffix(b"\r\n").unwrap_or(&content[..end])),
-        None => is_end.then_some(content),
+}
+
+fn be_u16(bytes: &[u8], at: usize) -> Option<u16> {
+    Some(u16::from_be_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+fn be_u32(bytes: &[u8], at: usize) -> Option<u32> {
+    Some(u32::from_be_bytes(*bytes.get(at..)?.first_chunk()?))
+}
+
+/// Search for the first part of a stream. It does not search the content again when more of it arrives.
+#[derive(Default)]
+struct PartSearch {
+    /// Start of the part's content and the length in its head, once the head has arrived.
+    content: Option<(usize, Option<usize>)>,
+    /// Number of bytes that were searched for the boundary after the content.
+    searched: usize,
+}
+
+impl PartSearch {
+    /// Returns the content of the first part, if it is complete.
+    fn first_part<'a>(&mut self, stream: &'a [u8], boundary: &[u8], is_end: bool) -> Option<&'a [u8]> {
+        let (start, length) = match self.content {
+            Some(content) => content,
+            None => {
+                let head = position(stream, boundary)? + boundary.len();
+                let end = head + position(&stream[head..], b"\r\n\r\n")?;
+                let content = (end + 4, content_length(&stream[head..end]));
+                (self.content, self.searched) = (Some(content), end + 4);
+                content
+            }
+        };
+        if let Some(length) = length {
+            return stream.get(start..start.checked_add(length)?);
+        }
+        let from = self.searched.saturating_sub(boundary.len()).max(start);
+        self.searched = stream.len();
+        match position(&stream[from..], boundary) {
+            Some(end) => {
+                let content = &stream[start..from + end];
+                // The line break before a boundary belongs to it.
+                Some(content.strip_suffix(b"\r\n").unwrap_or(content))
+            }
+            None => is_end.then_some(&stream[start..]),
+        }
     }
 }
 
@@ -177,6 +241,23 @@ mod tests {
         let head = stream(&format!("Content-Length: {}\r\n", JPEG.len()), "\r\n--frame\r\n");
         let endless = head.as_slice().chain(io::repeat(b'x'));
         assert_eq!(&Picture::read(STREAM, endless).unwrap().bytes[..], JPEG);
+    }
+
+    #[test]
+    fn a_small_file_of_many_pixels_is_refused() {
+        let png = |width: u32, height: u32| {
+            [b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR", &width.to_be_bytes()[..], &height.to_be_bytes()].concat()
+        };
+        let jpeg = |width: u16, height: u16| {
+            let frame = [&b"\xff\xc2\0\x11\x08"[..], &height.to_be_bytes(), &width.to_be_bytes()].concat();
+            [b"\xff\xd8\xff\xe0\0\x04ab\xff\xc4\0\x03t", &frame[..]].concat()
+        };
+        for bytes in [png(8000, 5000), jpeg(8000, 5000)] {
+            assert!(read("", &bytes).is_ok());
+        }
+        for bytes in [png(8001, 5000), png(u32::MAX, u32::MAX), jpeg(8001, 5000), jpeg(u16::MAX, u16::MAX)] {
+            assert!(matches!(read("", &bytes), Err(PictureError::TooManyPixels)));
+        }
     }
 
     #[test]

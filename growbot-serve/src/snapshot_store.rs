@@ -18,7 +18,7 @@ use super::picture::{Picture, PictureFormat};
 struct StoreLimits {
     /// Maximum size of all pictures together, bytes.
     max_bytes: u64,
-    /// Free space of the disk below which no picture is stored, bytes.
+    /// Free space of the disk below which pictures are deleted, and none is stored, bytes.
     min_free: u64,
 }
 
@@ -27,8 +27,8 @@ const LIMITS: StoreLimits = StoreLimits { max_bytes: 4 << 30, min_free: 1 << 30 
 /// Reasons why a picture is not stored.
 #[derive(Debug, thiserror::Error)]
 pub enum SnapshotError {
-    #[error("less than {} GiB of the disk are free: free space", .0 >> 30)]
-    DiskFull(u64),
+    #[error("less than {} GiB are free on the disk of {directory}: free space there", min_free >> 30)]
+    DiskFull { min_free: u64, directory: String },
     #[error("the pictures of this job alone have {} MiB: lower the resolution of the camera", .0 >> 20)]
     StoreFull(u64),
     #[error("{0}")]
@@ -49,25 +49,21 @@ impl SnapshotStore {
         Self { directory: places.snapshots(), limits: LIMITS, bytes: Mutex::default() }
     }
 
-    /// Stores the picture of a layer. If all pictures together would be too large, those of the oldest other jobs are
-    /// deleted.
+    /// Stores the picture of a layer. If all pictures together would be too large, or the disk is nearly full, those of
+    /// the oldest other jobs are deleted.
     ///
     /// # Errors
-    /// The disk is nearly full, the pictures of this job fill the store, or the file cannot be written.
+    /// The disk stays nearly full, the pictures of this job fill the store, or the file cannot be written.
     pub fn add(&self, job: &str, layer: u32, picture: &Picture) -> Result<(), SnapshotError> {
         let mut bytes = self.bytes.lock().unwrap_or_else(PoisonError::into_inner);
         let StoreLimits { max_bytes, min_free } = self.limits;
-        let disk = statvfs(&self.directory).map_err(io::Error::from)?;
-        if disk.f_bavail.saturating_mul(disk.f_frsize) < min_free {
-            return Err(SnapshotError::DiskFull(min_free));
-        }
         let added = picture.bytes.len() as u64;
         let mut total = bytes.unwrap_or(max_bytes);
-        if total + added > max_bytes {
+        if total + added > max_bytes || self.is_disk_full()? {
             let jobs = self.jobs()?;
             total = jobs.iter().map(|(_, _, size)| size).sum();
             for (path, _, size) in jobs.into_iter().filter(|(path, ..)| !path.ends_with(job)) {
-                if total + added <= max_bytes {
+                if total + added <= max_bytes && !self.is_disk_full()? {
                     break;
                 }
                 fs::remove_dir_all(&path)?;
@@ -78,12 +74,20 @@ impl SnapshotStore {
         if total + added > max_bytes {
             return Err(SnapshotError::StoreFull(max_bytes));
         }
+        if self.is_disk_full()? {
+            return Err(SnapshotError::DiskFull { min_free, directory: self.directory.display().to_string() });
+        }
         let directory = self.directory.join(job);
         DirBuilder::new().recursive(true).mode(0o700).create(&directory)?;
         let name = format!("{layer}.{}", picture.format.extension());
         write_atomic(&directory.join(name), &picture.bytes).map_err(io::Error::other)?;
         *bytes = Some(total + added);
         Ok(())
+    }
+
+    fn is_disk_full(&self) -> io::Result<bool> {
+        let disk = statvfs(&self.directory)?;
+        Ok(disk.f_bavail.saturating_mul(disk.f_frsize) < self.limits.min_free)
     }
 
     /// Returns the layers of a job of which there are pictures, in order.
@@ -191,6 +195,6 @@ mod tests {
     fn nothing_is_stored_on_a_disk_that_is_nearly_full() {
         let directory = tempfile::tempdir().unwrap();
         let store = store(&directory, StoreLimits { min_free: u64::MAX, ..LIMITS });
-        assert!(matches!(store.add("lab-1", 0, &picture(10)), Err(SnapshotError::DiskFull(_))));
+        assert!(matches!(store.add("lab-1", 0, &picture(10)), Err(SnapshotError::DiskFull { .. })));
     }
 }

@@ -48,7 +48,9 @@ async function open(url) {
       await field.press("Enter");
       const entry = log.locator("> div").last();
       await entry.getByText(`> ${line}`, { exact: true }).waitFor();
-      return entry.locator("p").last().innerText();
+      const text = entry.locator("p").last();
+      await text.filter({ hasNotText: /^no response yet$/ }).waitFor();
+      return text.innerText();
     },
   };
 }

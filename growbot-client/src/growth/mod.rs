@@ -10,7 +10,7 @@ mod start;
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{
     Accepted, BoardInfo, BootReport, EnergizingRequest, HostSilencePolicy, InterruptedLayer, Message, PassiveRequest,
-    Refusal, ResetCause, Start, State, Status,
+    PauseCause, Refusal, ResetCause, Start, State, Status,
 };
 use growbot_plan::feedback::Feedback;
 use growbot_plan::growth_report::GrowthReport;
@@ -317,11 +317,13 @@ impl<'a> JobRunner<'a> {
     /// accepted an earlier copy of it, whose response was lost before another host took the board over.
     fn follow_if_started(&mut self, refusal: ClientError) -> Result<(), GrowthError> {
         let status = self.client.status().map_err(GrowthError::Interrupted)?;
-        self.is_started = status.plan_id == self.job.plan_id
-            && matches!(
-                status.state,
-                State::Heating | State::Homing | State::Growing | State::Paused | State::Parked | State::Done
-            );
+        let has_started = match status.state {
+            State::Heating | State::Homing | State::Growing | State::Done => true,
+            // A start has ended any other pause.
+            State::Paused => status.pause_cause == PauseCause::LayersExhausted,
+            _ => false,
+        };
+        self.is_started = has_started && status.plan_id == self.job.plan_id;
         if self.is_started { Ok(()) } else { Err(GrowthError::NotStarted(refusal)) }
     }
 

@@ -54,6 +54,9 @@ impl<B: Board> Controller<B> {
             let stored = self.parts.descriptions.store(&robot);
             self.parts.watchdog.feed();
             stored.map_err(|_| Refusal::DescriptionNotStored)?;
+            // Steps of the old description mean nothing to the new one.
+            self.motion.set_retracted_steps(0);
+            self.retain();
             self.configuring.restart_at = Some(self.now_us.saturating_add(RESTART_US));
         }
         Ok(self.configuring.answer())

@@ -5,8 +5,8 @@
 //!
 //! - A write goes to the older copy, from its first byte to its last, so that a reset during the write leaves the newer
 //!   copy whole.
-//! - A write that changes the action of the next start (whether work is in progress, which fault is latched) goes to
-//!   both copies, one after the other, so that either copy alone has the decisive part.
+//! - A write that changes the action of the next start (whether work is in progress, which fault is latched, where the
+//!   filament is) goes to both copies, one after the other, so that either copy alone has the decisive part.
 //! - At a start the board loads the newer of the copies whose checksum is right. If this firmware cannot decode that
 //!   copy, another version has written it. The memory has kept its power then, and the copy may contain current work or
 //!   a latched fault. The start is therefore a fault, whatever the cause of the reset.
@@ -75,6 +75,7 @@ impl RetainedState {
         StartupAction {
             under_way: self.under_way.is_some(),
             latched: self.record.filter(|record| !record.cleared).map(|record| record.fault),
+            retracted_steps: self.retracted_steps,
         }
     }
 }
@@ -114,6 +115,8 @@ struct StartupAction {
     under_way: bool,
     /// The latched fault: `Some(Some(fault))`, or `Some(None)` for the emergency stop. `None` if nothing is latched.
     latched: Option<Option<Fault>>,
+    /// Number of feed steps by which the filament is pushed forward before the next layer.
+    retracted_steps: u32,
 }
 
 /// Access to the two copies of the retained state in the memory.
