@@ -10,7 +10,7 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{CommandQueue, GrowthOptions, OnParked, grow_job};
 use growbot_client::stop_signal::Permit;
-use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, PauseCause, Refusal, State};
+use growbot_core::link::message::{HostSilencePolicy, MaintenanceTask, Motor, PauseCause, Refusal, State};
 use growbot_core::path::Segment;
 use growbot_core::pose::Pose;
 use growbot_core::robot::{DigitalInput, Robot};
@@ -109,7 +109,7 @@ fn maintenance_is_refused_cold_and_executed_hot() {
     ));
     client.maintain(MaintenanceTask::CoolDown, &Permit::standalone()).unwrap();
     assert_eq!(client.status().unwrap().state, State::Idle);
-    assert!(!at(|tip| i64::from(tip.is_enabled(growbot_sim::tip::Motor::Feed))).is_positive(), "motors are let go");
+    assert!(!at(|tip| i64::from(tip.is_enabled(Motor::Feed))).is_positive(), "motors are let go");
 }
 
 /// Grows a straight body of 20 layers. `on_event` may inject a fault into the tip.

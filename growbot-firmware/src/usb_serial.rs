@@ -133,7 +133,7 @@ impl Setup {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum ControlResponse {
     /// Send this content, cut off after this number of bytes.
-    Send(Content, usize),
+    Send(UsbContent, usize),
     /// Acknowledge the request.
     Done,
     /// Receive a line coding from the host, then acknowledge the request.
@@ -152,7 +152,7 @@ pub enum ControlResponse {
 
 /// Content that the device can send in response to a control request.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Content {
+pub enum UsbContent {
     /// The device descriptor.
     Device,
     /// The configuration descriptor, and all descriptors that belong to it.
@@ -206,15 +206,15 @@ impl UsbSerial {
     }
 
     /// Returns the bytes of a content that the device sends.
-    pub fn content(&self, content: Content) -> &[u8] {
+    pub fn content(&self, content: UsbContent) -> &[u8] {
         match content {
-            Content::Device => &self.device,
-            Content::Configuration => &self.configuration,
-            Content::Languages => &self.languages,
-            Content::Name => &self.name,
-            Content::Coding => &self.coding,
-            Content::Status => &self.status,
-            Content::Configured => &self.configured,
+            UsbContent::Device => &self.device,
+            UsbContent::Configuration => &self.configuration,
+            UsbContent::Languages => &self.languages,
+            UsbContent::Name => &self.name,
+            UsbContent::Coding => &self.coding,
+            UsbContent::Status => &self.status,
+            UsbContent::Configured => &self.configured,
         }
     }
 
@@ -237,10 +237,10 @@ impl UsbSerial {
         }
         match (kind & 0x80 != 0, request) {
             (true, 6) => self.describe(value).map_or(ControlResponse::Refuse, send),
-            (true, 0) => send(Content::Status),
-            (true, 8) => send(Content::Configured),
+            (true, 0) => send(UsbContent::Status),
+            (true, 8) => send(UsbContent::Configured),
             // Each interface has only one alternate setting.
-            (true, 10) => ControlResponse::Send(Content::Status, usize::from(length.min(1))),
+            (true, 10) => ControlResponse::Send(UsbContent::Status, usize::from(length.min(1))),
             (false, 11) if value == 0 => ControlResponse::Done,
             (false, 5) => ControlResponse::Address(value as u8 & 0x7F),
             (false, 9) if value <= 1 => {
@@ -252,13 +252,13 @@ impl UsbSerial {
         }
     }
 
-    fn describe(&self, value: u16) -> Option<Content> {
+    fn describe(&self, value: u16) -> Option<UsbContent> {
         let number = value as u8;
         match value >> 8 {
-            1 => Some(Content::Device),
-            2 => Some(Content::Configuration),
-            3 if number == 0 => Some(Content::Languages),
-            3 if number == NAME => Some(Content::Name),
+            1 => Some(UsbContent::Device),
+            2 => Some(UsbContent::Configuration),
+            3 if number == 0 => Some(UsbContent::Languages),
+            3 if number == NAME => Some(UsbContent::Name),
             _ => None,
         }
     }
@@ -274,7 +274,7 @@ impl Default for UsbSerial {
 fn answer_class(request: u8, to_host: bool, length: usize) -> ControlResponse {
     match (to_host, request) {
         (false, 0x20) if length == CODING.len() => ControlResponse::TakeCoding,
-        (true, 0x21) => ControlResponse::Send(Content::Coding, length),
+        (true, 0x21) => ControlResponse::Send(UsbContent::Coding, length),
         (false, 0x22) => ControlResponse::Opened,
         _ => ControlResponse::Refuse,
     }
@@ -293,11 +293,11 @@ mod tests {
     #[test]
     fn descriptor_lengths_are_correct_and_endpoints_are_named() {
         let serial = UsbSerial::new();
-        for content in [Content::Device, Content::Languages, Content::Name] {
+        for content in [UsbContent::Device, UsbContent::Languages, UsbContent::Name] {
             let bytes = serial.content(content);
             assert_eq!(usize::from(bytes[0]), bytes.len(), "{content:?}");
         }
-        let configuration = serial.content(Content::Configuration);
+        let configuration = serial.content(UsbContent::Configuration);
         assert_eq!(usize::from(configuration[2]), configuration.len());
         let (mut rest, mut endpoints) = (configuration, vec![]);
         while let [length, kind, ..] = rest {
@@ -313,10 +313,10 @@ mod tests {
     fn the_host_can_enumerate_and_use_the_port() {
         let mut serial = UsbSerial::new();
         let mut answer = |kind, request, value, length| serial.answer(setup(kind, request, value, 0, length));
-        assert_eq!(answer(0x80, 6, 0x100, 64), ControlResponse::Send(Content::Device, 64));
+        assert_eq!(answer(0x80, 6, 0x100, 64), ControlResponse::Send(UsbContent::Device, 64));
         assert_eq!(answer(0x00, 5, 7, 0), ControlResponse::Address(7));
-        assert_eq!(answer(0x80, 6, 0x200, 9), ControlResponse::Send(Content::Configuration, 9));
-        assert_eq!(answer(0x80, 6, 0x301, 255), ControlResponse::Send(Content::Name, 255));
+        assert_eq!(answer(0x80, 6, 0x200, 9), ControlResponse::Send(UsbContent::Configuration, 9));
+        assert_eq!(answer(0x80, 6, 0x301, 255), ControlResponse::Send(UsbContent::Name, 255));
         // The device has no qualifier, because it supports only one speed, and no second string.
         assert_eq!(answer(0x80, 6, 0x600, 10), ControlResponse::Refuse);
         assert_eq!(answer(0x80, 6, 0x302, 255), ControlResponse::Refuse);
@@ -328,7 +328,7 @@ mod tests {
         assert_eq!(answer(0x40, 5, 0, 0), ControlResponse::Refuse);
         assert!(serial.is_configured());
         serial.take_coding([0x80, 0x25, 0, 0, 0, 0, 8].into_iter());
-        assert_eq!(serial.content(Content::Coding), [0x80, 0x25, 0, 0, 0, 0, 8]);
+        assert_eq!(serial.content(UsbContent::Coding), [0x80, 0x25, 0, 0, 0, 0, 8]);
         serial.reset();
         assert!(!serial.is_configured());
     }

@@ -12,7 +12,7 @@ use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{BoardStatus, GrowthResult, RunEvent};
 use growbot_remote::api::{Job, RobotCommand};
-use growbot_remote::client::{JobUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
+use growbot_remote::client::{JobLogUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::RemoteRobot;
 use pyo3::prelude::*;
 
@@ -118,14 +118,14 @@ fn follow(robot: Arc<RemoteRobot>, job: String, log: Option<PathBuf>) -> Result<
         let mut result = None;
         let followed = robot.client.follow_job(&job, |update| {
             let is_followed = match update {
-                JobUpdate::Line(line) => match serde_json::from_str(line) {
+                JobLogUpdate::Line(line) => match serde_json::from_str(line) {
                     Ok(RunEvent::End { result: end }) => {
                         result = Some(*end);
                         true
                     }
                     _ => messages.send(GrowthMessage::Event(line.to_owned())).is_ok(),
                 },
-                JobUpdate::NoChange | JobUpdate::NoResponse => {
+                JobLogUpdate::NoChange | JobLogUpdate::NoResponse => {
                     !matches!(messages.try_send(GrowthMessage::NoChange), Err(TrySendError::Disconnected(_)))
                 }
             };

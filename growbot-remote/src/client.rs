@@ -260,7 +260,7 @@ impl ServiceClient {
 
 /// Update of a job that a program follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum JobUpdate<'a> {
+pub enum JobLogUpdate<'a> {
     /// The next line of the job's run log.
     Line(&'a str),
     /// The service responds, but the log has no new line.
@@ -278,7 +278,7 @@ impl ServiceClient {
     pub fn follow_job(
         &self,
         id: &str,
-        mut take: impl FnMut(JobUpdate) -> ControlFlow<()>,
+        mut take: impl FnMut(JobLogUpdate) -> ControlFlow<()>,
     ) -> Result<Option<Job>, ServiceError> {
         let mut after = 0;
         loop {
@@ -291,7 +291,7 @@ impl ServiceClient {
             match job {
                 Ok(job) if job.state != JobState::Active => return Ok(Some(job)),
                 Ok(_) => {}
-                Err(ServiceError::Unreachable(_)) if take(JobUpdate::NoResponse).is_continue() => {}
+                Err(ServiceError::Unreachable(_)) if take(JobLogUpdate::NoResponse).is_continue() => {}
                 Err(ServiceError::Unreachable(_)) => return Ok(None),
                 Err(error) => return Err(error),
             }
@@ -305,7 +305,7 @@ impl ServiceClient {
         &self,
         id: &str,
         after: &mut u64,
-        take: &mut impl FnMut(JobUpdate) -> ControlFlow<()>,
+        take: &mut impl FnMut(JobLogUpdate) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>, ServiceError> {
         // The service sends a comment after 15 s without an event.
         let Response { body, limit, .. } =
@@ -322,7 +322,7 @@ impl ServiceClient {
                 None if line.is_empty() => {
                     *after = number.take().unwrap_or(*after);
                     let data = data.take();
-                    let update = data.as_deref().map_or(JobUpdate::NoChange, JobUpdate::Line);
+                    let update = data.as_deref().map_or(JobLogUpdate::NoChange, JobLogUpdate::Line);
                     if take(update).is_break() {
                         return Ok(ControlFlow::Break(()));
                     }

@@ -13,7 +13,7 @@ use serde_json::json;
 use tempfile::TempDir;
 
 use crate::api::{Job, JobState};
-use crate::client::{JobUpdate, RequestHandle, ResponseError, ServiceClient, ServiceError};
+use crate::client::{JobLogUpdate, RequestHandle, ResponseError, ServiceClient, ServiceError};
 use crate::remote_robot::RemoteRobot;
 use crate::transport::connect_unix;
 
@@ -172,7 +172,7 @@ fn each_line_of_a_job_comes_once_over_lost_connections_and_restarts() {
     let mut seen = Vec::new();
     let ended = client.follow_job("1", |update| {
         seen.push(match update {
-            JobUpdate::Line(line) => line.to_owned(),
+            JobLogUpdate::Line(line) => line.to_owned(),
             other => format!("{other:?}"),
         });
         ControlFlow::Continue(())

@@ -15,7 +15,7 @@ use std::time::{Duration, Instant};
 use growbot_scene::clearance::RequiredClearance;
 use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
 use growbot_scene::random_scenes::{
-    FAMILIES, GroundTruth, POINT_RADIUS, RandomScene, SceneFamily, TubeLimits, brute_force_clearance, random_scene,
+    FAMILIES, KnownPath, POINT_RADIUS, RandomScene, SceneFamily, TubeLimits, brute_force_clearance, random_scene,
 };
 use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
@@ -67,21 +67,21 @@ fn main() {
 fn one(family: SceneFamily, number: u64, seconds: u64, counts: &mut Counts) -> Value {
     let drawn = random_scene(family, number, &BODY);
     // If nothing is known there may be no path, so a second is enough.
-    let seconds = if drawn.known == GroundTruth::Unknown { 1 } else { seconds };
+    let seconds = if drawn.known == KnownPath::Unknown { 1 } else { seconds };
     let (outcome, time) = plan(&drawn, number, seconds);
     let is_found = matches!(outcome, SearchOutcome::Found(_));
     match drawn.known {
-        GroundTruth::Path(_) => {
+        KnownPath::Path(_) => {
             counts.planted += 1;
             counts.found += usize::from(is_found);
             counts.within_1_s += usize::from(is_found && time.as_secs_f64() <= 1.0);
             counts.times.push(time);
         }
-        GroundTruth::NoPath => {
+        KnownPath::NoPath => {
             counts.sealed += 1;
             counts.refused += usize::from(matches!(outcome, SearchOutcome::Infeasible(_)));
         }
-        GroundTruth::Unknown => {
+        KnownPath::Unknown => {
             counts.others += 1;
             counts.others_found += usize::from(is_found);
         }
@@ -124,9 +124,9 @@ fn header(drawn: &RandomScene, number: u64, time: Duration) -> Value {
     json!({
         "family": format!("{:?}", drawn.family),
         "known": match drawn.known {
-            GroundTruth::Path(_) => "planted",
-            GroundTruth::NoPath => "sealed",
-            GroundTruth::Unknown => "nothing",
+            KnownPath::Path(_) => "planted",
+            KnownPath::NoPath => "sealed",
+            KnownPath::Unknown => "nothing",
         },
         "seconds": time.as_secs_f64(),
         "need": BODY.clearance,

@@ -34,7 +34,7 @@ pub const FAMILIES: [SceneFamily; 5] =
 
 /// Known facts about the paths of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub enum GroundTruth {
+pub enum KnownPath {
     /// A path exists. The field is a path that is kept free of obstacles.
     Path(Vec<ArcSegment>),
     /// No path exists.
@@ -68,7 +68,7 @@ pub struct RandomScene {
     /// Goal of the body.
     pub goal: TipPose,
     /// Known facts about the paths from start to goal.
-    pub known: GroundTruth,
+    pub known: KnownPath,
 }
 
 /// Radius of the ball around each point of a cloud, mm.
@@ -98,16 +98,16 @@ pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> Rand
         start,
         goal,
         known: match number % 10 {
-            0..5 => GroundTruth::Path(way.clone()),
-            5 => GroundTruth::NoPath,
-            _ => GroundTruth::Unknown,
+            0..5 => KnownPath::Path(way.clone()),
+            5 => KnownPath::NoPath,
+            _ => KnownPath::Unknown,
         },
     };
     // A known path is kept free of obstacles, with some extra distance. Otherwise only the start and end of the body
     // are kept free.
     let room = body.clearance + random.uniform_between(3.0, 15.0);
     let ends = [ArcSegment::line(start, 2.0 * body.clearance), ArcSegment::line(goal, -body.clearance)];
-    let kept: &[ArcSegment] = if matches!(drawn.known, GroundTruth::Path(_)) { &way } else { &ends };
+    let kept: &[ArcSegment] = if matches!(drawn.known, KnownPath::Path(_)) { &way } else { &ends };
     let free: Vec<Vector3<f64>> = kept.iter().flat_map(|stretch| sampled(stretch, 4.0)).collect();
     match family {
         SceneFamily::Pillars => pillars(&mut random, &mut drawn, &free, room),
@@ -116,7 +116,7 @@ pub fn random_scene(family: SceneFamily, number: u64, body: &TubeLimits) -> Rand
         SceneFamily::Rubble => rubble(&mut random, &mut drawn, &free, room),
         SceneFamily::Points => boulders(&mut random, &mut drawn, &free, room),
     }
-    if drawn.known == GroundTruth::NoPath {
+    if drawn.known == KnownPath::NoPath {
         seal(&mut drawn, body);
     }
     drawn

@@ -4,9 +4,7 @@
 use growbot_scene::centreline::{TipPose, angle_between};
 use growbot_scene::clearance::RequiredClearance;
 use growbot_scene::planner::{PlannerGoal, PlanningProblem, SearchBudget, SearchOutcome, search};
-use growbot_scene::random_scenes::{
-    FAMILIES, GroundTruth, RandomScene, TubeLimits, brute_force_clearance, random_scene,
-};
+use growbot_scene::random_scenes::{FAMILIES, KnownPath, RandomScene, TubeLimits, brute_force_clearance, random_scene};
 use growbot_scene::scene::Scene;
 use nalgebra::Vector3;
 
@@ -39,14 +37,14 @@ fn constructed_paths_are_found_and_sealed_goals_are_infeasible() {
             let drawn = random_scene(family, number, &BODY);
             let free = PlannerGoal::Position { at: drawn.goal.position, tolerance: 0.0 };
             // If nothing is known there may be no path, so a short search is enough.
-            let work = if drawn.known == GroundTruth::Unknown { 100_000 } else { 3_000_000 };
+            let work = if drawn.known == KnownPath::Unknown { 100_000 } else { 3_000_000 };
             let budget = SearchBudget { max_queries: work, deadline: None, stop_at_first: true };
             for goal in [free, PlannerGoal::Pose(drawn.goal)] {
                 let outcome = plan(&drawn, goal, &budget);
                 match (&drawn.known, &outcome) {
-                    (GroundTruth::Path(_), SearchOutcome::Found(_))
-                    | (GroundTruth::NoPath, SearchOutcome::Infeasible(_)) => {}
-                    (GroundTruth::Unknown, _) => {}
+                    (KnownPath::Path(_), SearchOutcome::Found(_))
+                    | (KnownPath::NoPath, SearchOutcome::Infeasible(_)) => {}
+                    (KnownPath::Unknown, _) => {}
                     (known, outcome) => panic!("{family:?} {number}: {known:?}, {outcome:?}"),
                 }
                 if let SearchOutcome::Found(chain) = outcome {

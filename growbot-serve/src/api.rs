@@ -14,7 +14,7 @@ use serde_json::json;
 use super::access::Access;
 use super::audit::CommandSource;
 use super::camera_routes;
-use super::command_routes::{Order, command_robot, maintain, robot_commands, send_command};
+use super::command_routes::{CommandOrder, command_robot, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
@@ -65,14 +65,14 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         .api_route(
             "/robots/{robot}/stop",
             post_with(
-                |order: Order| command_robot(order, RobotCommand::Stop),
+                |order: CommandOrder| command_robot(order, RobotCommand::Stop),
                 describe("stop", "Stop. The body of the request is ignored, and the request waits for no other."),
             ),
         )
         .api_route(
             "/robots/{robot}/emergency-stop",
             post_with(
-                |order: Order| command_robot(order, RobotCommand::EmergencyStop),
+                |order: CommandOrder| command_robot(order, RobotCommand::EmergencyStop),
                 describe(
                     "emergencyStop",
                     "Turn everything off. The body of the request is ignored, and the request waits for no other.",

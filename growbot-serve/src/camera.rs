@@ -59,7 +59,7 @@ pub enum CameraError {
 }
 
 /// A camera, with the thread that requests its pictures.
-pub struct Camera {
+pub struct RobotCamera {
     address: WebAddress,
     agent: Agent,
     wanted: Mutex<WantedPictures>,
@@ -77,7 +77,7 @@ struct WantedPictures {
     laid: Option<LaidLayer>,
 }
 
-impl Camera {
+impl RobotCamera {
     fn new(address: WebAddress) -> Self {
         let agent = Agent::config_builder()
             .max_redirects(0)
@@ -194,7 +194,7 @@ struct LaidLayer {
 
 /// The cameras of all robots that have one.
 pub struct Cameras {
-    cameras: BTreeMap<String, Arc<Camera>>,
+    cameras: BTreeMap<String, Arc<RobotCamera>>,
     pub snapshots: Arc<SnapshotStore>,
 }
 
@@ -213,7 +213,7 @@ impl Cameras {
         let mut cameras = BTreeMap::new();
         for (robot, address) in addresses {
             let invalid = || CameraSettingsError { robot: robot.clone() };
-            let camera = Arc::new(Camera::new(WebAddress::parse(address).ok_or_else(invalid)?));
+            let camera = Arc::new(RobotCamera::new(WebAddress::parse(address).ok_or_else(invalid)?));
             if !robots.contains_key(robot) {
                 log::warn!("[serve.cameras] names {robot}, but the service has no such robot: its camera is not used");
                 continue;
@@ -236,7 +236,7 @@ impl Cameras {
     }
 
     /// Returns the camera of a robot. `None` without one.
-    pub fn camera(&self, robot: &str) -> Option<Arc<Camera>> {
+    pub fn camera(&self, robot: &str) -> Option<Arc<RobotCamera>> {
         self.cameras.get(robot).cloned()
     }
 
@@ -252,7 +252,7 @@ impl Cameras {
 #[derive(Debug, thiserror::Error)]
 enum LayerPictureError {
     #[error(transparent)]
-    Camera(#[from] CameraError),
+    RobotCamera(#[from] CameraError),
     #[error(transparent)]
     Store(#[from] SnapshotError),
 }

@@ -25,9 +25,9 @@ use crate::watch::sockets::{CommandMessage, command_socket};
 const COOL_DOWN: &str = "cooldown";
 
 /// Parts of a request for an order to a robot.
-pub type Order = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
+pub type CommandOrder = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
 
-pub async fn send_command(order: Order, Json(request): Json<CommandRequest>) -> ApiResult<RobotStatus> {
+pub async fn send_command(order: CommandOrder, Json(request): Json<CommandRequest>) -> ApiResult<RobotStatus> {
     command_robot(order, request.command).await
 }
 
@@ -57,7 +57,7 @@ pub async fn robot_commands(
 
 /// Sends a command to a robot, and returns the robot's status after the command.
 pub async fn command_robot(
-    (State(service), Extension(access), Extension(permits), Path(name)): Order,
+    (State(service), Extension(access), Extension(permits), Path(name)): CommandOrder,
     command: RobotCommand,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;
@@ -73,7 +73,7 @@ pub async fn command_robot(
 }
 
 pub async fn maintain(
-    (State(service), Extension(access), Extension(permits), Path(name)): Order,
+    (State(service), Extension(access), Extension(permits), Path(name)): CommandOrder,
     Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
 ) -> ApiResult<RobotStatus> {
     let by = require_control(access)?;

@@ -4,9 +4,9 @@ use std::fs::File;
 use std::os::unix::fs::FileExt;
 use std::time::{Duration, Instant};
 
+use growbot_core::link::message::Motor;
 use growbot_firmware::emulated_tip as table;
 use growbot_sim::port::emulator::{EmulatedClock, Emulator};
-use growbot_sim::tip::Motor;
 
 /// Time limit for a reset, a scan of the board's stack, or switching off, s of the board's clock. Each takes about 100
 /// ms.

@@ -6,7 +6,7 @@
 
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_firmware::usb_serial::{
-    Content, ControlResponse, DATA_ENDPOINT, MAX_PACKET_BYTES, NOTIFICATION_ENDPOINT, Setup, UsbSerial,
+    ControlResponse, DATA_ENDPOINT, MAX_PACKET_BYTES, NOTIFICATION_ENDPOINT, Setup, UsbContent, UsbSerial,
 };
 use rp2040_pac as pac;
 use rp2040_pac::interrupt;
@@ -61,7 +61,7 @@ static DEVICE: InterruptCell<Device> = InterruptCell::empty();
 enum Control {
     Idle,
     /// The device sends a content. The numbers are the index of the next byte, and the index after the last byte.
-    SendingData(Content, usize, usize),
+    SendingData(UsbContent, usize, usize),
     ReceivingLineCoding,
     /// The device takes this address once the host has received the empty reply.
     SettingAddress(u8),

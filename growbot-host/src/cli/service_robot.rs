@@ -15,7 +15,7 @@ use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_remote::PREFIX;
 use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls, RobotCommand};
-use growbot_remote::client::{JobUpdate, RequestHandle, ServiceError};
+use growbot_remote::client::{JobLogUpdate, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::{LeasedPort, RemoteRobot};
 use growbot_sim::crash::FirmwareImage;
 use time::OffsetDateTime;
@@ -257,8 +257,8 @@ impl JobProgress {
     }
 
     /// Shows an update. Returns the result if the growth has ended.
-    fn ingest(&mut self, update: JobUpdate) -> Option<GrowthResult> {
-        let was_silent = std::mem::replace(&mut self.is_silent, update == JobUpdate::NoResponse);
+    fn ingest(&mut self, update: JobLogUpdate) -> Option<GrowthResult> {
+        let was_silent = std::mem::replace(&mut self.is_silent, update == JobLogUpdate::NoResponse);
         if self.is_silent && !was_silent {
             self.progress.warn(
                 "the service does not respond: waiting for it; without a service the robot pauses after its layer",
@@ -266,7 +266,7 @@ impl JobProgress {
         } else if was_silent && !self.is_silent {
             self.progress.note("the service responds again");
         }
-        let JobUpdate::Line(line) = update else { return None };
+        let JobLogUpdate::Line(line) = update else { return None };
         self.show(serde_json::from_str(line).ok()?)
     }
 

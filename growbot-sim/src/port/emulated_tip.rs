@@ -11,6 +11,7 @@ use std::time::Duration;
 use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::PortError;
 use growbot_core::layer::Layer;
+use growbot_core::link::message::Motor;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_firmware::stepping::MotorDirection;
@@ -18,7 +19,7 @@ use growbot_firmware::stepping::MotorDirection;
 use super::qemu::QemuError;
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
-use crate::tip::{IndexMark, Motor, TipModel, Variation, encoder_pitch};
+use crate::tip::{IndexMark, TipModel, Variation, encoder_pitch};
 
 /// Interval at which the simulated tip polls the shared memory while the board runs in real time.
 const TIP_POLL_INTERVAL: Duration = Duration::from_millis(1);

@@ -18,6 +18,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
+use growbot_core::link::message::Motor;
 use growbot_core::robot::{BoardDescription, BoardKind, DigitalInput, PinOverrides, Robot};
 use growbot_firmware::stepping::MotorDirection;
 use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse};
@@ -25,7 +26,7 @@ use node_process::{Edge, NodeProcess, PinState, ProcessOutput, Run, RunResponse}
 use super::open_error::OpenError;
 use crate::simulated_tip::{InProcessTip, SimulatedTip};
 use crate::tip::pins::SharedTip;
-use crate::tip::{Motor, TipFault, TipModel, Variation};
+use crate::tip::{TipFault, TipModel, Variation};
 pub use node_process::{CrashMode, HostLink, Rp2040Error};
 
 /// Path of the firmware image for the Raspberry Pi Pico, relative to cargo's target directory.

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
-use growbot_core::link::message::{Fault, ImageCheck, ResetCause, State};
+use growbot_core::link::message::{Fault, ImageCheck, Motor, ResetCause, State};
 use growbot_core::pose::Pose;
 use growbot_core::random::{Rng, splitmix64};
 use growbot_core::robot::Robot;
@@ -28,7 +28,7 @@ use crate::tip::pins::{
     DirectionPin, EnablePin, FanPwm, HeaterEnable, HeaterPower, Input, Orientation, SharedTip, SimulatedAdc,
     SimulatedOutputs, StepPin,
 };
-use crate::tip::{Motor, TipFault, TipModel, Variation};
+use crate::tip::{TipFault, TipModel, Variation};
 
 /// Interval at which the controller is polled, us of virtual time.
 const POLL_US: u64 = 10_000;

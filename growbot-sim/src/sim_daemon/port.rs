@@ -13,7 +13,7 @@ use growbot_client::port::{Port, PortError};
 use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 
-use super::protocol::{PROTOCOL_VERSION, Request, Response, laid, micros};
+use super::protocol::{DaemonResponse, PROTOCOL_VERSION, Request, laid, micros};
 use super::{SimDaemonError, StateDir};
 use crate::port::TipSettings;
 use crate::simulated_tip::SimulatedTip;
@@ -61,8 +61,8 @@ impl DaemonPort {
         let reader = BufReader::new(stream);
         let mut line = Self { name, place: place.clone(), reader, now: Duration::ZERO, arrived: VecDeque::new() };
         match line.request(&Request::Open { release: PROTOCOL_VERSION, exclusive: alone }, AT_ONCE) {
-            Ok(Response::Busy) => Err(SimDaemonError::Busy(place.name().to_owned())),
-            Ok(Response::Done { .. }) => Ok(line),
+            Ok(DaemonResponse::Busy) => Err(SimDaemonError::Busy(place.name().to_owned())),
+            Ok(DaemonResponse::Done { .. }) => Ok(line),
             Ok(_) => Err(SimDaemonError::OtherRelease(place.name().to_owned())),
             Err(PortError::Lost(_, error)) if error.kind() == io::ErrorKind::TimedOut => {
                 Err(SimDaemonError::Unresponsive(place.name().to_owned()))
@@ -107,15 +107,15 @@ impl DaemonPort {
         Ok(())
     }
 
-    fn request(&mut self, ask: &Request, limit: Duration) -> Result<Response, PortError> {
+    fn request(&mut self, ask: &Request, limit: Duration) -> Result<DaemonResponse, PortError> {
         let answer = self.round_trip(ask, limit).map_err(|error| PortError::Lost(self.name.clone(), error))?;
-        if let Response::Done { now_us } | Response::Bytes { now_us, .. } = &answer {
+        if let DaemonResponse::Done { now_us } | DaemonResponse::Bytes { now_us, .. } = &answer {
             self.now = Duration::from_micros(*now_us);
         }
         Ok(answer)
     }
 
-    fn round_trip(&mut self, ask: &Request, limit: Duration) -> io::Result<Response> {
+    fn round_trip(&mut self, ask: &Request, limit: Duration) -> io::Result<DaemonResponse> {
         let switched_off = || io::Error::new(io::ErrorKind::ConnectionReset, "the simulated board was switched off");
         let mut line = serde_json::to_vec(ask)?;
         line.push(b'\n');
@@ -145,7 +145,7 @@ impl Port for DaemonPort {
         if self.arrived.is_empty() {
             let ask = Request::Receive { timeout_us: micros(timeout), max: buffer.len() };
             let limit = AT_ONCE.saturating_add(timeout.div_f64(SLOWEST_PACE));
-            if let Response::Bytes { bytes, .. } = self.request(&ask, limit)? {
+            if let DaemonResponse::Bytes { bytes, .. } = self.request(&ask, limit)? {
                 self.arrived.extend(bytes);
             }
         }
@@ -182,14 +182,14 @@ impl RemoteTip {
 impl GroundTruth for RemoteTip {
     fn laid(&mut self) -> Result<LaidBody, PortError> {
         match self.0.borrow_mut().request(&Request::Laid, AT_ONCE)? {
-            Response::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
+            DaemonResponse::Laid { layers, feed_steps } => Ok(laid(&layers, feed_steps)),
             _ => Ok(LaidBody::default()),
         }
     }
 
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         match self.0.borrow_mut().request(&Request::Settled { from }, AT_ONCE) {
-            Ok(Response::Laid { layers, .. }) => laid(&layers, 0).body,
+            Ok(DaemonResponse::Laid { layers, .. }) => laid(&layers, 0).body,
             _ => Vec::new(),
         }
     }

@@ -43,7 +43,7 @@ pub enum Request {
 /// Response of the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Response {
+pub enum DaemonResponse {
     /// The request was executed. `now_us` is the board's time, us.
     Done { now_us: u64 },
     /// Bytes from the board. They are empty if the timeout has expired. `now_us` is the board's time, us.
@@ -56,7 +56,7 @@ pub enum Response {
     OtherRelease,
 }
 
-impl Response {
+impl DaemonResponse {
     pub fn of_layers(layers: &[Layer], feed_steps: u64) -> Self {
         Self::Laid { layers: layers.iter().map(|layer| [layer.alpha, layer.height, layer.tilt]).collect(), feed_steps }
     }

@@ -14,7 +14,7 @@ use growbot_core::robot::Robot;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::persistence::PersistentMemory;
-use super::protocol::{PROTOCOL_VERSION, Request, Response, micros};
+use super::protocol::{DaemonResponse, PROTOCOL_VERSION, Request, micros};
 use super::{SimDaemonError, StateDir};
 use crate::port::TipSettings;
 use crate::port::sim::Sim;
@@ -221,7 +221,7 @@ impl SimServer {
             host.waits = None;
             let count = max.min(host.queue.len());
             let bytes = host.queue.drain(..count).collect();
-            if write_response(&mut host.stream, &Response::Bytes { bytes, now_us: micros(now) }).is_err() {
+            if write_response(&mut host.stream, &DaemonResponse::Bytes { bytes, now_us: micros(now) }).is_err() {
                 gone.push(*name);
             }
             self.last_request = Instant::now();
@@ -277,11 +277,11 @@ impl SimServer {
     }
 
     /// Executes the request of a program. Returns `None` if the response is sent later.
-    fn handle_request(&mut self, name: u64, ask: Request) -> Option<Response> {
+    fn handle_request(&mut self, name: u64, ask: Request) -> Option<DaemonResponse> {
         let now = self.now();
         match ask {
-            Request::Open { release, .. } if release != PROTOCOL_VERSION => return Some(Response::OtherRelease),
-            Request::Open { exclusive: true, .. } if self.has_connected_owner() => return Some(Response::Busy),
+            Request::Open { release, .. } if release != PROTOCOL_VERSION => return Some(DaemonResponse::OtherRelease),
+            Request::Open { exclusive: true, .. } if self.has_connected_owner() => return Some(DaemonResponse::Busy),
             Request::Open { exclusive: alone, .. } => {
                 if alone {
                     (self.owner, self.last_request) = (Some(name), Instant::now());
@@ -297,14 +297,16 @@ impl SimServer {
             }
             Request::Laid => {
                 let laid = self.sim.tip_handle().laid().unwrap_or_default();
-                return Some(Response::of_layers(&laid.body, laid.feed_steps));
+                return Some(DaemonResponse::of_layers(&laid.body, laid.feed_steps));
             }
-            Request::Settled { from } => return Some(Response::of_layers(&self.sim.tip_handle().settled(from), 0)),
+            Request::Settled { from } => {
+                return Some(DaemonResponse::of_layers(&self.sim.tip_handle().settled(from), 0));
+            }
             Request::Hand(hand) => self.sim.simulated_tip().apply_action(hand),
             Request::Reset => self.sim.reset(ResetCause::External),
             Request::PowerOff => {}
         }
-        Some(Response::Done { now_us: micros(self.now()) })
+        Some(DaemonResponse::Done { now_us: micros(self.now()) })
     }
 }
 
@@ -318,7 +320,7 @@ enum PowerState {
 /// Time after which a program that accepts no bytes counts as disconnected.
 const STALLED: Duration = Duration::from_secs(2);
 
-fn write_response(stream: &mut UnixStream, answer: &Response) -> io::Result<()> {
+fn write_response(stream: &mut UnixStream, answer: &DaemonResponse) -> io::Result<()> {
     let mut line = serde_json::to_vec(answer)?;
     line.push(b'\n');
     stream.set_write_timeout(Some(STALLED))?;

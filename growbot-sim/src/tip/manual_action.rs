@@ -68,7 +68,8 @@ mod tests {
     use growbot_plan::robot_file;
 
     use super::*;
-    use crate::tip::{Motor, Variation};
+    use crate::tip::Variation;
+    use growbot_core::link::message::Motor;
 
     fn tip() -> TipModel {
         TipModel::new(robot_file::load("growbot-a".as_ref()).unwrap(), 0, Variation::default())

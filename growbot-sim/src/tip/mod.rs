@@ -51,6 +51,7 @@ pub use sensors::encoder_pitch;
 pub use variation::Variation;
 
 use growbot_core::layer::Layer;
+use growbot_core::link::message::Motor;
 use growbot_core::pose::{Frame, Pose};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::ErrorModel;
@@ -100,15 +101,6 @@ pub struct TipModel {
     start: Frame,
     feed_steps: i64,
     cold_feed_steps: u64,
-}
-
-/// A motor of the tip.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Motor {
-    /// The motor that turns the head.
-    Head,
-    /// The motor that pushes filament.
-    Feed,
 }
 
 /// The signals of a motor's driver.

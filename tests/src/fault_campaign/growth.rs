@@ -1,11 +1,11 @@
 //! One growth with one fault.
 
 use growbot_client::client::ClientError;
-use growbot_core::link::message::{Fault, State};
+use growbot_core::link::message::{Fault, Motor, State};
 use growbot_core::random::Rng;
 use growbot_core::robot::Robot;
 use growbot_plan::robot_file;
-use growbot_sim::tip::{CartridgeParameters, Motor, STEINHART_HART_104GT_2, Variation};
+use growbot_sim::tip::{CartridgeParameters, STEINHART_HART_104GT_2, Variation};
 
 use super::cases::{Case, Expected, Onset};
 use super::rig::Rig;

@@ -9,7 +9,7 @@ use growbot_client::port::PortError;
 use growbot_core::robot::{BoardDescription, Signal};
 use strum::IntoStaticStr;
 
-use crate::tip::Motor;
+use growbot_core::link::message::Motor;
 
 /// Path of the script that Node runs, relative to growbot's source directory.
 const SCRIPT: &str = "tests/rp2040/emulator-server.js";
