@@ -18,15 +18,20 @@ export function Camera({ robotName }: { robotName: string }) {
   return (
     <section class="card camera" aria-label="Camera">
       <h2>Camera</h2>
-      {picture?.url && (
-        <img
-          src={picture.url} class={isOld ? "old" : ""} alt={`Camera of ${robotName}${isOld ? ", an old picture" : ""}`}
-        />
-      )}
-      {!picture && <p class="note">Waiting for the first picture.</p>}
-      {age && <p class="note">{age}</p>}
-      <p class="message error" role="status" aria-label="Problem of the camera">{problem}</p>
-      <TimeLapse robotName={robotName} />
+      <div class="pictures">
+        <div>
+          {picture?.url && (
+            <img
+              src={picture.url} class={isOld ? "old" : ""}
+              alt={`Camera of ${robotName}${isOld ? ", an old picture" : ""}`}
+            />
+          )}
+          {!picture && <p class="note">Waiting for the first picture.</p>}
+          {age && <p class="note">{age}</p>}
+          <p class="message error" role="status" aria-label="Problem of the camera">{problem}</p>
+        </div>
+        <TimeLapse robotName={robotName} />
+      </div>
     </section>
   );
 }
