@@ -7,6 +7,7 @@ use std::net::TcpListener;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, mpsc};
 use std::thread;
+use std::time::Duration;
 
 use lab::{GOAL, Lab, wait_for};
 use serde_json::{Value, json};
@@ -162,6 +163,35 @@ fn clients_share_a_silent_camera_and_delay_no_stop() {
         assert!(answer.starts_with(b"HTTP/1.1 200") || answer.starts_with(b"HTTP/1.1 502"), "{answer:?}");
     }
     assert!(camera.requests.load(Ordering::Relaxed) < 20);
+}
+
+#[test]
+fn layers_that_are_reported_late_get_no_picture() {
+    let camera = Camera::start(|_| response("200 OK", "", PICTURE));
+    let mut lab = Lab::with(60.0, &camera.settings(""));
+    lab.wait_until_ready();
+    let (_, job) = lab.ask("POST", "/robots/lab/jobs", &json!({ "to": "0,0,100,0,90" }).to_string());
+    let job = job["id"].as_str().unwrap();
+    let laid = |lab: &Lab| lab.attended_robot("lab")["laid"].as_u64().unwrap_or(0);
+    wait_for("three layers", || (laid(&lab) >= 3).then_some(()));
+    lab.kill();
+    // The robot lays more layers, which it reports to the next service.
+    thread::sleep(Duration::from_secs(3));
+    lab.start();
+    let late = wait_for("the robot reports them", || {
+        lab.attended_robot("lab");
+        let log = fs::read_to_string(lab.log(job)).unwrap();
+        let events: Vec<Value> = log.lines().filter_map(|line| serde_json::from_str(line).ok()).collect();
+        let board = events.iter().rposition(|event| event["event"] == "board").filter(|at| *at > 1)?;
+        let laid = |event: &Value| (event["event"] == "laid").then(|| event["layer"].as_u64().unwrap());
+        let (before, after) = (events[..board].iter().filter_map(laid).max()?, events.iter().filter_map(laid).max()?);
+        // The latest of them may have a picture.
+        let latest = events[board]["laid"].as_u64()? - 1;
+        (after > latest).then(|| before + 1..latest)
+    });
+    assert!(late.clone().count() > 1, "{late:?}");
+    let layers = lab.ask("GET", &format!("/jobs/{job}/snapshots"), "").1;
+    assert!(late.clone().all(|layer| !layers.as_array().unwrap().contains(&layer.into())), "{late:?}: {layers}");
 }
 
 #[test]

@@ -170,7 +170,7 @@ fn text_of(headers: &HeaderMap, name: impl axum::http::header::AsHeaderName) -> 
     headers.get(name)?.to_str().ok().map(str::to_owned)
 }
 
-/// A body that may be read until a deadline, so that a camera that sends a byte now and then occupies no thread.
+/// A body that may be read until a deadline. A camera that sends a byte now and then would otherwise never end.
 struct UntilDeadline<R> {
     body: R,
     deadline: Instant,
@@ -252,7 +252,7 @@ impl Cameras {
 #[derive(Debug, thiserror::Error)]
 enum LayerPictureError {
     #[error(transparent)]
-    RobotCamera(#[from] CameraError),
+    Camera(#[from] CameraError),
     #[error(transparent)]
     Store(#[from] SnapshotError),
 }

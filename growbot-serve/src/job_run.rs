@@ -272,7 +272,7 @@ impl<'a> RunningJob<'a> {
                     known.reported = Some(time_since_boot());
                     if let Some(status) = &mut known.status {
                         is_latest = status.layers_laid <= self.laid;
-                        status.layers_laid = self.laid;
+                        status.layers_laid = status.layers_laid.max(self.laid);
                     }
                 });
                 self.save_progress();

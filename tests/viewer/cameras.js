@@ -13,7 +13,7 @@ import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { chromium } from "playwright-core";
 import { startLab } from "./lab.js";
-import { checkAccessibility, partsOf } from "./operator.js";
+import { checkAccessibility, openPage, partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -33,13 +33,7 @@ const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 const errors = [];
 
-async function open(url) {
-  const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
-  page.setDefaultTimeout(TIMEOUT_MS);
-  page.on("pageerror", (error) => errors.push(error.message));
-  await page.goto(url);
-  return page;
-}
+const open = (url) => openPage(browser, url, { timeoutMs: TIMEOUT_MS, errors });
 
 const cameraOf = (page) => page.getByRole("region", { name: "Camera", exact: true });
 const isDrawn = (image) => image.evaluate(async (element) => {

@@ -13,7 +13,7 @@ import { resolve } from "node:path";
 import { chromium } from "playwright-core";
 import { environment } from "./environment.js";
 import { startLab } from "./lab.js";
-import { checkAccessibility, partsOf } from "./operator.js";
+import { checkAccessibility, openPage, partsOf } from "./operator.js";
 
 const growbot = resolve(process.argv[2]);
 const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
@@ -28,10 +28,7 @@ const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] }
 const errors = [];
 
 async function open(url) {
-  const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
-  page.setDefaultTimeout(TIMEOUT_MS);
-  page.on("pageerror", (error) => errors.push(error.message));
-  await page.goto(url);
+  const page = await openPage(browser, url, { timeoutMs: TIMEOUT_MS, errors });
   await partsOf(page, "lab").waitForState("idle|growing|paused|stopped");
   await page.getByText("Console", { exact: true }).press("Enter");
   const log = page.getByRole("log", { name: "Responses of the console" });

@@ -51,6 +51,15 @@ export function partsOf(page, name) {
   return parts;
 }
 
+/** Opens a page of the service. Errors of its scripts are added to `errors`. */
+export async function openPage(browser, url, { timeoutMs, errors }) {
+  const page = await browser.newPage({ viewport: { width: 1280, height: 900 } });
+  page.setDefaultTimeout(timeoutMs);
+  page.on("pageerror", (error) => errors.push(error.message));
+  await page.goto(url);
+  return page;
+}
+
 /** Checks a page with axe, a checker of accessibility. Its source is `axe`. */
 export async function checkAccessibility(page, axe, what) {
   await page.evaluate(axe);

@@ -39,16 +39,19 @@ fn a_pause_finishes_the_layer_and_retracts_filament_until_continued() {
     assert_eq!((bench.laid().len(), bench.motors.moved.feed), (40, i64::from(fed)));
 }
 
-/// Checks the one case in which only the retained memory distinguishes a pause from heating: before the first layer.
-#[test]
-fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
+/// Returns a board that has pulled filament back in a pause before the first of 40 layers.
+fn paused_before_first_layer() -> Bench {
     let mut bench = Bench::greeted(retracting(), WARM);
     bench.grow(&bends(40));
     bench.accepted(&pause());
     bench.run_to(State::Paused, 60.0);
     bench.run(1.0);
-    assert_eq!(bench.motors.moved.feed, -10);
-    let mut bench = bench.reset(ResetCause::Watchdog);
+    bench
+}
+
+/// Resets the board, grows the body, and checks that the whole length that a pause pulls back was pushed before it.
+fn check_pushed_in_full_after_reset(bench: Bench, cause: ResetCause) {
+    let mut bench = bench.reset(cause);
     bench.accepted(&clear());
     bench.accepted(&resume(0));
     bench.hand_over(0, &bends(40));
@@ -58,24 +61,21 @@ fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
     assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
 }
 
+/// Checks the one case in which only the retained memory distinguishes a pause from heating: before the first layer.
+#[test]
+fn filament_retracted_before_the_first_layer_is_pushed_forward_after_a_reset() {
+    let bench = paused_before_first_layer();
+    assert_eq!(bench.motors.moved.feed, -10);
+    check_pushed_in_full_after_reset(bench, ResetCause::Watchdog);
+}
+
 #[test]
 fn filament_that_a_reset_leaves_half_pushed_is_pushed_in_full() {
-    let mut bench = Bench::greeted(retracting(), WARM);
-    bench.grow(&bends(40));
-    bench.accepted(&pause());
-    bench.run_to(State::Paused, 60.0);
-    bench.run(1.0);
+    let mut bench = paused_before_first_layer();
     bench.start();
     bench.run_until(60.0, |bench| bench.motors.moved.feed == -5);
     assert_eq!(bench.controller.state(), State::Growing);
-    let mut bench = bench.reset(ResetCause::External);
-    bench.accepted(&clear());
-    bench.accepted(&resume(0));
-    bench.hand_over(0, &bends(40));
-    bench.start();
-    bench.run_to(State::Done, 200.0);
-    bench.run(0.1);
-    assert_eq!(bench.motors.moved.feed, i64::from(bench.fed()) + 10);
+    check_pushed_in_full_after_reset(bench, ResetCause::External);
 }
 
 #[test]
