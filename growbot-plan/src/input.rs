@@ -23,7 +23,7 @@ static TAKEN: AtomicBool = AtomicBool::new(false);
 #[derive(Debug, thiserror::Error)]
 pub enum InputError {
     /// The file is missing or may not be read, or reading failed.
-    #[error("cannot read {name}: {error}")]
+    #[error("cannot read {name}: {error}; give a file that can be read")]
     Unreadable {
         /// Name of the input.
         name: String,
