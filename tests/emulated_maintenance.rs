@@ -46,7 +46,7 @@ fn board(robot: &Robot) -> (Board, Client) {
     (board, client)
 }
 
-fn refusal(done: Result<(), ClientError>) -> Refusal {
+fn refusal<T: std::fmt::Debug>(done: Result<T, ClientError>) -> Refusal {
     match done {
         Err(ClientError::Refused { refusal, .. }) => refusal,
         other => panic!("{other:?}"),
@@ -59,7 +59,10 @@ fn once_possible(board: &Board, client: &mut Client, task: MaintenanceTask) {
     loop {
         match client.maintain(task, &Permit::standalone()) {
             Err(ClientError::Refused { refusal: Refusal::NozzleTooCold { .. } | Refusal::StillMoving, .. }) => {}
-            done => return done.unwrap(),
+            done => {
+                done.unwrap();
+                return;
+            }
         }
         limit.check(format_args!("{task:?}: {:?}", client.status()));
         client.wait(Duration::from_millis(200)).unwrap();

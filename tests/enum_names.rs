@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Debug;
 
+use growbot_client::robot_command::RobotCommand;
 use growbot_core::link::message::{DriverProblem, Fault, Motor, PauseCause, ResetCause, State};
 use growbot_core::plan::Planner;
 use growbot_core::robot::{BoardKind, Signal};
@@ -14,7 +15,7 @@ use growbot_pictures::export::foxglove::Topic;
 use growbot_plan::growth_report::MeasuredBy;
 use growbot_plan::job::Command;
 use growbot_plan::run_log::{BodyKind, OutcomeKind};
-use growbot_remote::api::{JobState, RobotCommand};
+use growbot_remote::api::JobState;
 use growbot_serve::notification::NotificationEvent;
 use growbot_serve::settings::Key;
 use growbot_sim::tip::TipFault;

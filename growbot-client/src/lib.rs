@@ -8,8 +8,8 @@
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
 //!   really laid;
 //! - [`status`]: the status of a robot, for every program; [`recovery`]: the steps by which a person brings a robot out
-//!   of a fault, a stop, a pause or a runout; [`maintenance`]: presets of materials, and maintenance
-//!   commands; [`command_report`]: the reports of commands; [`commissioning_report`]: the findings about a new robot.
+//!   of a fault, a stop, a pause or a runout; [`robot_command`]: commands to a robot and what they
+//!   have done; [`maintenance`]: presets of materials, and maintenance commands; [`command_report`]: their reports; [`commissioning_report`]: the findings about a new robot.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]
@@ -22,5 +22,6 @@ pub mod growth;
 pub mod maintenance;
 pub mod port;
 pub mod recovery;
+pub mod robot_command;
 pub mod status;
 pub mod stop_signal;

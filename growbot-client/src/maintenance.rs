@@ -30,6 +30,12 @@ pub enum MaintenanceError {
         /// Suggestion of a material with a similar name. Empty if there is none.
         meant: String,
     },
+    /// No task has this name.
+    #[error("unknown maintenance task {name:?}: give one of {}", task_names())]
+    UnknownTask {
+        /// The name.
+        name: String,
+    },
     /// The command takes no arguments.
     #[error("`{command}` takes no arguments: remove {arguments:?}")]
     NoArguments {
@@ -86,11 +92,11 @@ impl MaterialPresets {
     }
 
     /// Converts a command of [`COMMANDS`] to a task of the board. `word` is the name of the command, `rest` are its
-    /// arguments. `None` if `word` is not a command.
+    /// arguments.
     ///
     /// # Errors
     /// [`MaintenanceError`].
-    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Option<Result<MaintenanceTask, MaintenanceError>> {
+    pub fn task(&self, word: &str, rest: &str, robot: &Robot) -> Result<MaintenanceTask, MaintenanceError> {
         let rest = rest.trim();
         let command = || word.to_owned();
         let alone = |task| match rest {
@@ -107,7 +113,7 @@ impl MaterialPresets {
             (_, Some(mm)) => Err(MaintenanceError::Backwards { command: command(), mm }),
             (name, None) => self.find(name).map(|preset| of(&preset)),
         };
-        Some(match word {
+        match word {
             "preheat" => self.temperature(rest, robot),
             "cooldown" => alone(MaintenanceTask::CoolDown),
             "home" => alone(MaintenanceTask::Home),
@@ -118,8 +124,8 @@ impl MaterialPresets {
                 .ok_or_else(wrong)
                 .map(|degrees| MaintenanceTask::Rotate { centi_deg: (degrees * 100.0).round() as i32 }),
             "jog" => length(rest).ok_or_else(wrong).map(feed),
-            _ => return None,
-        })
+            _ => Err(MaintenanceError::UnknownTask { name: command() }),
+        }
     }
 
     fn temperature(&self, text: &str, robot: &Robot) -> Result<MaintenanceTask, MaintenanceError> {
@@ -133,12 +139,17 @@ impl MaterialPresets {
     }
 }
 
+/// Returns the names of all maintenance commands.
+fn task_names() -> String {
+    COMMANDS.map(|(name, ..)| name).join(", ")
+}
+
 /// Returns the name of the request for a maintenance task, for error messages.
 pub fn request_name(task: MaintenanceTask) -> &'static str {
     match task {
         MaintenanceTask::Preheat { .. } => "the request to preheat",
         MaintenanceTask::CoolDown => "the request to cool down",
-        MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => "the request to turn the head",
+        MaintenanceTask::Home | MaintenanceTask::Rotate { .. } => crate::client::TURN_HEAD,
         MaintenanceTask::Feed { .. } => crate::client::MOVE_FILAMENT,
         MaintenanceTask::DryRun => "the request to move without heat",
     }
@@ -180,7 +191,7 @@ mod tests {
     fn task_names_are_parsed() {
         let task = |line: &str| {
             let (word, rest) = line.split_once(' ').unwrap_or((line, ""));
-            presets().task(word, rest, &robot()).unwrap()
+            presets().task(word, rest, &robot())
         };
         assert_eq!(task("preheat"), Ok(MaintenanceTask::Preheat { target_centi_c: 20_000 }));
         assert_eq!(task("preheat 210.5"), Ok(MaintenanceTask::Preheat { target_centi_c: 21_050 }));
@@ -204,7 +215,12 @@ mod tests {
         for line in ["rotate nan", "jog inf", "preheat nan", "load nan"] {
             assert!(task(line).is_err(), "{line}: {:?}", task(line));
         }
-        assert_eq!(presets().task("dance", "", &robot()), None);
+        assert!(
+            task("dance")
+                .unwrap_err()
+                .to_string()
+                .contains("preheat, cooldown, load, unload, purge, home, rotate, jog")
+        );
     }
 
     #[test]

@@ -137,7 +137,7 @@ fn an_emergency_stop_can_be_cleared_at_once() {
     let ran = growbot_reading(&["console"], "estop\nclear\nstatus\nstop\nestop\nclear\n");
     assert_eq!(ran.code, Some(0), "{}", ran.err);
     assert_eq!(
-        (ran.out.matches("cleared\n").count(), ran.out.matches("state        idle").count()),
+        (ran.out.matches("the emergency-stop is cleared").count(), ran.out.matches("state        idle").count()),
         (2, 2),
         "{}",
         ran.out
@@ -180,7 +180,7 @@ fn a_nozzle_is_preheated_loaded_and_cooled_down_without_a_job() {
 #[test]
 fn unsafe_requests_are_refused_with_value_limit_and_remedy() {
     for (commands, parts) in [
-        ("load\n", &["this is not allowed in state idle"][..]),
+        ("load\n", &["preheat the nozzle first"][..]),
         ("preheat 300\n", &["between 50 and 235 C"]),
         ("preheat 200\nload\n", &["22", "must reach 180 C", "preheat, and wait"]),
         ("preheat 200\nwait 120\nrotate 400\n", &["by at most 360 degrees per command"]),
@@ -208,6 +208,6 @@ fn maintenance_works_on_the_command_line() {
     );
     let ran = growbot(&["maintain", "jog", "-5", "--port", "sim"]);
     assert_eq!(ran.code, Some(1));
-    assert!(ran.err.contains("state idle"), "{}", ran.err);
+    assert!(ran.err.contains("preheat the nozzle first"), "{}", ran.err);
     assert_refused(&growbot(&["maintain", "dance", "--port", "sim"]), &["preheat"]);
 }

@@ -25,6 +25,7 @@ mod plans_reach_their_goals;
 mod ports_command;
 mod refusals;
 mod reproduce_command;
+mod robot_handle;
 mod run_logs;
 mod running;
 mod scene_files;

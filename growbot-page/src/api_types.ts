@@ -27,6 +27,11 @@ export interface RobotStatus {
   pending_stop: string | null;
 }
 
+/** Response to a command: its result as text, and the robot's status after it. */
+export interface CommandResponse extends RobotStatus {
+  message: string;
+}
+
 export type JobState = "active" | "interrupted" | "done" | "failed";
 
 /** A job of the service. */

@@ -3,7 +3,7 @@
 import {
   CONFIRM_MS, RejectionError, openCommands, sendUntilAnswered,
 } from "../../growbot-pictures/viewer/src/connection.js";
-import type { CommandName, RobotStatus } from "./api_types";
+import type { CommandName, CommandResponse } from "./api_types";
 import { showBanner } from "./banners";
 import type { BannerHandle } from "./banners";
 import { formatTitle } from "./format";
@@ -81,8 +81,8 @@ async function confirmOrder<T>(name: string, isStop: boolean, response: Promise<
   }
 }
 
-/** Sends a command to a robot. Returns the robot's status after it. */
-export function sendCommand(robot: string, command: CommandName): Promise<RobotStatus> {
+/** Sends a command to a robot. Returns its result with the robot's status after it. */
+export function sendCommand(robot: string, command: CommandName): Promise<CommandResponse> {
   const signals: OrderSignals = {};
   const isStop = command === "stop" || command === "emergency-stop";
   const name = `${formatTitle(command)} of ${robot}`;
@@ -90,7 +90,7 @@ export function sendCommand(robot: string, command: CommandName): Promise<RobotS
   const timeMs = isStop ? undefined : clock.now();
   const message = { robot, command, time_ms: timeMs };
   const post = (signal?: AbortSignal) =>
-    request<RobotStatus>(`${robotPath(robot)}/commands`, { command }, { timeMs, signal });
+    request<CommandResponse>(`${robotPath(robot)}/commands`, { command }, { timeMs, signal });
   const send = () => (commands?.isOpen ? commands.send(message) : post());
   const sendStop = () => sendUntilAnswered({
     commands, command: message, post,
@@ -98,7 +98,7 @@ export function sendCommand(robot: string, command: CommandName): Promise<RobotS
     isClosed: () => signals.isClosed?.() ?? false,
   });
   // The signals are set before the first attempt can fail.
-  const response = Promise.resolve().then(isStop ? sendStop : send) as Promise<RobotStatus>;
+  const response = Promise.resolve().then(isStop ? sendStop : send) as Promise<CommandResponse>;
   return confirmOrder(name, isStop, response, signals);
 }
 

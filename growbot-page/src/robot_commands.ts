@@ -1,7 +1,7 @@
 // Commands that a person gives to a robot on the page, and which of them are possible.
 
 import { signal } from "@preact/signals";
-import type { CommandName, Job, RobotStatus } from "./api_types";
+import type { CommandName, CommandResponse, Job, RobotStatus } from "./api_types";
 import { formatTitle } from "./format";
 import { sendCommand, sendOrder } from "./orders";
 import { isStale, jobs, robots, setRobots, showMessage } from "./page_state";
@@ -23,12 +23,18 @@ export async function runAction(name: string, label: string, action: () => Promi
   }
 }
 
+/** Shows the status in the response to a command, and returns its message. */
+function takeResponse({ message, ...status }: CommandResponse): string {
+  setRobots([status]);
+  return message.charAt(0).toUpperCase() + message.slice(1);
+}
+
 /** Runs a maintenance task. In a pause of its job, the growth does it later, with the default lengths. */
-export function runTask({ name, job }: RobotStatus, task: string, value: string): Promise<boolean> {
+export function runTask({ name }: RobotStatus, task: string, value: string): Promise<boolean> {
   const label = formatTitle(task);
   return runAction(name, label, async () => {
-    setRobots([await sendOrder<RobotStatus>(`${label} of ${name}`, `${robotPath(name)}/maintenance`, { task, value })]);
-    return job ? `${label}: ordered` : undefined;
+    const path = `${robotPath(name)}/maintenance`;
+    return takeResponse(await sendOrder<CommandResponse>(`${label} of ${name}`, path, { task, value }));
   });
 }
 
@@ -52,7 +58,7 @@ export async function giveCommand(name: string, command: CommandName): Promise<b
   const robot = robots.value.get(name);
   const question = questions[command];
   if (question && (!robot || !await ask(question(robot.status)))) return false;
-  return runAction(name, formatTitle(command), async () => setRobots([await sendCommand(name, command)]));
+  return runAction(name, formatTitle(command), async () => takeResponse(await sendCommand(name, command)));
 }
 
 /** Response of a robot to the latest stop of all robots. */
@@ -79,8 +85,9 @@ export async function stopRobots(names: string[]): Promise<void> {
   }
   await Promise.all(names.map((name) => runAction(name, "Emergency stop", async () => {
     try {
-      setRobots([await sendCommand(name, "emergency-stop")]);
+      const response = await sendCommand(name, "emergency-stop");
       respond({ robot: name, text: "off, confirmed by the board", state: "stopped" });
+      return takeResponse(response);
     } catch (error) {
       respond({ robot: name, text: (error as Error).message, state: "failed" });
       throw error;

@@ -7,11 +7,12 @@ use std::sync::{Arc, Mutex};
 use std::thread;
 
 use growbot_client::growth::DEFAULT_SEED;
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::status::RobotStatus;
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{BoardStatus, GrowthResult, RunEvent};
-use growbot_remote::api::{Job, RobotCommand};
+use growbot_remote::api::Job;
 use growbot_remote::client::{JobLogUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::RemoteRobot;
 use pyo3::prelude::*;
@@ -60,12 +61,11 @@ impl BoardHandle for RemoteBoard {
     }
 
     fn stop(&self, py: Python<'_>) -> Result<String, Error> {
-        self.request(py, |robot| robot.send_command(RobotCommand::Stop))?;
-        Ok(format!("stopped: heater and steppers of the {}robot are off", self.kind.prefix()))
+        self.request(py, |robot| robot.send_command(RobotCommand::Stop))
     }
 
     fn emergency_stop(&self, py: Python<'_>) -> Result<(), Error> {
-        self.request(py, |robot| robot.send_command(RobotCommand::EmergencyStop))
+        self.request(py, |robot| robot.send_command(RobotCommand::EmergencyStop)).map(drop)
     }
 
     fn grow(&self, py: Python<'_>, arguments: GrowthArguments) -> Result<Growth, Error> {

@@ -1,44 +1,12 @@
 //! Requests to the service, and its responses.
 
+use growbot_client::robot_command::RobotCommand;
+use growbot_client::status::RobotStatus;
 use growbot_core::link::message::State;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind};
 use serde::{Deserialize, Serialize};
 use serde_json::value::RawValue;
 use strum::{EnumString, IntoStaticStr};
-
-/// Command to a robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, IntoStaticStr)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(rename_all = "kebab-case")]
-#[strum(serialize_all = "kebab-case")]
-pub enum RobotCommand {
-    /// Pause after the current layer.
-    Pause,
-    /// Continue after a pause.
-    Continue,
-    /// Turn off heater and steppers. The body can be resumed.
-    Stop,
-    /// Turn everything off, before any other command.
-    EmergencyStop,
-    /// Clear a fault or an emergency stop.
-    ClearFault,
-    /// Discard the body that hangs on the robot.
-    Cancel,
-    /// Drop a stop that the board has not confirmed.
-    WithdrawStop,
-}
-
-impl RobotCommand {
-    /// Returns true if the command stops or pauses the robot. Such a command is never refused because of its age.
-    pub fn stops_or_pauses(self) -> bool {
-        matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
-    }
-
-    /// Returns the name of the command in JSON.
-    pub fn name(self) -> &'static str {
-        self.into()
-    }
-}
 
 /// Request to send a command.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -48,6 +16,17 @@ impl RobotCommand {
 pub struct CommandRequest {
     /// Command to send.
     pub command: RobotCommand,
+}
+
+/// Response to a command or a maintenance task: the result, and the status of the robot after it.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+pub struct CommandResponse {
+    /// Result, as text.
+    pub message: String,
+    /// Status of the robot.
+    #[serde(flatten)]
+    pub robot: RobotStatus,
 }
 
 /// A maintenance task, as `growbot maintain` runs it.

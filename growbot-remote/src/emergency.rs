@@ -4,8 +4,8 @@ use std::sync::mpsc::{self, Receiver};
 use std::thread::Builder;
 use std::time::Duration;
 
-use crate::api::RobotCommand;
 use crate::client::{RESPONSE_TIMEOUT, ServiceClient};
+use growbot_client::robot_command::RobotCommand;
 
 /// An emergency stop that has been sent to the service. A service that hangs must not delay the stop, but it may
 /// confirm later, while the port does not respond to this program, for example because another program uses it.

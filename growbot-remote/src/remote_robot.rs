@@ -8,13 +8,15 @@ use std::thread;
 use std::time::Duration;
 
 use growbot_client::growth::{GrowthRequest, Override};
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
 use growbot_plan::plan_file::PlanFile;
+use serde::Serialize;
 use serde_json::json;
 use serde_json::value::to_raw_value;
 
-use crate::api::{CommandRequest, GrowRequest, Job, LeaseRequest, MaintenanceRequest, RobotCommand};
+use crate::api::{CommandRequest, CommandResponse, GrowRequest, Job, LeaseRequest, MaintenanceRequest};
 use crate::client::{RESPONSE_TIMEOUT, RequestHandle, ServiceClient, ServiceError};
 
 /// A lease of a robot's port. The lease ends when this value is dropped, or when the program ends.
@@ -76,13 +78,18 @@ impl RemoteRobot {
         self.client.get(&self.route(""))
     }
 
-    /// Sends a command, and waits until the board has carried it out.
+    /// Sends a command, and waits until the board has carried it out. Returns the result as text.
     ///
     /// # Errors
     /// [`ServiceError`].
-    pub fn send_command(&self, command: RobotCommand) -> Result<(), ServiceError> {
-        let timeout = Some(RESPONSE_TIMEOUT);
-        self.client.request(&self.route("/commands"), Some(CommandRequest { command }), timeout).map(drop)
+    pub fn send_command(&self, command: RobotCommand) -> Result<String, ServiceError> {
+        self.order("/commands", CommandRequest { command })
+    }
+
+    /// Sends an order at a route of this robot, and returns the result as text.
+    fn order(&self, route: &str, order: impl Serialize) -> Result<String, ServiceError> {
+        let response = self.client.request(&self.route(route), Some(order), Some(RESPONSE_TIMEOUT))?;
+        response.json().map(|CommandResponse { message, .. }| message)
     }
 
     /// Sends a command of a user to the growth of a job.
@@ -100,15 +107,15 @@ impl RemoteRobot {
                 return self.client.request(&path, Some(json!({})), Some(RESPONSE_TIMEOUT)).map(drop);
             }
         };
-        self.send_command(robot_command)
+        self.send_command(robot_command).map(drop)
     }
 
-    /// Runs a maintenance task.
+    /// Runs a maintenance task. Returns the result as text.
     ///
     /// # Errors
     /// [`ServiceError`].
-    pub fn maintain(&self, request: &MaintenanceRequest) -> Result<(), ServiceError> {
-        self.client.request(&self.route("/maintenance"), Some(request), Some(RESPONSE_TIMEOUT)).map(drop)
+    pub fn maintain(&self, request: &MaintenanceRequest) -> Result<String, ServiceError> {
+        self.order("/maintenance", request)
     }
 
     /// Starts a growth from its first layer. `scene` is the absolute path of a scene, if it is not the one of the plan.

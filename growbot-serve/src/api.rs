@@ -8,7 +8,8 @@ use axum::extract::{Path, State};
 use axum::routing::{get, post};
 use axum::{Extension, Json};
 use growbot_client::recovery::RecoverySequence;
-use growbot_remote::api::{Job, PageUrls, RobotCommand};
+use growbot_client::robot_command::RobotCommand;
+use growbot_remote::api::{Job, PageUrls};
 use serde_json::json;
 
 use super::access::Access;

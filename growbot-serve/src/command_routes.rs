@@ -7,9 +7,9 @@ use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::{Path, State};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
-use growbot_client::status::RobotStatus;
+use growbot_client::robot_command::{CommandOutcome, RobotCommand};
 use growbot_plan::job::Command;
-use growbot_remote::api::{CommandRequest, MaintenanceRequest, RobotCommand};
+use growbot_remote::api::{CommandRequest, CommandResponse, MaintenanceRequest};
 use serde_json::Value;
 
 use super::access::{Access, require_control};
@@ -19,6 +19,7 @@ use super::page_source::{ArrivalPermits, PageSource as _};
 use super::problem::Problem;
 use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
+use super::robot_worker::RobotWorker;
 use crate::watch::sockets::{CommandMessage, command_socket};
 
 /// Name of the maintenance task that switches the heater off.
@@ -27,7 +28,7 @@ const COOL_DOWN: &str = "cooldown";
 /// Parts of a request for an order to a robot.
 pub type CommandOrder = (ServiceState, Extension<Access>, Extension<ArrivalPermits>, Path<String>);
 
-pub async fn send_command(order: CommandOrder, Json(request): Json<CommandRequest>) -> ApiResult<RobotStatus> {
+pub async fn send_command(order: CommandOrder, Json(request): Json<CommandRequest>) -> ApiResult<CommandResponse> {
     command_robot(order, request.command).await
 }
 
@@ -55,19 +56,18 @@ pub async fn robot_commands(
     })
 }
 
-/// Sends a command to a robot, and returns the robot's status after the command.
+/// Sends a command to a robot, and returns its result with the robot's status after it.
 pub async fn command_robot(
     (State(service), Extension(access), Extension(permits), Path(name)): CommandOrder,
     command: RobotCommand,
-) -> ApiResult<RobotStatus> {
+) -> ApiResult<CommandResponse> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     let permit = if command.stops_or_pauses() { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let given = run_command(&keeper, command, &permit);
         service.shared.audit.note(by, &name, command.name(), &given);
-        given?;
-        Ok(Json(keeper.status()))
+        respond(&keeper, given?)
     })
     .await
 }
@@ -75,32 +75,30 @@ pub async fn command_robot(
 pub async fn maintain(
     (State(service), Extension(access), Extension(permits), Path(name)): CommandOrder,
     Json(MaintenanceRequest { task, value }): Json<MaintenanceRequest>,
-) -> ApiResult<RobotStatus> {
+) -> ApiResult<CommandResponse> {
     let by = require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
     let permit = if task == COOL_DOWN { permits.of(&name)? } else { permits.recent(&name)? }.clone();
     run_blocking(move || {
         let robot = keeper.description().map_err(Problem::conflict)?;
-        let understood = keeper.presets().task(&task, &value, &robot);
-        let outcome = match (understood, keeper.status().job) {
-            (None, _) => {
-                return Err(Problem::bad(format!(
-                    "unknown maintenance task {task:?}: give preheat, cooldown, load, unload, purge, home, rotate or \
-                     jog"
-                )));
-            }
-            (Some(Err(why)), _) => return Err(Problem::bad(why)),
-            (Some(Ok(_)), Some(job)) => match filament_command(&task, &value) {
-                Some(command) if keeper.is_paused() => keeper.send_command(command, Some(&job), &permit),
+        let understood = keeper.presets().task(&task, &value, &robot).map_err(Problem::bad)?;
+        let outcome = match keeper.status().job {
+            Some(job) => match filament_command(&task, &value) {
+                Some(command) if keeper.is_paused() => keeper.order_growth(command, Some(&job), &permit),
                 _ => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
             },
-            (Some(Ok(task)), None) => keeper.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT),
+            None => keeper.request(RobotRequest::Task(understood, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, &outcome);
-        outcome?;
-        Ok(Json(keeper.status()))
+        respond(&keeper, outcome?)
     })
     .await
+}
+
+/// Returns the response to a command that has this outcome.
+fn respond(keeper: &RobotWorker, outcome: CommandOutcome) -> ApiResult<CommandResponse> {
+    let message = outcome.message(keeper.is_simulated().into());
+    Ok(Json(CommandResponse { message, robot: keeper.status() }))
 }
 
 /// Returns the command by which an active growth runs a maintenance task in its pause. `None` for other tasks, and for

@@ -2,9 +2,10 @@
 
 use std::time::{Duration, Instant};
 
+use growbot_client::client::StopOutcome;
+use growbot_client::robot_command::{CommandOutcome, RobotCommand};
 use growbot_client::stop_signal::{Permit, StopLevel};
 use growbot_plan::job::Command;
-use growbot_remote::api::RobotCommand;
 
 use super::robot_error::RobotRequestError;
 use super::robot_request::RobotRequest;
@@ -22,15 +23,21 @@ const CONFIRM_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// Sends a command to a robot, with the permit that was issued when the command arrived. Waits until the board has
 /// carried the command out. Pause and continue are only queued for the active growth.
-pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Permit) -> Result<(), RobotRequestError> {
+pub(super) fn run_command(
+    keeper: &RobotWorker,
+    order: RobotCommand,
+    permit: &Permit,
+) -> Result<CommandOutcome, RobotRequestError> {
     let robot = || keeper.name.clone();
     match order {
         RobotCommand::EmergencyStop => emergency_stop(keeper),
         RobotCommand::Stop => stop(keeper),
-        RobotCommand::WithdrawStop => keeper.withdraw_stop(),
+        RobotCommand::WithdrawStop => keeper.withdraw_stop().map(|()| CommandOutcome::StopWithdrawn),
         // A growth ends at a fault, so its robot has none. The thread that follows it takes no requests.
-        RobotCommand::ClearFault if keeper.ensure_idle().is_err() => keeper.ensure_idle(),
-        RobotCommand::ClearFault => keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT),
+        RobotCommand::ClearFault => {
+            keeper.ensure_idle()?;
+            keeper.request(RobotRequest::ClearFault(permit.clone()), COMMAND_TIMEOUT)
+        }
         RobotCommand::Cancel if keeper.status().job.is_some() => {
             Err(RobotRequestError::CancelDuringJob { robot: robot() })
         }
@@ -39,24 +46,24 @@ pub(super) fn run_command(keeper: &RobotWorker, order: RobotCommand, permit: &Pe
             keeper.signal().void();
             keeper.request(RobotRequest::Cancel, COMMAND_TIMEOUT)
         }
-        RobotCommand::Pause => keeper.send_command(Command::Pause, None, permit),
-        RobotCommand::Continue => keeper.send_command(Command::Continue, None, permit),
+        RobotCommand::Pause => keeper.order_growth(Command::Pause, None, permit),
+        RobotCommand::Continue => keeper.order_growth(Command::Continue, None, permit),
     }
 }
 
 /// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.
-fn emergency_stop(keeper: &RobotWorker) -> Result<(), RobotRequestError> {
+fn emergency_stop(keeper: &RobotWorker) -> Result<CommandOutcome, RobotRequestError> {
     let stop = keeper.raise_stop(StopLevel::EmergencyStop);
     let ticket = keeper.stopper.send();
     keeper.sync_stop_file();
     ticket.wait()?;
     keeper.record_emergency_stop();
     keeper.notify_thread(RobotRequest::StopConfirmed(stop.generation));
-    Ok(())
+    Ok(CommandOutcome::EmergencyStopped)
 }
 
 /// Stops the robot, and waits until the board has confirmed the stop.
-fn stop(keeper: &RobotWorker) -> Result<(), RobotRequestError> {
+fn stop(keeper: &RobotWorker) -> Result<CommandOutcome, RobotRequestError> {
     let reconnects_within = RECONNECTIONS * keeper.connector.reconnect_interval();
     let began = Instant::now();
     let _stop = keeper.raise_stop(StopLevel::Stop);
@@ -72,5 +79,5 @@ fn stop(keeper: &RobotWorker) -> Result<(), RobotRequestError> {
         }
         std::thread::sleep(CONFIRM_POLL_INTERVAL);
     }
-    Ok(())
+    Ok(CommandOutcome::Stopped(StopOutcome::ByRequest))
 }

@@ -3,9 +3,10 @@
 use std::fs;
 use std::sync::Arc;
 
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::stop_signal::StopLevel;
 use growbot_core::link::message::State as BoardState;
-use growbot_remote::api::{Job, JobState, RobotCommand};
+use growbot_remote::api::{Job, JobState};
 
 use super::commands::{COMMAND_TIMEOUT, run_command};
 use super::config::NotifyEntry;

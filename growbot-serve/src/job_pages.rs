@@ -7,12 +7,13 @@ use std::time::Duration;
 use axum::body::Bytes;
 use axum::response::Html;
 use futures_util::stream::{BoxStream, StreamExt, once, unfold};
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::status::RobotStatus;
 use growbot_pictures::view::page::PageAccess;
 use growbot_pictures::view::{NamedScene, Subject, page};
 use growbot_plan::job::Command;
 use growbot_plan::run_log::RecordedRun;
-use growbot_remote::api::{Job, JobState, RobotCommand};
+use growbot_remote::api::{Job, JobState};
 use serde_json::json;
 use tokio::sync::watch;
 use tokio::time::sleep;
@@ -87,10 +88,10 @@ impl PageSource for Service {
             let given = match command {
                 Command::Stop => run_command(&keeper, RobotCommand::Stop, &permit),
                 Command::EmergencyStop => run_command(&keeper, RobotCommand::EmergencyStop, &permit),
-                command => keeper.send_command(command, Some(&job), &permit),
+                command => keeper.order_growth(command, Some(&job), &permit),
             };
             self.shared.audit.note(by, &keeper.name, command.name(), &given);
-            Ok(given?)
+            Ok(given.map(drop)?)
         })
         .await
     }

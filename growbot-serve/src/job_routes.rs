@@ -227,7 +227,7 @@ pub(super) fn resume_job(keeper: &RobotWorker, job: &Job, order: Order) -> Resul
     keeper.ensure_idle()?;
     ensure_resumable(job)?;
     let resume = RobotRequest::Resume(Box::new(job.clone()), order.permit);
-    keeper.request_claimed(resume, &order.claim, START_TIMEOUT)
+    keeper.request_claimed(resume, &order.claim, START_TIMEOUT).map(drop)
 }
 
 /// Returns an error if the job cannot be resumed.

@@ -6,6 +6,7 @@ use growbot_client::growth::{
     Beginning, CommandQueue, GrowthBoard, GrowthError, GrowthRequest, LogTarget, OnInterrupted, OnParked,
 };
 use growbot_client::port::time_since_boot;
+use growbot_client::robot_command::CommandOutcome;
 use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer_bytes::LayerBytes;
@@ -292,7 +293,7 @@ impl<'a> RunningJob<'a> {
         if let Some(reply) = self.reply.take() {
             // A board has one body, so it has discarded that of any other job.
             self.keeper.give_up_others(Some(&self.job.id), "discarded: the robot has begun another job");
-            let _ = reply.send(Ok(()));
+            let _ = reply.send(Ok(CommandOutcome::Started));
         }
     }
 

@@ -392,7 +392,7 @@ fn written_time(compact: &str) -> String {
 mod tests {
     use super::super::notification::NotificationChannel;
     use super::*;
-    use growbot_remote::api::RobotCommand as C;
+    use growbot_client::robot_command::RobotCommand as C;
 
     #[test]
     fn names_in_the_database_and_in_urls() {

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
 
 use growbot_client::growth::{GrowthRequest, Override};
+use growbot_client::robot_command::CommandOutcome;
 use growbot_client::stop_signal::{Generation, Permit};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
@@ -17,7 +18,7 @@ use growbot_scene::scene_file::LoadedScene;
 use super::robot_error::RobotRequestError;
 
 /// Channel on which the response to a request is sent.
-pub(super) type Reply = Sender<Result<(), RobotRequestError>>;
+pub(super) type Reply = Sender<Result<CommandOutcome, RobotRequestError>>;
 
 /// A body to grow, with the choices of the client.
 pub struct NewBody {
@@ -92,7 +93,7 @@ impl Claim {
 }
 
 impl PendingRequest {
-    pub(super) fn respond(self, response: Result<(), RobotRequestError>) {
+    pub(super) fn respond(self, response: Result<CommandOutcome, RobotRequestError>) {
         // The caller may no longer wait for the response.
         let _ = self.reply.send(response);
     }

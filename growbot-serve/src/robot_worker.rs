@@ -11,9 +11,10 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
+use growbot_client::robot_command::CommandOutcome;
 use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{BoardInfo, Cancel, PassiveRequest, State, Status};
+use growbot_core::link::message::{BoardInfo, State, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file::{self, RobotFileError};
@@ -279,12 +280,12 @@ impl RobotWorker {
 
     /// Queues a command for the active growth. Returns an error if no growth is active, or if the active growth does
     /// not belong to this job.
-    pub(super) fn send_command(
+    pub(super) fn order_growth(
         &self,
         command: Command,
         job: Option<&str>,
         permit: &Permit,
-    ) -> Result<(), RobotRequestError> {
+    ) -> Result<CommandOutcome, RobotRequestError> {
         {
             // Under the lock, because the queue is dropped when the growth ends or its connection is lost.
             let known = self.lock_state();
@@ -296,7 +297,7 @@ impl RobotWorker {
             // The growth removes it once the board has accepted the pause.
             self.pause_file.set(true);
         }
-        Ok(())
+        Ok(CommandOutcome::Ordered(command))
     }
 
     /// Sends a request to the robot's thread without waiting for the response.
@@ -325,7 +326,7 @@ impl RobotWorker {
     ///
     /// # Errors
     /// [`RobotRequestError`] if the request was rejected or timed out.
-    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<(), RobotRequestError> {
+    pub fn request(&self, request: RobotRequest, limit: Duration) -> Result<CommandOutcome, RobotRequestError> {
         self.request_claimed(request, &Claim::default(), limit)
     }
 
@@ -338,7 +339,7 @@ impl RobotWorker {
         request: RobotRequest,
         claim: &Claim,
         limit: Duration,
-    ) -> Result<(), RobotRequestError> {
+    ) -> Result<CommandOutcome, RobotRequestError> {
         let (reply, response) = mpsc::channel();
         claim.check()?;
         let pending = PendingRequest { request, reply, claim: claim.clone() };
@@ -408,7 +409,7 @@ impl RobotWorker {
                 LinkState::Leased(loan, reply) => {
                     // The port is closed now, with its duplicate. The client that waits for it may be gone.
                     self.stopper.publish(None);
-                    let _ = reply.send(Ok(()));
+                    let _ = reply.send(Ok(CommandOutcome::PortReleased));
                     self.wait_for_lease_end(&loan, requests);
                     continue;
                 }
@@ -523,18 +524,15 @@ impl RobotWorker {
             RobotRequest::Resume(job, permit) => return self.resume(connection, &job, permit, pending.reply),
             RobotRequest::Wake | RobotRequest::StopConfirmed(_) => return LinkState::Ready,
             RobotRequest::Lend(loan) => return LinkState::Leased(loan, pending.reply),
-            RobotRequest::Cancel => client.status().and_then(|status| {
-                let cancel = PassiveRequest::Cancel(Cancel { plan_id: status.plan_id });
-                client.request("the request to discard the body", &cancel).map(drop)
-            }),
-            RobotRequest::ClearFault(permit) => client.clear_fault(&permit),
+            RobotRequest::Cancel => client.cancel(),
+            RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
         };
         if is_cancel && done.is_ok() {
             self.give_up_others(None, "discarded: the board has deleted the body");
         }
         let (left, response) = match done {
-            Ok(()) => (LinkState::Ready, Ok(())),
+            Ok(outcome) => (LinkState::Ready, Ok(outcome)),
             Err(error) => {
                 let (left, error) = LinkState::after(error);
                 (left, Err(error))

@@ -13,12 +13,13 @@ use std::time::{Duration, Instant};
 use axum::Extension;
 use axum::extract::{Path, State};
 use axum::http::HeaderMap;
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{MaintenanceTask, PauseCause, State as BoardState};
 use growbot_core::robot::Robot;
 use growbot_plan::robot_file;
 use growbot_plan::run_log::utc_now;
-use growbot_remote::api::{GrowRequest, Job, JobState, QueuedBody, RobotCommand};
+use growbot_remote::api::{GrowRequest, Job, JobState, QueuedBody};
 use strum::VariantArray;
 
 use super::access::Access;
@@ -253,7 +254,7 @@ impl<'a> Case<'a> {
 
     pub(super) fn carry_out(&mut self, step: Step) -> Result<(), Problem> {
         let permit = self.worker.signal().permit();
-        let command = |command| Ok(run_command(&self.worker, command, &permit)?);
+        let command = |command| Ok(run_command(&self.worker, command, &permit).map(drop)?);
         match step {
             Step::Grow => return self.grow(&short_body(), permit),
             Step::GrowQueued => {
@@ -273,7 +274,7 @@ impl<'a> Case<'a> {
             Step::Preheat => {
                 self.worker.ensure_idle()?;
                 let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
-                return Ok(self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT)?);
+                return Ok(self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT).map(drop)?);
             }
             Step::Continue => return command(RobotCommand::Continue),
             Step::Pause => return command(RobotCommand::Pause),

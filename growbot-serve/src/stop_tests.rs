@@ -1,8 +1,8 @@
 //! Tests of stops and pauses of robots that do not receive them at once, with longer sequences of steps than the pairs
 //! that `stop_model` runs.
 
+use growbot_client::robot_command::RobotCommand;
 use growbot_core::link::message::{PauseCause, State as BoardState};
-use growbot_remote::api::RobotCommand;
 
 use super::commands::run_command;
 use super::fake_board::LineState;

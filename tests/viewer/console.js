@@ -118,7 +118,7 @@ try {
   await waitForState("heating|homing|growing");
   await type("estop now");
   await waitForState("emergency-stop");
-  await response(/^Emergency stop: done$/);
+  await response(/^Emergency stop: heater and steppers of the simulated robot are off$/);
   // The job of a stopped robot takes a moment to end.
   const deadline = Date.now() + TIMEOUT_MS;
   while (/^the robot is not ready/.test(await say("clear")) && Date.now() < deadline) await page.waitForTimeout(200);

@@ -348,7 +348,7 @@ async function aProxyWithoutWebSocketsIsEnough() {
   await waitUntilLive(page);
   await partsOfLab(page).stop.click();
   await waitForText(partsOfLab(page).state, /^emergency-stop$/);
-  await waitForText(partsOfLab(page).result, /^Emergency stop: done$/);
+  await waitForText(partsOfLab(page).result, /^Emergency stop: heater and steppers of the simulated robot are off$/);
   assert.ok(proxy.paths.includes("api/v1/events") && proxy.paths.includes("api/v1/robots/lab/commands"));
   proxy.onRequest = () => null;
   await context.close();

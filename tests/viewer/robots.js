@@ -115,7 +115,7 @@ try {
   // Filament can be changed in the pause.
   await press("Preheat");
   await press("Run preheat");
-  await lab1.result.filter({ hasText: "Preheat: ordered" }).waitFor();
+  await lab1.result.filter({ hasText: "was ordered to preheat" }).waitFor();
   await picture(page, "paused");
   await press("Continue");
   await waitForState("growing");
@@ -197,7 +197,7 @@ try {
   await page.getByRole("button", { name: "Emergency stop lab" }).focus();
   await page.keyboard.press("Enter");
   await waitForState("emergency-stop");
-  await lab1.result.filter({ hasText: "Emergency stop: done" }).waitFor();
+  await lab1.result.filter({ hasText: "Emergency stop: heater and steppers" }).waitFor();
   const alert = page.getByRole("alert").filter({ hasText: "Heater and motors are off" });
   await alert.waitFor();
   await page.emulateMedia({ colorScheme: "dark" });
@@ -234,7 +234,7 @@ try {
   // The board keeps the unfinished body until a person discards it.
   await lab1.button("Discard body").click();
   await lab1.confirm("Discard body");
-  await lab1.result.filter({ hasText: "Cancel: done" }).waitFor();
+  await lab1.result.filter({ hasText: "discarded by the simulated board" }).waitFor();
   await queue.getByRole("button", { name: "Grow next" }).click();
   await question.getByText(/Is the last body removed\?/).waitFor();
   await lab1.confirm("Heat and grow");

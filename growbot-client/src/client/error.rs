@@ -1,7 +1,7 @@
 //! Errors of requests to a board, and their messages.
 
 use growbot_core::link::frame::FrameError;
-use growbot_core::link::message::{DescriptionError, Fault, Refusal};
+use growbot_core::link::message::{DescriptionError, Fault, Refusal, State};
 use growbot_core::robot::{ENCODING_VERSION, RobotError};
 
 use super::timeouts::SILENCE_TIMEOUT;
@@ -132,6 +132,9 @@ pub enum ClientError {
 /// Name of the request that moves filament, for error messages.
 pub const MOVE_FILAMENT: &str = "the request to move filament";
 
+/// Name of the request that turns the head, for error messages.
+pub const TURN_HEAD: &str = "the request to turn the head";
+
 /// Name of the request that sends part of a robot description, for error messages.
 pub const SEND_DESCRIPTION: &str = "the robot description";
 
@@ -209,6 +212,9 @@ fn explain(request: &str, refusal: &Refusal) -> String {
             "layer {index} is beyond the limits of the robot that the board stores, or beyond the plan's end: plan \
              again, with a larger radius"
         ),
+        Refusal::WrongState { state: State::Idle } if [MOVE_FILAMENT, TURN_HEAD].contains(&request) => {
+            "motors of an idle board turn only while the nozzle is hot: preheat the nozzle first".to_owned()
+        }
         Refusal::WrongState { state } => format!("this is not allowed in state {} of the board", state.name()),
         Refusal::FaultRemains { fault } => {
             format!("the cause of {} is still present: {}", fault.code(), fault.explanation())

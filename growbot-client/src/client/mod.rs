@@ -22,7 +22,7 @@ use growbot_core::link::message::{Empty, Message};
 
 use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
-pub use self::error::{ClientError, MOVE_FILAMENT, SEND_DESCRIPTION};
+pub use self::error::{ClientError, MOVE_FILAMENT, SEND_DESCRIPTION, TURN_HEAD};
 pub use self::exchange::has_commanded_board;
 pub use self::requests::StopOutcome;
 use crate::port::Port;

@@ -12,6 +12,7 @@ use growbot_plan::robot_kind::RobotKind;
 use super::clock::{ClockSample, ClockWatch};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
+use crate::robot_command::CommandOutcome;
 use crate::stop_signal::Permit;
 
 /// Maximum number of retries of a request to clear the emergency stop. After an emergency stop by the link, the board
@@ -135,13 +136,13 @@ impl Client {
     ///
     /// # Errors
     /// Like [`Client::energize`].
-    pub fn maintain(&mut self, task: MaintenanceTask, permit: &Permit) -> Result<(), ClientError> {
+    pub fn maintain(&mut self, task: MaintenanceTask, permit: &Permit) -> Result<CommandOutcome, ClientError> {
         let what = request_name(task);
         match task {
             MaintenanceTask::CoolDown => self.request(what, &PassiveRequest::CoolDown),
             task => self.energize(what, &EnergizingRequest::Maintain(Maintain { task }), permit),
         }
-        .map(drop)
+        .map(|_| CommandOutcome::Task(task))
     }
 
     /// Requests the current readings of the board's sensors.

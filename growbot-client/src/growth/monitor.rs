@@ -298,7 +298,7 @@ impl JobRunner<'_> {
         on_event(&JobEvent::Command(*command));
         let done = match command {
             Command::Preheat | Command::Unload | Command::Load | Command::Purge => match command.task(self.job.robot) {
-                Some(task) => self.client.maintain(task, permit),
+                Some(task) => self.client.maintain(task, permit).map(drop),
                 None => Ok(()),
             },
             Command::Continue => {

@@ -1,6 +1,7 @@
 //! `growbot cancel`: discards the body that the board stores.
 
 use clap::Args;
+use growbot_client::robot_command::RobotCommand;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
@@ -26,5 +27,5 @@ pub struct CancelArgs {
 /// Runs the command.
 pub fn run(args: &CancelArgs) -> Result<(), Failure> {
     let port = args.port.resolve()?;
-    args.json.print(&port, &robot_at(&port, &args.robot)?.cancel()?)
+    args.json.print(&port, &robot_at(&port, &args.robot)?.command(RobotCommand::Cancel)?)
 }

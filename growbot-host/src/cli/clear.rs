@@ -1,6 +1,7 @@
 //! `growbot clear`: clears a fault or an emergency stop.
 
 use clap::Args;
+use growbot_client::robot_command::RobotCommand;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
@@ -26,5 +27,5 @@ pub struct ClearArgs {
 /// Runs the command.
 pub fn run(args: &ClearArgs) -> Result<(), Failure> {
     let port = args.port.resolve()?;
-    args.json.print(&port, &robot_at(&port, &args.robot)?.clear()?)
+    args.json.print(&port, &robot_at(&port, &args.robot)?.command(RobotCommand::ClearFault)?)
 }

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use growbot_client::client::{ClientError, has_commanded_board};
 use growbot_client::commissioning_report::ReportError;
+use growbot_client::maintenance::MaintenanceError;
 use growbot_client::port::PortError;
 use growbot_host::messages::{self, Severity};
 use growbot_host::output::OutputError;
@@ -126,6 +127,7 @@ bad_input!(
     FileError,
     ImageError,
     InputError,
+    MaintenanceError,
     MeshError,
     OpenError,
     PlanFileError,

@@ -24,6 +24,7 @@ impl JsonArg {
 
     /// Returns the message of a command that has succeeded at a port, as text or as JSON.
     pub fn report(&self, port: &SelectedPort, message: &str) -> String {
-        if self.json { json_line(&CommandReport::new(port.text(), port.kind(), message)) } else { message.to_owned() }
+        let report = || json_line(&CommandReport::new(port.text(), port.kind(), message));
+        if self.json { report() } else { format!("{}\n", message.trim_end()) }
     }
 }

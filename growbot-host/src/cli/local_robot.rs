@@ -3,11 +3,12 @@
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
-use growbot_client::client::{Client, ClientError};
+use growbot_client::client::{Client, ClientError, StopOutcome};
 use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget};
+use growbot_client::robot_command::{CommandOutcome, RobotCommand};
 use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
-use growbot_core::link::message::{BoardInfo, Cancel, Empty, PassiveRequest, State};
+use growbot_core::link::message::{BoardInfo, Empty, PassiveRequest, State};
 use growbot_pictures::duration::duration_text;
 use growbot_pictures::growth_table::made;
 use growbot_plan::robot_kind::RobotKind;
@@ -20,11 +21,10 @@ use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::{GrowthMonitor, ResultFormat};
-use super::maintenance_task::maintain;
 use super::port_arg::{Connection, SelectedPort};
 use super::remedies;
 use super::robot_arg::RobotArg;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
 use super::stop_on_interrupt::stop_on_interrupt;
 use super::terminal_commands::TerminalCommands;
 use super::typed_answer::read_answer;
@@ -46,6 +46,23 @@ impl LocalRobot<'_> {
             self.port.kind().prefix(),
             self.port.text()
         ))
+    }
+
+    /// Switches heater and steppers off. Opens no session with the board, because a board of another firmware release
+    /// or of another robot must also stop.
+    fn stop(&self) -> Result<CommandOutcome, Failure> {
+        self.port.require_running_robot("the stop")?;
+        let mut client = self.port.client(&self.robot.load_for_stop()?)?;
+        match client.request("the request to stop", &PassiveRequest::Stop(Empty {})) {
+            Ok(_) => Ok(CommandOutcome::Stopped(StopOutcome::ByRequest)),
+            Err(error @ ClientError::Refused { .. }) => Err(error.into()),
+            Err(error) => Err(Failure::bad_input(format!(
+                "{}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or cut \
+                 its power",
+                remedies::message(&error),
+                self.port.text()
+            ))),
+        }
     }
 
     /// Runs a growth on the connected board, shows it, and prints its result. `laid` is the number of layers that were
@@ -94,59 +111,39 @@ impl RobotHandle for LocalRobot<'_> {
         Ok(report)
     }
 
-    /// Opens no session with the board, because a board of another firmware release or of another robot must also stop.
-    fn stop(&self) -> Result<(), Failure> {
-        self.port.require_running_robot("the stop")?;
-        let mut client = self.port.client(&self.robot.load_for_stop()?)?;
-        client.request("the request to stop", &PassiveRequest::Stop(Empty {})).map(drop).map_err(|error| match error {
-            ClientError::Refused { .. } => error.into(),
-            error => Failure::bad_input(format!(
-                "{}; the robot may still be hot or moving: send the emergency stop (`growbot estop --port {}`), or cut \
-                 its power",
-                remedies::message(&error),
-                self.port.text()
-            )),
-        })
-    }
-
-    fn cancel(&self) -> Result<String, Failure> {
-        self.port.require_running_robot("the cancellation")?;
-        let mut client = self.port.client(&self.robot.load()?)?;
-        let status = client.open_session()?.status;
-        let (plan_id, kind) = (status.plan_id, self.port.kind().prefix());
-        if plan_id == 0 {
-            return Ok(format!("the {kind}board has no stored job: there is nothing to cancel\n"));
-        }
-        client.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
-        Ok(format!("plan {plan_id:016x} discarded by the {kind}board after {} layers\n", status.layers_laid))
-    }
-
-    fn clear(&self) -> Result<String, Failure> {
-        self.port.require_running_robot("the request to clear")?;
-        let mut client = self.port.client(&self.robot.load()?)?;
-        let before = client.open_session()?.status.state;
-        client.clear_fault(&Permit::standalone())?;
-        Ok(clear_message(self.kind(), before.name()))
+    fn command(&self, command: RobotCommand) -> Result<String, Failure> {
+        let outcome = match command {
+            RobotCommand::Stop => self.stop()?,
+            RobotCommand::EmergencyStop => {
+                self.port.require_running_robot("the emergency stop")?;
+                self.port.client(&self.robot.load_for_stop()?)?.emergency_stop()?;
+                CommandOutcome::EmergencyStopped
+            }
+            RobotCommand::Cancel => {
+                self.port.require_running_robot("the cancellation")?;
+                let mut client = self.port.client(&self.robot.load()?)?;
+                client.open_session()?;
+                client.cancel()?
+            }
+            RobotCommand::ClearFault => {
+                self.port.require_running_robot("the request to clear")?;
+                let mut client = self.port.client(&self.robot.load()?)?;
+                client.open_session()?;
+                client.clear(&Permit::standalone())?
+            }
+            RobotCommand::WithdrawStop => return Err(self.no_service("withdraw the stop of")),
+            RobotCommand::Pause => return Err(self.no_service("pause")),
+            RobotCommand::Continue => return Err(self.no_service("continue")),
+        };
+        Ok(outcome.message(self.kind()))
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
         let (robot, presets) = (self.robot.load()?, self.robot.presets()?);
+        let task = presets.task(task, value, &robot)?;
         let mut client = self.port.client(&robot)?;
         client.open_session_for(&robot)?;
-        let done = maintain(&mut client, &robot, &presets, task, value, &Permit::standalone())?;
-        Ok(format!("{}{done}", if self.port.is_simulated() { "simulated robot: " } else { "" }))
-    }
-
-    fn withdraw_stop(&self) -> Result<String, Failure> {
-        Err(self.no_service("withdraw the stop of"))
-    }
-
-    fn pause(&self) -> Result<String, Failure> {
-        Err(self.no_service("pause"))
-    }
-
-    fn continue_growth(&self) -> Result<String, Failure> {
-        Err(self.no_service("continue"))
+        Ok(client.maintain(task, &Permit::standalone())?.message(self.kind()))
     }
 
     fn attach(&self, _: ResultFormat) -> Result<(), Failure> {

@@ -26,7 +26,6 @@ mod known_robots;
 mod layers;
 mod local_robot;
 mod maintain;
-mod maintenance_task;
 mod man;
 mod new_robot;
 mod output_dir;

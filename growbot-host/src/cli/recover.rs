@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use clap::Args;
 use growbot_client::growth::OnInterrupted;
 use growbot_client::recovery::{RecoveryAction, RecoverySequence, RecoveryStep, StepEffect};
+use growbot_client::robot_command::RobotCommand;
 use growbot_client::status::RobotStatus;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::output::print;
@@ -167,14 +168,11 @@ fn warning(effect: StepEffect) -> Option<&'static str> {
 /// Carries an action out, and prints its result.
 fn carry_out(action: RecoveryAction, robot: &dyn RobotHandle) -> Result<(), Failure> {
     let message = match action {
-        RecoveryAction::ClearFault => robot.clear()?,
-        RecoveryAction::Continue => robot.continue_growth()?,
-        RecoveryAction::Cancel => robot.cancel()?,
-        RecoveryAction::Stop => {
-            robot.stop()?;
-            "stopped: heater and steppers are off\n".to_owned()
-        }
-        RecoveryAction::WithdrawStop => robot.withdraw_stop()?,
+        RecoveryAction::ClearFault => robot.command(RobotCommand::ClearFault)?,
+        RecoveryAction::Continue => robot.command(RobotCommand::Continue)?,
+        RecoveryAction::Cancel => robot.command(RobotCommand::Cancel)?,
+        RecoveryAction::Stop => robot.command(RobotCommand::Stop)?,
+        RecoveryAction::WithdrawStop => robot.command(RobotCommand::WithdrawStop)?,
         RecoveryAction::Resume => {
             return robot.resume(ResumedGrowth {
                 opened: None,
@@ -187,12 +185,12 @@ fn carry_out(action: RecoveryAction, robot: &dyn RobotHandle) -> Result<(), Fail
             });
         }
         RecoveryAction::Preheat => {
-            print(&robot.maintain(action.code(), "")?)?;
+            print(&format!("{}\n", robot.maintain(action.code(), "")?))?;
             return wait_until_hot(robot);
         }
         RecoveryAction::Load | RecoveryAction::Purge | RecoveryAction::Cooldown => robot.maintain(action.code(), "")?,
     };
-    Ok(print(&message)?)
+    Ok(print(&format!("{message}\n"))?)
 }
 
 /// Waits until the nozzle is at its target. The board's supervision ends a heating that takes too long with a fault.

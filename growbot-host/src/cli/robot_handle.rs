@@ -3,7 +3,8 @@
 use std::path::PathBuf;
 
 use growbot_client::growth::{GrowthRequest, LogTarget, OnInterrupted};
-use growbot_core::link::message::{HostSilencePolicy, State};
+use growbot_client::robot_command::RobotCommand;
+use growbot_core::link::message::HostSilencePolicy;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_remote::remote_robot::LeasedPort;
 use growbot_sim::crash::FirmwareImage;
@@ -23,26 +24,12 @@ pub trait RobotHandle {
     /// Requests the status of the robot. `image` names the functions of a crash.
     fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure>;
 
-    /// Switches heater and steppers off.
-    fn stop(&self) -> Result<(), Failure>;
+    /// Sends a command, and waits until the board has carried it out. A running growth only receives a pause or a
+    /// continuation. Returns the result as text.
+    fn command(&self, command: RobotCommand) -> Result<String, Failure>;
 
-    /// Discards the body that the board stores. Returns a message.
-    fn cancel(&self) -> Result<String, Failure>;
-
-    /// Drops a stop that the board has not confirmed. Returns a message.
-    fn withdraw_stop(&self) -> Result<String, Failure>;
-
-    /// Clears a fault or an emergency stop. Returns a message.
-    fn clear(&self) -> Result<String, Failure>;
-
-    /// Runs a maintenance task. Returns a message.
+    /// Runs a maintenance task. Returns the result as text.
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure>;
-
-    /// Pauses the growth in progress after its layer. Returns a message.
-    fn pause(&self) -> Result<String, Failure>;
-
-    /// Continues the paused growth. Returns a message.
-    fn continue_growth(&self) -> Result<String, Failure>;
 
     /// Shows the growth in progress to its end.
     fn attach(&self, print: ResultFormat) -> Result<(), Failure>;
@@ -57,16 +44,6 @@ pub trait RobotHandle {
     /// `None` if no other program owns the port.
     fn lease(&self, _command: &str) -> Result<Option<LeasedPort>, Failure> {
         Ok(None)
-    }
-}
-
-/// Returns the message after the request to clear, which the board had received in this state.
-pub fn clear_message(kind: RobotKind, before: &str) -> String {
-    let kind = kind.prefix();
-    if [State::Fault, State::EmergencyStop].iter().any(|state| state.name() == before) {
-        format!("the {before} is cleared: the {kind}robot accepts jobs again\n")
-    } else {
-        format!("there is nothing to clear: the {kind}robot is in the state {before}\n")
     }
 }
 

@@ -1,6 +1,7 @@
 //! `growbot pause`, `growbot continue` and `growbot attach`, for the growths of a service.
 
 use clap::Args;
+use growbot_client::robot_command::RobotCommand;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
@@ -46,13 +47,13 @@ pub struct AttachArgs {
 /// Runs `growbot pause`.
 pub fn run_pause(args: &PauseArgs) -> Result<(), Failure> {
     let port = args.port.resolve_or_only()?;
-    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.pause()?)
+    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.command(RobotCommand::Pause)?)
 }
 
 /// Runs `growbot continue`.
 pub fn run_continue(args: &ContinueArgs) -> Result<(), Failure> {
     let port = args.port.resolve_or_only()?;
-    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.continue_growth()?)
+    args.json.print(&port, &robot_at(&port, &RobotArg::default())?.command(RobotCommand::Continue)?)
 }
 
 /// Runs `growbot attach`.

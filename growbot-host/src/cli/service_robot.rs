@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use growbot_client::growth::{LogTarget, OnInterrupted};
+use growbot_client::robot_command::RobotCommand;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::output::print;
 use growbot_host::progress::{Progress, ResultTiming};
@@ -14,7 +15,7 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
 use growbot_plan::sanitize::json_line;
 use growbot_remote::PREFIX;
-use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls, RobotCommand};
+use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls};
 use growbot_remote::client::{JobLogUpdate, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::{LeasedPort, RemoteRobot};
 use growbot_sim::crash::FirmwareImage;
@@ -26,7 +27,7 @@ use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
 use super::replay;
-use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle, clear_message};
+use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
 use super::stop_on_interrupt::react_to_interrupt;
 
 impl From<ServiceError> for Failure {
@@ -125,39 +126,12 @@ impl RobotHandle for RemoteRobot {
         Ok(BoardReport::of_status(self.request_status()?))
     }
 
-    fn stop(&self) -> Result<(), Failure> {
-        Ok(self.send_command(RobotCommand::Stop)?)
-    }
-
-    fn cancel(&self) -> Result<String, Failure> {
-        self.send_command(RobotCommand::Cancel)?;
-        Ok(format!("the {}board stores no body any more\n", self.kind().prefix()))
-    }
-
-    fn withdraw_stop(&self) -> Result<String, Failure> {
-        self.send_command(RobotCommand::WithdrawStop)?;
-        Ok(format!("the stop of the {}robot {} is withdrawn\n", self.kind().prefix(), self.name))
-    }
-
-    fn clear(&self) -> Result<String, Failure> {
-        self.send_command(RobotCommand::ClearFault)?;
-        Ok(clear_message(self.kind(), self.found.state.as_deref().unwrap_or("unknown")))
+    fn command(&self, command: RobotCommand) -> Result<String, Failure> {
+        Ok(self.send_command(command)?)
     }
 
     fn maintain(&self, task: &str, value: &str) -> Result<String, Failure> {
-        let maintenance = MaintenanceRequest { task: task.to_owned(), value: value.to_owned() };
-        RemoteRobot::maintain(self, &maintenance)?;
-        Ok(format!("{}robot {}: {task} {value}\n", self.kind().prefix(), self.name))
-    }
-
-    fn pause(&self) -> Result<String, Failure> {
-        self.send_command(RobotCommand::Pause)?;
-        Ok(format!("the {}robot {} was ordered to pause after its layer\n", self.kind().prefix(), self.name))
-    }
-
-    fn continue_growth(&self) -> Result<String, Failure> {
-        self.send_command(RobotCommand::Continue)?;
-        Ok(format!("the {}robot {} was ordered to continue\n", self.kind().prefix(), self.name))
+        Ok(RemoteRobot::maintain(self, &MaintenanceRequest { task: task.to_owned(), value: value.to_owned() })?)
     }
 
     fn attach(&self, print: ResultFormat) -> Result<(), Failure> {

@@ -1,6 +1,7 @@
 //! `growbot stop`: switches heater and steppers off.
 
 use clap::Args;
+use growbot_client::robot_command::RobotCommand;
 
 use super::failure::Failure;
 use super::find_robot::robot_at;
@@ -26,7 +27,5 @@ pub struct StopArgs {
 /// Runs the command.
 pub fn run(args: &StopArgs) -> Result<(), Failure> {
     let port = args.port.resolve_for_stop()?;
-    let robot = robot_at(&port, &args.robot)?;
-    robot.stop()?;
-    args.json.print(&port, &format!("stopped: heater and steppers of the {}robot are off\n", robot.kind().prefix()))
+    args.json.print(&port, &robot_at(&port, &args.robot)?.command(RobotCommand::Stop)?)
 }

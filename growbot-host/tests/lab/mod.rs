@@ -48,7 +48,12 @@ impl Lab {
     }
 
     pub fn command(&self, args: &[&str]) -> Command {
-        let mut command = command(PROGRAM);
+        self.program(PROGRAM, args)
+    }
+
+    /// Returns a command that starts another program with the settings of the service's user.
+    pub fn program(&self, program: &str, args: &[&str]) -> Command {
+        let mut command = command(program);
         command.current_dir(self.directory.path());
         command.env("XDG_CONFIG_HOME", self.directory.path());
         command.env("XDG_STATE_HOME", self.directory.path().join("state"));

@@ -3,6 +3,7 @@
 use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::GrowthRefusal;
 use growbot_client::maintenance::MaterialPresets;
+use growbot_client::robot_command::CommandOutcome;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
@@ -19,7 +20,6 @@ use growbot_plan::table::{NumberFormat, Table};
 use super::commands::BoardRequest;
 use crate::cli::board_report::BoardReport;
 use crate::cli::failure::Failure;
-use crate::cli::maintenance_task::maintain;
 use crate::cli::port_arg::SelectedPort;
 use crate::cli::remedies;
 
@@ -32,6 +32,7 @@ pub fn send(
     what: &BoardRequest,
     permit: &Permit,
 ) -> Result<String, Failure> {
+    let text = |outcome: CommandOutcome| format!("{}\n", outcome.message(port.kind()));
     match what {
         BoardRequest::Status => Ok(BoardReport::of(client, port)?.text()),
         BoardRequest::Plan(goal) => plan(client, robot, goal),
@@ -41,19 +42,13 @@ pub fn send(
             Ok("the robot pauses after the current layer; `start` continues\n".to_owned())
         }
         BoardRequest::Layers(first) => layers(client, *first),
-        BoardRequest::Stop => {
-            let stopped = client.stop()?;
-            Ok(format!("{}\n", remedies::stop_message(stopped, port.kind())))
-        }
+        BoardRequest::Stop => Ok(format!("{}\n", remedies::stop_message(client.stop()?, port.kind()))),
         BoardRequest::EmergencyStop => {
             client.emergency_stop()?;
-            Ok(format!("emergency stop: heater and steppers of the {}robot are off\n", port.kind().prefix()))
+            Ok(text(CommandOutcome::EmergencyStopped))
         }
-        BoardRequest::Maintain(word, rest) => maintain(client, robot, presets, word, rest, permit),
-        BoardRequest::Clear => {
-            client.clear_fault(permit)?;
-            Ok("cleared\n".to_owned())
-        }
+        BoardRequest::Maintain(word, rest) => Ok(text(client.maintain(presets.task(word, rest, robot)?, permit)?)),
+        BoardRequest::Clear => Ok(text(client.clear(permit)?)),
     }
 }
 

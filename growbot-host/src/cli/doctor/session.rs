@@ -143,7 +143,7 @@ impl DoctorSession {
     pub fn maintain(&mut self, task: MaintenanceTask) -> Result<Option<String>, Failure> {
         self.stop_if_interrupted()?;
         match self.client.maintain(task, &self.orders.permit()) {
-            Ok(()) => Ok(None),
+            Ok(_) => Ok(None),
             Err(error @ ClientError::Refused { .. }) => Ok(Some(remedies::message(&error))),
             Err(error) => Err(lost(error)),
         }

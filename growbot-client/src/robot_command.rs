@@ -1,0 +1,127 @@
+//! Commands to a robot, and what they have done. The command line, the console, the service with its page, and Python
+//! send these commands and show these outcomes.
+
+use growbot_core::link::message::{Cancel, MaintenanceTask, PassiveRequest, State, Status};
+use growbot_plan::job::Command;
+use growbot_plan::robot_kind::RobotKind;
+use serde::{Deserialize, Serialize};
+use strum::IntoStaticStr;
+
+use crate::client::{Client, ClientError, StopOutcome};
+use crate::maintenance::task_message;
+use crate::stop_signal::Permit;
+
+/// Command to a robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, IntoStaticStr)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+#[strum(serialize_all = "kebab-case")]
+pub enum RobotCommand {
+    /// Pause after the current layer.
+    Pause,
+    /// Continue after a pause.
+    Continue,
+    /// Turn off heater and steppers. The body can be resumed.
+    Stop,
+    /// Turn everything off, before any other command.
+    EmergencyStop,
+    /// Clear a fault or an emergency stop.
+    ClearFault,
+    /// Discard the body that hangs on the robot.
+    Cancel,
+    /// Drop a stop that the board has not confirmed.
+    WithdrawStop,
+}
+
+impl RobotCommand {
+    /// Returns true if the command stops or pauses the robot. Such a command is never refused because of its age.
+    pub fn stops_or_pauses(self) -> bool {
+        matches!(self, Self::Pause | Self::Stop | Self::EmergencyStop)
+    }
+
+    /// Returns the name of the command in JSON.
+    pub fn name(self) -> &'static str {
+        self.into()
+    }
+}
+
+/// What a robot has done at a command or another request.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum CommandOutcome {
+    /// Heater and steppers are off.
+    Stopped(StopOutcome),
+    /// Heater and steppers are off until the emergency stop is cleared.
+    EmergencyStopped,
+    /// The board has discarded a body of which it had laid this number of layers.
+    Cancelled {
+        /// Plan id of the body.
+        plan_id: u64,
+        /// Number of laid layers.
+        laid: u32,
+    },
+    /// The board had no body to discard.
+    NothingToCancel,
+    /// The board has left this state, a fault or an emergency stop.
+    Cleared(State),
+    /// The board was in this state, which is neither a fault nor an emergency stop.
+    NothingToClear(State),
+    /// An unconfirmed stop will not be sent again.
+    StopWithdrawn,
+    /// The growth in progress has received this command, and carries it out as soon as it can.
+    Ordered(Command),
+    /// The board runs this task.
+    Task(MaintenanceTask),
+    /// A growth has begun.
+    Started,
+    /// The port is closed, so that another program can use it.
+    PortReleased,
+}
+
+impl CommandOutcome {
+    /// Returns a message for the user.
+    pub fn message(self, robot: RobotKind) -> String {
+        let kind = robot.prefix();
+        match self {
+            Self::Stopped(stopped) => stopped.message(robot),
+            Self::EmergencyStopped => format!("emergency stop: heater and steppers of the {kind}robot are off"),
+            Self::Cancelled { plan_id, laid } => {
+                format!("plan {plan_id:016x} discarded by the {kind}board after {laid} layers")
+            }
+            Self::NothingToCancel => format!("the {kind}board stores no body: there is nothing to discard"),
+            Self::Cleared(state) => format!("the {} is cleared: the {kind}robot accepts jobs again", state.name()),
+            Self::NothingToClear(state) => {
+                format!("there is nothing to clear: the {kind}robot is in the state {}", state.name())
+            }
+            Self::StopWithdrawn => format!("the stop of the {kind}robot is withdrawn"),
+            Self::Ordered(Command::Pause) => format!("the {kind}robot was ordered to pause after its layer"),
+            Self::Ordered(command) => format!("the {kind}robot was ordered to {}", command.name()),
+            Self::Task(task) if robot.is_simulated() => format!("simulated robot: {}", task_message(task)),
+            Self::Task(task) => task_message(task),
+            Self::Started => format!("the {kind}robot grows"),
+            Self::PortReleased => format!("the port of the {kind}robot is released"),
+        }
+    }
+}
+
+impl Client {
+    /// Discards the body that the board stores, and switches heater and steppers off.
+    ///
+    /// # Errors
+    /// Like [`Client::request`].
+    pub fn cancel(&mut self) -> Result<CommandOutcome, ClientError> {
+        let Status { plan_id, layers_laid: laid, .. } = self.status()?;
+        self.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
+        Ok(if plan_id == 0 { CommandOutcome::NothingToCancel } else { CommandOutcome::Cancelled { plan_id, laid } })
+    }
+
+    /// Clears a fault or an emergency stop, if there is one.
+    ///
+    /// # Errors
+    /// Like [`Client::clear_fault`].
+    pub fn clear(&mut self, permit: &Permit) -> Result<CommandOutcome, ClientError> {
+        let state = self.status()?.state;
+        self.clear_fault(permit)?;
+        let is_off = matches!(state, State::Fault | State::EmergencyStop);
+        Ok(if is_off { CommandOutcome::Cleared(state) } else { CommandOutcome::NothingToClear(state) })
+    }
+}

@@ -1,0 +1,238 @@
+//! Each command in each state of a robot: the same exit code, effect and message, whether the command itself opens the
+//! robot's port or a service owns it.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::process::Stdio;
+
+use serde_json::Value;
+
+use crate::lab::{Lab, wait_for};
+use crate::running::{PROGRAM, command, in_lines};
+
+/// Programs that can own the robot's port.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum PortOwner {
+    Command,
+    Service,
+}
+
+/// A command, its exit code, and a part of its message.
+struct Row {
+    args: &'static [&'static str],
+    code: i32,
+    message: &'static str,
+    /// State of the board after the command. `None` if the state does not change.
+    after: Option<&'static str>,
+}
+
+const fn row(args: &'static [&'static str], code: i32, message: &'static str) -> Row {
+    Row { args, code, message, after: None }
+}
+
+const fn changing(args: &'static [&'static str], message: &'static str, after: &'static str) -> Row {
+    Row { args, code: 0, message, after: Some(after) }
+}
+
+const OFF: &str = "heater and steppers of the simulated robot are off";
+const NOT_HOT: &str = "motors of an idle board turn only while the nozzle is hot: preheat the nozzle first";
+const TOO_HOT: &str = "the temperature must be between 50 and 235 C";
+
+/// Commands that give the same result in each state.
+const EVERYWHERE: [Row; 3] = [
+    row(&["maintain", "load", "nope"], 2, "\"nope\" is neither a number nor a material of the robot file"),
+    row(&["maintain", "rotate"], 2, "\"\" is not a number: give a number, for example `rotate 10`"),
+    row(&["maintain", "home", "1"], 2, "`home` takes no arguments: remove \"1\""),
+];
+
+const IDLE: [Row; 9] = [
+    row(&["clear"], 0, "there is nothing to clear: the simulated robot is in the state idle"),
+    row(&["cancel"], 0, "the simulated board stores no body: there is nothing to discard"),
+    row(&["maintain", "jog", "5"], 1, NOT_HOT),
+    row(&["maintain", "home"], 1, NOT_HOT),
+    row(&["maintain", "preheat", "900"], 1, TOO_HOT),
+    row(&["maintain", "cooldown"], 0, "simulated robot: heater and steppers are off"),
+    changing(&["maintain", "preheat", "100"], "simulated robot: the nozzle heats to 100 C", "maintenance"),
+    changing(&["stop"], OFF, "stopped"),
+    changing(&["estop"], OFF, "emergency-stop"),
+];
+
+const STOPPED: [Row; 6] = [
+    row(&["clear"], 0, "there is nothing to clear: the simulated robot is in the state stopped"),
+    row(&["maintain", "jog", "5"], 1, "this is not allowed in state stopped"),
+    row(&["stop"], 0, OFF),
+    changing(&["grow", "--to", "0,0,60,0,90"], "78 layers of 78", "done"),
+    changing(&["cancel"], "discarded by the simulated board after", "idle"),
+    changing(&["estop"], OFF, "emergency-stop"),
+];
+
+const DONE: [Row; 5] = [
+    row(&["clear"], 0, "there is nothing to clear: the simulated robot is in the state done"),
+    row(&["maintain", "home"], 1, "this is not allowed in state done"),
+    changing(&["stop"], OFF, "stopped"),
+    changing(&["cancel"], "discarded by the simulated board after 78 layers", "idle"),
+    changing(&["maintain", "preheat", "100"], "simulated robot: the nozzle heats to 100 C", "maintenance"),
+];
+
+const EMERGENCY_STOP: [Row; 6] = [
+    row(&["estop"], 0, OFF),
+    row(&["maintain", "jog", "5"], 1, "this is not allowed in state emergency-stop"),
+    row(&["maintain", "preheat", "100"], 1, "this is not allowed in state emergency-stop"),
+    row(&["grow", "--to", "0,0,60,0,90"], 1, "emergency-stop"),
+    row(&["stop"], 0, OFF),
+    changing(&["clear"], "the emergency-stop is cleared: the simulated robot accepts jobs again", "idle"),
+];
+
+const STATES: [(&str, &[Row]); 4] =
+    [("idle", &IDLE), ("stopped", &STOPPED), ("done", &DONE), ("emergency-stop", &EMERGENCY_STOP)];
+
+/// Brings the robot into a state, from any other.
+fn bring_into(lab: &Lab, state: &str, owner: PortOwner) {
+    for command in ["clear", "cancel"] {
+        assert_eq!(lab.run(&[command, "--port", "sim:lab"]).0, Some(0));
+    }
+    match state {
+        "idle" => {}
+        "emergency-stop" => assert_eq!(lab.run(&["estop", "--port", "sim:lab"]).0, Some(0)),
+        "done" => assert_eq!(lab.run(&["grow", "--to", "0,0,60,0,90", "--port", "sim:lab"]).0, Some(0)),
+        _ => {
+            let mut grow = lab.command(&["grow", "--to", "0,0,400,0,90", "--port", "sim:lab"]);
+            let mut growing = grow.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+            let mut notes = BufReader::new(growing.stderr.take().unwrap()).lines();
+            assert!(notes.any(|note| note.unwrap().ends_with("growing")));
+            match owner {
+                // The port is in use, so the growth is stopped from its own terminal.
+                PortOwner::Command => {
+                    assert!(command("kill").args(["-INT", &growing.id().to_string()]).status().unwrap().success());
+                }
+                PortOwner::Service => assert_eq!(lab.run(&["stop", "--port", "sim:lab"]).0, Some(0)),
+            }
+            let rest: Vec<String> = notes.map(Result::unwrap).collect();
+            assert_eq!(growing.wait().unwrap().code(), Some(1), "{rest:?}");
+        }
+    }
+    assert_eq!(state_of(lab), state);
+}
+
+fn state_of(lab: &Lab) -> String {
+    let (code, text) = lab.run(&["status", "--json", "--port", "sim:lab"]);
+    assert_eq!(code, Some(0), "{text}");
+    serde_json::from_str::<Value>(&text).unwrap()["state"].as_str().unwrap().to_owned()
+}
+
+/// Returns a lab whose robot `sim:lab` is on, and whose service runs if it is the owner.
+fn lab_of(owner: PortOwner) -> Lab {
+    // Fast enough to be quick, and slow enough that a growth is stopped before its end.
+    let mut lab = Lab::new(300.0);
+    lab.wait_until_ready();
+    if owner == PortOwner::Command {
+        lab.kill();
+        let _ = lab.run(&["power", "off", "--port", "sim:lab"]);
+        let on = ["power", "on", "--port", "sim:lab", "--robot", "growbot-a2", "--pace", "300"];
+        assert_eq!(lab.run(&on).0, Some(0));
+    }
+    lab
+}
+
+#[test]
+fn each_command_has_the_same_result_through_either_owner_of_the_port() {
+    for owner in [PortOwner::Service, PortOwner::Command] {
+        let lab = lab_of(owner);
+        for (state, rows) in STATES {
+            bring_into(&lab, state, owner);
+            for Row { args, code, message, after } in rows.iter().chain(&EVERYWHERE) {
+                if state_of(&lab) != state {
+                    bring_into(&lab, state, owner);
+                }
+                let (ended, text) = lab.run(&[args, &["--port", "sim:lab"][..]].concat());
+                let text = in_lines(&text).split_whitespace().collect::<Vec<_>>().join(" ");
+                assert!(text.contains(message), "{owner:?}, {state}, {args:?}: {text}");
+                assert_eq!(ended, Some(*code), "{owner:?}, {state}, {args:?}: {text}");
+                let found = state_of(&lab);
+                assert_eq!(found, after.unwrap_or(state), "{owner:?}, {state}, {args:?}: {text}");
+            }
+        }
+    }
+}
+
+/// Ways in which a program ends that follows a growth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Ending {
+    /// Ctrl-C on its terminal.
+    CtrlC,
+    /// The closing of its terminal.
+    TerminalClosed,
+    /// SIGTERM, with a terminal.
+    Terminated,
+    /// SIGTERM, without a terminal.
+    TerminatedInPipe,
+    /// SIGKILL.
+    Killed,
+}
+
+/// Each ending of a program, with the state to which it brings a robot whose port the program owns, and a robot of the
+/// service. SAFETY.md has this table, too.
+const ENDINGS: [(Ending, &str, &str); 5] = [
+    (Ending::CtrlC, "stopped", "stopped"),
+    (Ending::TerminalClosed, "stopped", "done"),
+    (Ending::Terminated, "stopped", "stopped"),
+    (Ending::TerminatedInPipe, "stopped", "done"),
+    (Ending::Killed, "paused", "done"),
+];
+
+#[test]
+fn the_end_of_a_program_has_the_documented_effect_on_the_robot() {
+    for owner in [PortOwner::Service, PortOwner::Command] {
+        let lab = lab_of(owner);
+        for (ending, of_command, of_service) in ENDINGS {
+            bring_into(&lab, "idle", owner);
+            let grow = ["grow", "--to", "0,0,200,0,90", "--port", "sim:lab", "--on-host-silence", "pause"];
+            let grow = if owner == PortOwner::Service { &grow[..5] } else { &grow[..] };
+            let line = format!("exec {PROGRAM} {}", grow.join(" "));
+            let mut child = match ending {
+                Ending::TerminatedInPipe => lab.command(grow),
+                _ => lab.program("script", &["--quiet", "--return", "--flush", "--command", &line, "/dev/null"]),
+            };
+            let mut child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+            let shown: Box<dyn Read> = match ending {
+                Ending::TerminatedInPipe => Box::new(child.stderr.take().unwrap()),
+                _ => Box::new(child.stdout.take().unwrap()),
+            };
+            let mut shown = BufReader::new(shown);
+            let mut part = Vec::new();
+            while !String::from_utf8_lossy(&part).contains("growing") {
+                assert_ne!(shown.read_until(b'g', &mut part).unwrap(), 0, "{}", String::from_utf8_lossy(&part));
+            }
+            let pid = child.id().to_string();
+            let signal = |name: &str, pid: &str| {
+                assert!(command("kill").args([name, pid]).status().unwrap().success(), "{ending:?}");
+            };
+            match ending {
+                Ending::CtrlC => child.stdin.as_mut().unwrap().write_all(b"\x03").unwrap(),
+                Ending::TerminalClosed => signal("-KILL", &pid),
+                Ending::Terminated => signal("-TERM", &grandchild(&pid)),
+                Ending::TerminatedInPipe => signal("-TERM", &pid),
+                Ending::Killed => signal("-KILL", &grandchild(&pid)),
+            }
+            let _ = shown.read_to_end(&mut part);
+            child.wait().unwrap();
+            let expected = if owner == PortOwner::Command { of_command } else { of_service };
+            wait_for(&format!("{owner:?}, {ending:?}: {expected}"), || {
+                let (code, text) = lab.run(&["status", "--json", "--port", "sim:lab"]);
+                let state = serde_json::from_str::<Value>(&text)
+                    .ok()
+                    .and_then(|status| Some(status["state"].as_str()?.to_owned()));
+                // The port is in use until the program has ended.
+                let state = state.filter(|_| code == Some(0))?;
+                let is_under_way = ["heating", "homing", "growing"].contains(&&*state);
+                assert!(is_under_way || state == expected, "{owner:?}, {ending:?}: {state}");
+                (!is_under_way).then_some(())
+            });
+        }
+    }
+}
+
+/// Returns the process that a process has started.
+fn grandchild(pid: &str) -> String {
+    fs::read_to_string(format!("/proc/{pid}/task/{pid}/children")).unwrap().trim().to_owned()
+}
