@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use growbot_client::client::{Client, ClientError};
 use growbot_client::stop_signal::Permit;
+use growbot_core::link::crash::CrashRecord;
 use growbot_core::link::message::{
     BeginJob, Effect, Empty, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause, Start, State, Status,
     Tune,
@@ -54,7 +55,7 @@ fn a_crash_is_reported_after_the_reset_with_function_and_line() {
         let hello = client.open_session().unwrap();
         assert_eq!((hello.reset_cause, hello.status.state), (cause, State::Idle), "{function}");
         let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-        let crash = CrashReport::new(&told, Some(&image));
+        let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
         let text = crash.text();
         println!("{text}");
         assert_eq!((crash.record.cause, crash.record.boot_id), (cause, boot_id), "{function}");
@@ -88,13 +89,13 @@ fn a_crash_is_reported_after_the_reset_with_function_and_line() {
     words.write(table::OVERFLOW_STACK, 0);
     assert_eq!(client.open_session().unwrap().reset_cause, ResetCause::StackOverflow);
     let told = client.boot_report().unwrap().crash.unwrap();
-    let crash = CrashReport::new(&told, Some(&image));
+    let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
     assert!(crash.text().contains("stack_monitor::overflow"), "{}", crash.text());
     // Another image is not mistaken for the one that crashed.
     let other = FirmwareImage::open(&firmware("stm32f405")).unwrap();
-    let unknown = CrashReport::new(&told, Some(&other));
+    let unknown = CrashReport::new(CrashRecord::from(&told), Some(&other));
     assert!(unknown.image.is_none(), "{}", unknown.text());
 }
 

@@ -9,6 +9,7 @@ use std::time::Duration;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::port::Port;
 use growbot_client::stop_signal::Permit;
+use growbot_core::link::crash::CrashRecord;
 use growbot_core::link::message::{
     BeginJob, Effect, Empty, EnergizingRequest, Fault, HostSilencePolicy, ImageCheck, Message, Refusal, ResetCause,
     Start, State, Tune,
@@ -62,7 +63,7 @@ fn a_sealed_uf2_image_boots_and_reports_a_crash_after_the_reset() {
     let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ProcessorFault, State::Idle));
     let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-    let crash = CrashReport::new(&told, Some(&image));
+    let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
     println!("{}", crash.text());
     assert_eq!((crash.record.cause, crash.record.boot_id), (ResetCause::ProcessorFault, boot_id));
     assert_eq!((crash.record.exception, crash.record.image), (3, image.crc()));

@@ -45,7 +45,7 @@ impl RobotCommand {
     }
 }
 
-/// What a robot has done at a command or another request.
+/// Effect of a command or another request on a robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum CommandOutcome {
     /// Heater and steppers are off.
@@ -73,6 +73,8 @@ pub enum CommandOutcome {
     Task(MaintenanceTask),
     /// A growth has begun.
     Started,
+    /// The board has reported its details.
+    Reported,
     /// The port is closed, so that another program can use it.
     PortReleased,
 }
@@ -98,6 +100,7 @@ impl CommandOutcome {
             Self::Task(task) if robot.is_simulated() => format!("simulated robot: {}", task_message(task)),
             Self::Task(task) => task_message(task),
             Self::Started => format!("the {kind}robot grows"),
+            Self::Reported => format!("the {kind}board has reported its details"),
             Self::PortReleased => format!("the port of the {kind}robot is released"),
         }
     }

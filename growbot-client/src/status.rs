@@ -3,14 +3,20 @@
 
 use std::time::Duration;
 
+use growbot_core::link::crash::CrashRecord;
 use growbot_core::link::message::{
-    BoardInfo, DriverReport, Fault, FaultRecord, ImageCheck, SensorReadings, State, Status, celsius,
+    BoardInfo, BootReport, DriverReport, Fault, FaultRecord, ImageCheck, Refusal, SensorReadings, State, Status,
+    celsius,
 };
 use growbot_plan::crash::CrashJson;
+use growbot_plan::forecast::Forecast;
+use growbot_plan::robot_file;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{InterruptedLayerJson, utc_text};
 use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 
+use crate::client::{Client, ClientError};
 use crate::stop_signal::StopLevel;
 
 /// Age of the board's latest status beyond which the status is stale.
@@ -136,7 +142,7 @@ impl RobotStatus {
 
     /// Sets the fields of the board's status.
     pub fn set_status(&mut self, status: &Status) {
-        let pause = matches!(status.state, State::Paused | State::Parked).then_some(status.pause_cause);
+        let pause = status.pause();
         self.state = Some(status.state.name().to_owned());
         self.fault = status.fault.map(|fault| Fault::code(fault).to_owned());
         self.fault_explanation = status.fault.map(|fault| fault.explanation().to_owned());
@@ -153,6 +159,40 @@ impl RobotStatus {
             status.interrupted.map(|layer| InterruptedLayerJson::new(status.layers_laid as usize, layer));
         self.journal = Some(status.is_resumable);
         self.uptime_s = Some(status.uptime_ms as f64 / 1000.0);
+    }
+
+    /// Sets what the board reports beside its status.
+    pub fn set_details(&mut self, details: &BoardDetails) {
+        self.sensors = Some(SensorStatus::from(&details.sensors));
+        self.latest_fault = details.latest_fault.as_ref().map(FaultStatus::from);
+        self.image = details.boot.as_ref().map(|boot| ImageStatus::from(boot.image));
+        let crash = details.boot.as_ref().and_then(|boot| boot.crash.as_ref());
+        self.crash = crash.map(|words| CrashJson::from(&CrashRecord::from(words)));
+    }
+
+    /// Requests the status of a board without a service. `port` is the name of its port, and `pace` that of its time.
+    ///
+    /// # Errors
+    /// Like [`Client::request`].
+    pub fn read(client: &mut Client, port: &str, kind: RobotKind, pace: Option<f64>) -> Result<Self, ClientError> {
+        let board = client.identify()?;
+        let mut status = Self {
+            port: port.to_owned(),
+            simulated: kind.is_simulated(),
+            pace,
+            connection: ConnectionState::Ready,
+            status_age_s: Some(0.0),
+            ..Self::default()
+        };
+        status.set_details(&BoardDetails::read(client)?);
+        status.set_board(&board);
+        let now = OffsetDateTime::now_utc();
+        let robot = robot_file::load(board.robot_name.as_str().as_ref()).ok();
+        let robot = robot.filter(|robot| robot.hash() == board.robot_hash);
+        let forecast = robot.zip(pace);
+        let forecast = forecast.map(|(robot, pace)| Forecast { period_s: robot.description().layer.period_s, pace });
+        status.set_finish(forecast.and_then(|forecast| forecast.finish_of(now, &board.status)), now);
+        Ok(status)
     }
 
     /// Sets the state of the board after an event. The status that follows has the cause of a fault or of a pause, and
@@ -178,6 +218,30 @@ impl RobotStatus {
     /// Returns a copy without the times that pass by themselves, so that two statuses can be compared.
     pub fn without_times(&self) -> Self {
         Self { status_age_s: None, uptime_s: None, left_s: None, ..self.clone() }
+    }
+}
+
+/// Sensors, latest fault and start of a board.
+#[derive(Debug, Clone)]
+pub struct BoardDetails {
+    sensors: SensorReadings,
+    latest_fault: Option<FaultRecord>,
+    /// Report about the start of the board. `None` for a board that has none.
+    boot: Option<BootReport>,
+}
+
+impl BoardDetails {
+    /// Requests the details from a board.
+    ///
+    /// # Errors
+    /// Like [`Client::request`].
+    pub fn read(client: &mut Client) -> Result<Self, ClientError> {
+        let boot = match client.boot_report() {
+            Ok(report) => Some(report),
+            Err(ClientError::Refused { refusal: Refusal::UnknownRequest, .. }) => None,
+            Err(error) => return Err(error),
+        };
+        Ok(Self { sensors: client.sensors()?, latest_fault: client.latest_fault()?, boot })
     }
 }
 

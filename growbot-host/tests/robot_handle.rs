@@ -117,7 +117,14 @@ fn bring_into(lab: &Lab, state: &str, owner: PortOwner) {
 fn state_of(lab: &Lab) -> String {
     let (code, text) = lab.run(&["status", "--json", "--port", "sim:lab"]);
     assert_eq!(code, Some(0), "{text}");
-    serde_json::from_str::<Value>(&text).unwrap()["state"].as_str().unwrap().to_owned()
+    let status: Value = serde_json::from_str(&text).unwrap();
+    // What only the board knows is in the status through either owner, unless the robot has a job.
+    let supply = status["sensors"]["supply_v"].as_f64();
+    assert!(supply.is_some_and(|volts| (11.5..12.5).contains(&volts)), "{text}");
+    assert_eq!(status["image"]["check"], "not-sealed", "{text}");
+    let state = status["state"].as_str().unwrap();
+    assert!(state != "emergency-stop" || status["latest_fault"]["fault"] == "emergency-stop", "{text}");
+    state.to_owned()
 }
 
 /// Returns a lab whose robot `sim:lab` is on, and whose service runs if it is the owner.

@@ -1,7 +1,8 @@
 //! A crash of the firmware as JSON for scripts and run logs: registers, reasons and the top of the stack. The names of
 //! functions are known only if the firmware's image is given.
 
-use growbot_core::link::crash::CrashRecord;
+use growbot_core::link::crash::{CrashFrame, CrashRecord};
+use growbot_core::link::message::ResetCause;
 use serde::{Deserialize, Serialize};
 
 /// A crash of the firmware. Processor words are hexadecimal.
@@ -91,7 +92,61 @@ impl From<&CrashRecord> for CrashJson {
     }
 }
 
+impl CrashJson {
+    /// Returns the crash record. `None` if a value is not valid.
+    pub fn record(&self) -> Option<CrashRecord> {
+        let word = |text: &String| u32::from_str_radix(text, 16).ok();
+        let words = |texts: &[String]| texts.iter().map(word).collect::<Option<Vec<u32>>>();
+        let optional = |text: &Option<String>| text.as_ref().map(word);
+        let frame = match (&self.registers, optional(&self.lr), optional(&self.pc), optional(&self.xpsr)) {
+            (Some(registers), Some(lr), Some(pc), Some(xpsr)) => {
+                Some(CrashFrame { registers: words(registers)?.try_into().ok()?, lr: lr?, pc: pc?, xpsr: xpsr? })
+            }
+            _ => None,
+        };
+        Some(CrashRecord {
+            cause: ResetCause::ALL.into_iter().find(|cause| cause.name() == self.cause)?,
+            boot_id: self.boot_id,
+            image: self.image_crc.as_ref().and_then(word),
+            exception: self.exception,
+            frame,
+            cfsr: word(&self.cfsr)?,
+            hfsr: word(&self.hfsr)?,
+            address: self.address.as_ref().and_then(word),
+            sp: word(&self.sp)?,
+            stack: words(&self.stack)?.try_into().ok()?,
+        })
+    }
+}
+
 /// Formats a 32-bit word of the processor as 8 hexadecimal digits.
 pub fn hex(word: u32) -> String {
     format!("{word:08x}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_the_same_after_json() {
+        let frame = CrashFrame { registers: [1, 2, 3, 4, 5], lr: 6, pc: 0x0800_1234, xpsr: 7 };
+        let record = CrashRecord {
+            cause: ResetCause::ProcessorFault,
+            boot_id: 9,
+            image: Some(0xdead_beef),
+            exception: 3,
+            frame: Some(frame),
+            cfsr: 0x0001_0000,
+            hfsr: 0x4000_0000,
+            address: Some(0xffff_ffff),
+            sp: 0x2000_0100,
+            stack: std::array::from_fn(|index| index as u32),
+        };
+        for record in [record, CrashRecord { frame: None, address: None, image: None, ..record }] {
+            let json = CrashJson::from(&record);
+            assert_eq!(json.record(), Some(record));
+            assert_eq!(CrashJson { sp: "none".to_owned(), ..json }.record(), None);
+        }
+    }
 }

@@ -2,7 +2,6 @@
 //! managers and typed events.
 
 use growbot_client::growth::{LogTarget, Override};
-use growbot_plan::run_log::RunEvent;
 use pyo3::prelude::*;
 
 use crate::arguments::{flag, path, word, wrong_type};
@@ -15,7 +14,6 @@ use crate::preconditions::check_conditions;
 use crate::py_plan::PyPlan;
 use crate::remote_board::RemoteBoard;
 use crate::robot::robot_of;
-use crate::run::json_of;
 use crate::scene::PyScene;
 use crate::simulate::seed_of;
 
@@ -51,7 +49,7 @@ impl PyBoard {
     }
 
     fn status_json(&self, py: Python<'_>) -> Result<String, Error> {
-        Ok(json_of(RunEvent::Status(self.board.status(py)?)))
+        Ok(serde_json::to_string(&self.board.status(py)?).unwrap_or_default())
     }
 
     fn stop(&self, py: Python<'_>) -> Result<String, Error> {

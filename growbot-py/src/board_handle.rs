@@ -1,9 +1,9 @@
 //! A robot at a port, which this program or the user's service owns.
 
 use growbot_client::growth::{GrowthRequest, LogTarget, Override};
+use growbot_client::status::RobotStatus;
 use growbot_core::simulation::ErrorModel;
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::run_log::BoardStatus;
 use pyo3::prelude::*;
 
 use crate::conditions::Conditions;
@@ -14,8 +14,8 @@ use crate::scene::PyScene;
 
 /// A robot at a port. Its methods wait, and Ctrl-C ends the wait.
 pub trait BoardHandle: Send + Sync {
-    /// Requests the status of the board.
-    fn status(&self, py: Python<'_>) -> Result<BoardStatus, Error>;
+    /// Requests the full status of the robot.
+    fn status(&self, py: Python<'_>) -> Result<RobotStatus, Error>;
 
     /// Stops a growth that another program has started. Returns a sentence about the result.
     fn stop(&self, py: Python<'_>) -> Result<String, Error>;

@@ -7,11 +7,12 @@ use std::thread::{self, JoinHandle};
 
 use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, GrowthBoard, GrowthRequest, OnParked, Override};
+use growbot_client::status::RobotStatus;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::robot::Robot as Described;
 use growbot_plan::job::Command;
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::run_log::{BoardStatus, GrowthResult, to_run_events};
+use growbot_plan::run_log::{GrowthResult, to_run_events};
 use growbot_sim::port::{OpenPort, PortName, TipSettings, open};
 use growbot_sim::simulated_tip::{SimulatedTip, ground_truth};
 use pyo3::prelude::*;
@@ -71,11 +72,9 @@ impl BoardWorker {
         self.link()?.client.open_session().map_err(board_error).map(drop)
     }
 
-    fn status(&mut self) -> Result<BoardStatus, Error> {
-        let client = &mut self.link()?.client;
-        let status =
-            client.status().or_else(|_| client.open_session().and_then(|_| client.status())).map_err(board_error)?;
-        Ok(BoardStatus::from(&status))
+    fn status(&mut self) -> Result<RobotStatus, Error> {
+        let (name, kind, pace) = (self.name.clone(), self.port.kind(), self.port.pace());
+        RobotStatus::read(&mut self.link()?.client, &name, kind, pace).map_err(board_error)
     }
 
     fn stop(&mut self) -> Result<String, Error> {
@@ -183,7 +182,7 @@ impl LocalBoard {
 }
 
 impl BoardHandle for LocalBoard {
-    fn status(&self, py: Python<'_>) -> Result<BoardStatus, Error> {
+    fn status(&self, py: Python<'_>) -> Result<RobotStatus, Error> {
         self.request(py, BoardWorker::status)
     }
 

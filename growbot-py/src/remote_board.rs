@@ -11,7 +11,7 @@ use growbot_client::robot_command::RobotCommand;
 use growbot_client::status::RobotStatus;
 use growbot_plan::atomic_file::write_atomic;
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::run_log::{BoardStatus, GrowthResult, RunEvent};
+use growbot_plan::run_log::{GrowthResult, RunEvent};
 use growbot_remote::api::Job;
 use growbot_remote::client::{JobLogUpdate, RESPONSE_TIMEOUT, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::RemoteRobot;
@@ -53,11 +53,8 @@ impl RemoteBoard {
 }
 
 impl BoardHandle for RemoteBoard {
-    fn status(&self, py: Python<'_>) -> Result<BoardStatus, Error> {
-        let RobotStatus { state, fault, temperature_c, target_c, laid, uptime_s, finish_utc, .. } =
-            self.request(py, RemoteRobot::request_status)?;
-        let uptime_ms = uptime_s.map(|seconds| (seconds * 1000.0).round() as u64);
-        Ok(BoardStatus { state, fault, temperature_c, target_c, laid: Some(laid), uptime_ms, finish_utc })
+    fn status(&self, py: Python<'_>) -> Result<RobotStatus, Error> {
+        self.request(py, RemoteRobot::request_status)
     }
 
     fn stop(&self, py: Python<'_>) -> Result<String, Error> {

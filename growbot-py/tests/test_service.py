@@ -27,10 +27,10 @@ pace = 300.0
 
 def wait_for_state(board: growbot.Board, state: str) -> None:
     for _ in range(6000):
-        if board.status().state == state:
+        if board.status()["state"] == state:
             return
         time.sleep(0.1)
-    raise AssertionError(f"the board is {board.status().state}, not {state}, after ten minutes")
+    raise AssertionError(f"the board is {board.status()['state']}, not {state}, after ten minutes")
 
 
 @pytest.fixture
@@ -59,7 +59,7 @@ def test_a_robot_of_the_service_is_a_board_like_others(lab: Path) -> None:
         growth = board.grow(PLAN, log=log)
         seen = list(growth)
         assert growth.result is not None and growth.result["outcome"] == "done" and growth.result["simulated"]
-        assert board.status().state == "done"
+        assert board.status()["state"] == "done"
         with pytest.raises(growbot.FileError, match="overwrite=True"):
             board.grow(PLAN, log=log)
         with pytest.raises(growbot.InputError, match="no noise"):
@@ -164,7 +164,7 @@ def test_ctrl_c_stops_the_robot_of_the_service(lab: Path) -> None:
     process.send_signal(signal.SIGINT)
     assert "KeyboardInterrupt" in process.communicate(timeout=600)[1]
     with growbot.connect("sim:lab") as board:
-        assert board.status().state == "stopped"
+        assert board.status()["state"] == "stopped"
 
 
 def test_a_simulated_robot_that_stays_on(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -178,7 +178,7 @@ def test_a_simulated_robot_that_stays_on(command: Path, tmp_path: Path, monkeypa
         with growbot.connect(port) as board:
             assert board.simulated and board.grow(PLAN).wait()["outcome"] == "done"
         with growbot.connect(port) as board:
-            assert board.status().state == "done"
+            assert board.status()["state"] == "done"
             result = board.grow(PLAN, conditions=growbot.Conditions(noise_percent=5), seed=3).wait()
             assert result["outcome"] == "done" and result["seed"] == 3 and result["position_error_mm"] > 0.01
         assert os.path.exists(tmp_path / "lab")

@@ -15,7 +15,7 @@ use serde_json::json;
 use super::access::Access;
 use super::audit::CommandSource;
 use super::camera_routes;
-use super::command_routes::{CommandOrder, command_robot, maintain, robot_commands, send_command};
+use super::command_routes::{CommandOrder, command_robot, full_status, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
@@ -53,6 +53,14 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
                 let key = "Key of the job, for a repetition of the request.";
                 let operation = with_header(operation, "idempotency-key", key, &json!({ "type": "string" }));
                 operation.response::<200, Json<Job>>()
+            }),
+        )
+        .api_route(
+            "/robots/{robot}/status",
+            get_with(full_status, |operation| {
+                let words = "The full status of one robot. Without a job the service requests the sensors, the latest \
+                             fault, the latest crash and the check of the firmware from the board.";
+                operation.with(describe("getFullStatus", words))
             }),
         )
         .api_route(

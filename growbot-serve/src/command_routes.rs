@@ -8,6 +8,7 @@ use axum::extract::{Path, State};
 use axum::response::{IntoResponse, Response};
 use axum::{Extension, Json};
 use growbot_client::robot_command::{CommandOutcome, RobotCommand};
+use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
 use growbot_remote::api::{CommandRequest, CommandResponse, MaintenanceRequest};
 use serde_json::Value;
@@ -54,6 +55,17 @@ pub async fn robot_commands(
             }
         }
     })
+}
+
+pub async fn full_status(
+    State(service): ServiceState,
+    Extension(access): Extension<Access>,
+    Path(name): Path<String>,
+) -> ApiResult<RobotStatus> {
+    // It is a request to the board, so a client that only looks cannot keep the robot's thread busy with it.
+    require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    run_blocking(move || Ok(Json(keeper.full_status()?))).await
 }
 
 /// Sends a command to a robot, and returns its result with the robot's status after it.

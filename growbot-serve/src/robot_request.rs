@@ -6,6 +6,7 @@ use std::sync::mpsc::Sender;
 
 use growbot_client::growth::{GrowthRequest, Override};
 use growbot_client::robot_command::CommandOutcome;
+use growbot_client::status::BoardDetails;
 use growbot_client::stop_signal::{Generation, Permit};
 use growbot_core::link::message::MaintenanceTask;
 use growbot_core::robot::Robot;
@@ -59,6 +60,8 @@ pub enum RobotRequest {
     Cancel,
     ClearFault(Permit),
     Task(MaintenanceTask, Permit),
+    /// Read what the board reports beside its status, and send it on this channel.
+    ReadDetails(Sender<BoardDetails>),
     /// Wake the thread, because a stop was raised that it has to deliver.
     Wake,
     /// Record that the board has confirmed this stop to the thread that sends emergency stops.

@@ -12,7 +12,7 @@ use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
 use growbot_client::robot_command::CommandOutcome;
-use growbot_client::status::{ConnectionState, RobotStatus};
+use growbot_client::status::{BoardDetails, ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
 use growbot_core::link::message::{BoardInfo, State, Status};
 use growbot_core::robot::Robot;
@@ -26,6 +26,7 @@ use growbot_sim::sim_daemon::process::switch_on;
 use time::OffsetDateTime;
 
 use super::alert::LastAlerts;
+use super::commands::COMMAND_TIMEOUT;
 use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::paths::ServicePaths;
@@ -210,11 +211,7 @@ impl RobotWorker {
 
     /// Returns the pace of the robot's time, in multiples of real time. `None` if it is not known.
     pub(super) fn pace(&self) -> Option<f64> {
-        match self.port().ok()? {
-            PortName::SimDaemon(name) => StateDir::of(&name).ok()?.pace(),
-            port if port.is_virtual() => None,
-            _ => Some(1.0),
-        }
+        self.port().ok()?.pace()
     }
 
     /// Returns the latest known state of the robot.
@@ -249,6 +246,18 @@ impl RobotWorker {
         }
         view.robot = view.robot.or_else(|| known.robot.as_ref().map(|robot| robot.name().to_owned()));
         view
+    }
+
+    /// Returns the status of the robot with what its board reports beside it. During a job nothing is requested.
+    pub(super) fn full_status(&self) -> Result<RobotStatus, RobotRequestError> {
+        let (sender, details) = mpsc::channel();
+        let mut status = self.status();
+        if status.connection == ConnectionState::Ready {
+            self.request(RobotRequest::ReadDetails(sender), COMMAND_TIMEOUT)?;
+            status = self.status();
+            details.try_iter().for_each(|details| status.set_details(&details));
+        }
+        Ok(status)
     }
 
     /// Returns the robot description with which the board was last connected. Before the first connection, returns the
@@ -527,6 +536,11 @@ impl RobotWorker {
             RobotRequest::Cancel => client.cancel(),
             RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
+            RobotRequest::ReadDetails(details) => BoardDetails::read(client).map(|read| {
+                // The client may no longer wait for it.
+                let _ = details.send(read);
+                CommandOutcome::Reported
+            }),
         };
         if is_cancel && done.is_ok() {
             self.give_up_others(None, "discarded: the board has deleted the body");

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use addr2line::Context;
 use gimli::{Dwarf, EndianArcSlice, RunTimeEndian};
-use growbot_core::link::crash::{CrashRecord, CrashWords};
+use growbot_core::link::crash::CrashRecord;
 use growbot_plan::crash::{Caller, CodeLocation, CrashJson, hex};
 use growbot_plan::input::{InputError, read_bytes};
 use object::{Object, ObjectSection, SectionKind};
@@ -126,10 +126,8 @@ pub struct CrashReport<'a> {
 }
 
 impl<'a> CrashReport<'a> {
-    /// Creates the report of a crash from the data that a board sends. `image` is ignored if its CRC shows that
-    /// another image crashed.
-    pub fn new(words: &CrashWords, image: Option<&'a FirmwareImage>) -> Self {
-        let record = CrashRecord::from(words);
+    /// Creates the report of a crash. `image` is ignored if its CRC shows that another image crashed.
+    pub fn new(record: CrashRecord, image: Option<&'a FirmwareImage>) -> Self {
         let is_that = |image: &&FirmwareImage| record.image.is_none() || image.crc() == record.image;
         Self { record, image: image.filter(is_that) }
     }

@@ -170,6 +170,8 @@ watch = lambda: seen.extend(events("streamRobots", lambda _: is_over.is_set()))
 watcher = threading.Thread(target=watch, daemon=True)
 watcher.start()
 wait_for("lab", "idle")
+full = call("getFullStatus", "lab")
+assert full.sensors.supply_v > 11 and full.latest_fault is None
 
 # The first body: planned, kept, grown, paused, continued.
 plan = call("planPath", robot="lab", body=example("planPath"))

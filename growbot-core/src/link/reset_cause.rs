@@ -23,6 +23,17 @@ pub enum ResetCause {
 }
 
 impl ResetCause {
+    /// All causes.
+    pub const ALL: [Self; 7] = [
+        Self::PowerOn,
+        Self::BrownOut,
+        Self::Watchdog,
+        Self::ProcessorFault,
+        Self::External,
+        Self::StackOverflow,
+        Self::ClockFailed,
+    ];
+
     /// Returns the name of the cause, as programs print it.
     pub const fn name(self) -> &'static str {
         match self {

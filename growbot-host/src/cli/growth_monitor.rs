@@ -2,23 +2,22 @@
 
 use clap::ValueEnum;
 use growbot_client::growth::{GrowthBoard, GrowthError, GrowthRequest, OnParked};
-use growbot_core::link::message::{HostSilencePolicy, PauseCause, State};
+use growbot_core::link::message::{HostSilencePolicy, State};
+use growbot_core::pose::Pose;
 use growbot_host::output::print;
-use growbot_host::progress::{Progress, ResultTiming};
-use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::growth_table;
-use growbot_plan::clearance_guard::Detour;
 use growbot_plan::clock_drift::ClockDrift;
 use growbot_plan::forecast::Forecast;
 use growbot_plan::growth_report::{GrowthReport, Outcome};
-use growbot_plan::job::{Command, Job, JobEvent};
+use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::run_log::{GrowthResult, RunLog, RunLogError};
+use growbot_plan::run_log::{GrowthResult, RunEvent, RunLog, RunLogError, to_run_events, utc_text};
 use growbot_plan::sanitize::json_line;
 use growbot_serve::watch::WatchPage;
 use time::OffsetDateTime;
 
 use super::failure::Failure;
+use super::growth_progress::GrowthProgress;
 use super::remedies;
 use super::terminal_commands::TerminalCommands;
 
@@ -90,10 +89,11 @@ impl GrowthMonitor<'_> {
         let period_s = self.request.robot.description().layer.period_s;
         let forecast = self.pace.map(|pace| Forecast { period_s, pace });
         self.log.set_forecast(forecast);
-        let mut show = GrowthProgress::new(self.request.plan.requirements.layers, self.laid as u64, forecast);
+        let layers = self.request.plan.requirements.layers;
+        let mut show = GrowthProgress::new(layers as u32, self.laid as u64, OUT_OF_FILAMENT);
         let mut logging = LogHealth::default();
         let grown = self.request.run(job, board, &mut |event| {
-            show.ingest(event);
+            show_job_event(&mut show, event, forecast);
             if let JobEvent::State(state) = event {
                 self.keyboard.set_state(*state);
                 if let Some(words) = waiting_hint(*state, self.keyboard.is_there(), self.page_controls) {
@@ -234,6 +234,25 @@ fn waiting_hint(state: State, keyboard: bool, page: bool) -> Option<String> {
     }
 }
 
+/// Shows an event of a job. The simulated layers are not shown.
+fn show_job_event(show: &mut GrowthProgress, event: &JobEvent, forecast: Option<Forecast>) {
+    if matches!(event, JobEvent::Simulated { .. }) {
+        return;
+    }
+    for mut shown in to_run_events(event, &mut Pose::UPRIGHT.frame()) {
+        if let (RunEvent::Status(written), JobEvent::Status(status)) = (&mut shown, event) {
+            let finish = forecast.and_then(|forecast| forecast.finish_of(OffsetDateTime::now_utc(), status));
+            written.finish_utc = finish.map(utc_text);
+        }
+        show.ingest(&shown);
+    }
+}
+
+/// Instructions for a robot that waits for filament.
+const OUT_OF_FILAMENT: &str = "out of filament: push new filament in up to the feed, then `preheat`, `load`, `purge` \
+                               (here or on a page with --control), and `continue`; the robot waits for an hour at \
+                               standby temperature";
+
 /// Watches whether the run log can be written. A change is reported at once, on the terminal and on the page.
 #[derive(Default)]
 struct LogHealth {
@@ -260,113 +279,6 @@ impl LogHealth {
         if let Some(watch) = watch {
             watch.growth().set_warning(self.fails.then_some(words));
         }
-    }
-}
-
-/// Progress of a growth, which is shown on standard error.
-struct GrowthProgress {
-    progress: Progress,
-    layers: usize,
-    /// Number of layers that the job had before the latest amendment.
-    layers_before: usize,
-    laid: u64,
-    forecast: Option<Forecast>,
-    state: &'static str,
-    /// True if this program has sent the emergency stop, or if the button was pressed.
-    emergency: bool,
-    /// Latest printed reason why the board did not accept an amendment.
-    not_amended: Option<String>,
-    /// True if the robot waits for filament and the user was warned.
-    out_of_filament: bool,
-}
-
-/// Instructions for a robot that waits for filament.
-const OUT_OF_FILAMENT: &str = "out of filament: push new filament in up to the feed, then `preheat`, `load`, `purge` \
-                               (here or on a page with --control), and `continue`; the robot waits for an hour at \
-                               standby temperature";
-
-impl GrowthProgress {
-    fn new(layers: usize, laid: u64, forecast: Option<Forecast>) -> Self {
-        Self {
-            progress: Progress::start(Some(layers as u64), ResultTiming::AtEnd),
-            layers,
-            layers_before: layers,
-            laid,
-            forecast,
-            state: "starting",
-            emergency: false,
-            not_amended: None,
-            out_of_filament: false,
-        }
-    }
-
-    fn ingest(&mut self, event: &JobEvent) {
-        match event {
-            JobEvent::State(state) => {
-                self.state = state.name();
-                self.emergency |= *state == State::EmergencyStop;
-                if matches!(state, State::Heating | State::Homing | State::Growing | State::Paused | State::Parked) {
-                    self.progress.note(self.state);
-                }
-            }
-            JobEvent::Status(status) => {
-                let runs_out = status.state == State::Paused && status.pause_cause == PauseCause::FilamentOut;
-                if runs_out && !std::mem::replace(&mut self.out_of_filament, runs_out) {
-                    self.progress.warn(OUT_OF_FILAMENT);
-                }
-                self.out_of_filament = runs_out;
-                self.state = status.state.name();
-                self.emergency |= status.state == State::EmergencyStop;
-            }
-            JobEvent::Amendment(amendment) => {
-                self.layers_before = std::mem::replace(&mut self.layers, amendment.total as usize);
-            }
-            JobEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` shows where"),
-            JobEvent::Board(_)
-            | JobEvent::EncoderReference(_)
-            | JobEvent::LayersSent { .. }
-            | JobEvent::Simulated { .. } => {}
-            JobEvent::Command(order) => {
-                self.emergency |= *order == Command::EmergencyStop;
-                self.progress.note(&format!("ordered: {}", order.name()));
-            }
-            JobEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
-                "{instead_of}: from layer {from} on the body takes another path, which is {clearance_mm:.2} mm clear \
-                 of obstacles"
-            )),
-            JobEvent::ClearanceViolation(too_near) => self
-                .progress
-                .warn(&format!("{too_near}; the robot pauses: stop the robot, and plan another body from here")),
-            JobEvent::CommandFailed(why) => self.progress.warn(why),
-            JobEvent::NoResponse => self.progress.warn("the board does not respond: growbot tries again"),
-            JobEvent::Reconnected => self.progress.note("the board responds again"),
-            JobEvent::AmendmentRejected(why) => {
-                self.layers = self.layers_before;
-                if let Some(why) = why.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
-                    self.progress.warn(&format!("{why}; the robot continues with the layers that it has"));
-                    self.not_amended = Some(why.clone());
-                }
-            }
-            JobEvent::Laid { index, .. } => self.laid = u64::from(*index) + 1,
-        }
-        let Self { state, laid, layers, .. } = *self;
-        let finish = || {
-            let forecast = self.forecast.filter(|_| state == State::Growing.name())?;
-            forecast.finish(OffsetDateTime::now_utc(), (layers as u64).saturating_sub(laid))
-        };
-        self.progress.update(laid, || {
-            let done = finish().map_or_else(String::new, |finish| format!(", done at {}", local_clock_text(finish)));
-            format!("{state}, layer {laid} of {layers}{done}")
-        });
-    }
-
-    /// Prints a warning, even if a progress bar is shown.
-    fn warn(&self, words: &str) {
-        self.progress.warn(words);
-    }
-
-    fn end(&self) {
-        self.progress.finish();
     }
 }
 

@@ -13,7 +13,6 @@ use growbot_pictures::duration::duration_text;
 use growbot_pictures::growth_table::made;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{InterruptedLayerJson, RecordedRun};
-use growbot_sim::crash::FirmwareImage;
 use growbot_sim::port::{PortName, TipSettings};
 use growbot_sim::simulated_tip::ground_truth;
 
@@ -105,10 +104,8 @@ impl RobotHandle for LocalRobot<'_> {
         self.port.kind()
     }
 
-    fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
-        let mut report = BoardReport::of(&mut self.port.client(&self.robot.load()?)?, self.port)?;
-        report.look_up_in(image)?;
-        Ok(report)
+    fn status(&self) -> Result<BoardReport, Failure> {
+        Ok(BoardReport::read(&mut self.port.client(&self.robot.load()?)?, self.port)?)
     }
 
     fn command(&self, command: RobotCommand) -> Result<String, Failure> {

@@ -20,6 +20,7 @@ mod flash;
 mod global;
 mod grow;
 mod growth_monitor;
+mod growth_progress;
 mod help;
 mod json_arg;
 mod known_robots;

@@ -11,7 +11,6 @@ use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::RecordedRun;
 use growbot_serve::settings::{InvalidFiles, Key, Setting, SettingOrigin};
 use growbot_sim::port::{self, OpenPort, PortName, TipSettings};
-use growbot_sim::sim_daemon::StateDir;
 use growbot_sim::simulated_tip::SimulatedTip;
 
 use super::failure::Failure;
@@ -185,11 +184,7 @@ impl SelectedPort {
     /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a
     /// simulated robot. `None` if it is not known.
     pub fn pace(&self, requested: Option<f64>) -> Option<f64> {
-        match self.name.resident() {
-            Some(name) => StateDir::of(name).ok()?.pace(),
-            None if self.name.is_virtual() => requested,
-            None => Some(1.0),
-        }
+        self.name.pace().or(requested.filter(|_| self.name.is_virtual()))
     }
 
     /// Returns true if the robot ends with this program.

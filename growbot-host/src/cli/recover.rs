@@ -57,7 +57,7 @@ pub fn run(args: &RecoverArgs) -> Result<(), Failure> {
         None => args.port.resolve_or_only()?,
     };
     let robot = || robot_at(&port, &args.robot);
-    let sequence = RecoverySequence::of(&robot()?.status(None)?.status);
+    let sequence = RecoverySequence::of(&robot()?.status()?.status);
     if args.json {
         return Ok(print(&json_line(&sequence))?);
     }
@@ -73,7 +73,7 @@ pub fn run(args: &RecoverArgs) -> Result<(), Failure> {
         if ended == SequenceEnd::Left {
             return Ok(print(&format!("left. {}\n", sequence.safety))?);
         }
-        match RecoverySequence::of(&robot()?.status(None)?.status) {
+        match RecoverySequence::of(&robot()?.status()?.status) {
             None => return Ok(print("the robot needs nothing else\n")?),
             Some(next) if ended == SequenceEnd::Done && next.situation == sequence.situation => {
                 return Ok(print("these were all steps: see `growbot status`\n")?);
@@ -113,7 +113,7 @@ fn run_sequence<'a>(
                 }
             }
         }
-        let now = RecoverySequence::of(&robot()?.status(None)?.status).map(|now| now.situation);
+        let now = RecoverySequence::of(&robot()?.status()?.status).map(|now| now.situation);
         if now.is_some_and(|now| now.interrupts() && now != sequence.situation) {
             return Ok(SequenceEnd::Interrupted);
         }
@@ -198,7 +198,7 @@ fn wait_until_hot(robot: &dyn RobotHandle) -> Result<(), Failure> {
     let began = Instant::now();
     loop {
         sleep(HEATING_POLL_INTERVAL);
-        let RobotStatus { temperature_c, target_c, fault, state, .. } = robot.status(None)?.status;
+        let RobotStatus { temperature_c, target_c, fault, state, .. } = robot.status()?.status;
         if fault.is_none() && began.elapsed() < SETTLING_TIME {
             continue;
         }

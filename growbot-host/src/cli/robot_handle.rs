@@ -7,7 +7,6 @@ use growbot_client::robot_command::RobotCommand;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_remote::remote_robot::LeasedPort;
-use growbot_sim::crash::FirmwareImage;
 
 use super::board_report::BoardReport;
 use super::body_input::BodyInput;
@@ -21,8 +20,8 @@ pub trait RobotHandle {
     /// Returns the kind of the robot.
     fn kind(&self) -> RobotKind;
 
-    /// Requests the status of the robot. `image` names the functions of a crash.
-    fn status(&self, image: Option<FirmwareImage>) -> Result<BoardReport, Failure>;
+    /// Requests the status of the robot.
+    fn status(&self) -> Result<BoardReport, Failure>;
 
     /// Sends a command, and waits until the board has carried it out. A running growth only receives a pause or a
     /// continuation. Returns the result as text.

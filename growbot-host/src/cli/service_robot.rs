@@ -8,8 +8,6 @@ use growbot_client::growth::{LogTarget, OnInterrupted};
 use growbot_client::robot_command::RobotCommand;
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::output::print;
-use growbot_host::progress::{Progress, ResultTiming};
-use growbot_pictures::clock_text::local_clock_text;
 use growbot_pictures::view::page::PageAccess;
 use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
@@ -18,14 +16,12 @@ use growbot_remote::PREFIX;
 use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls};
 use growbot_remote::client::{JobLogUpdate, RequestHandle, ServiceError};
 use growbot_remote::remote_robot::{LeasedPort, RemoteRobot};
-use growbot_sim::crash::FirmwareImage;
-use time::OffsetDateTime;
-use time::format_description::well_known::Rfc3339;
 
 use super::board_report::BoardReport;
 use super::body_input::BodyInput;
 use super::failure::Failure;
 use super::growth_monitor::ResultFormat;
+use super::growth_progress::GrowthProgress;
 use super::replay;
 use super::robot_handle::{NewGrowth, ResumedGrowth, RobotHandle};
 use super::stop_on_interrupt::react_to_interrupt;
@@ -45,16 +41,33 @@ fn say_page(robot: &RemoteRobot, job: &Job, page: Option<PageAccess>) -> Result<
     Ok(())
 }
 
+/// Instructions for a robot that waits for filament.
+const OUT_OF_FILAMENT: &str = "out of filament: change it with `growbot recover`, or on the page of the service; the \
+                               robot waits for an hour at standby temperature";
+
 /// Shows a job until it ends. Ctrl-C stops the job, but closing the terminal does not.
 fn follow(robot: &RemoteRobot, job: &Job, print: ResultFormat, log: Option<&Path>) -> Result<(), Failure> {
     stop_on_interrupt(robot);
-    let mut show = JobProgress::new(job);
-    let mut result = None;
+    let mut show = GrowthProgress::new(job.layers, 0, OUT_OF_FILAMENT);
+    let (mut result, mut is_silent) = (None, false);
     let ended = robot.client.follow_job(&job.id, |update| {
-        result = show.ingest(update).or(result.take());
+        let was_silent = std::mem::replace(&mut is_silent, update == JobLogUpdate::NoResponse);
+        match (was_silent, is_silent) {
+            (false, true) => show.warn(
+                "the service does not respond: waiting for it; without a service the robot pauses after its layer",
+            ),
+            (true, false) => show.note("the service responds again"),
+            _ => {}
+        }
+        let event = if let JobLogUpdate::Line(line) = update { serde_json::from_str(line).ok() } else { None };
+        match event {
+            Some(RunEvent::End { result: end }) => result = Some(*end),
+            Some(event) => show.ingest(&event),
+            None => {}
+        }
         ControlFlow::Continue(())
     });
-    show.progress.finish();
+    show.end();
     let ended = ended?.unwrap_or_else(|| job.clone());
     end(robot, &ended, result, print, log)
 }
@@ -122,8 +135,8 @@ impl RobotHandle for RemoteRobot {
         self.found.simulated.into()
     }
 
-    fn status(&self, _: Option<FirmwareImage>) -> Result<BoardReport, Failure> {
-        Ok(BoardReport::of_status(self.request_status()?))
+    fn status(&self) -> Result<BoardReport, Failure> {
+        Ok(BoardReport::new(self.request_status()?))
     }
 
     fn command(&self, command: RobotCommand) -> Result<String, Failure> {
@@ -211,65 +224,5 @@ impl RobotHandle for RemoteRobot {
             self.name
         );
         Ok(Some(lease))
-    }
-}
-
-/// Progress of a job, which is shown on standard error.
-struct JobProgress {
-    progress: Progress,
-    state: String,
-    laid: u64,
-    layers: u32,
-    finish: Option<OffsetDateTime>,
-    is_silent: bool,
-}
-
-impl JobProgress {
-    fn new(job: &Job) -> Self {
-        let progress = Progress::start(Some(u64::from(job.layers)), ResultTiming::AtEnd);
-        Self { progress, state: "starting".to_owned(), laid: 0, layers: job.layers, finish: None, is_silent: false }
-    }
-
-    /// Shows an update. Returns the result if the growth has ended.
-    fn ingest(&mut self, update: JobLogUpdate) -> Option<GrowthResult> {
-        let was_silent = std::mem::replace(&mut self.is_silent, update == JobLogUpdate::NoResponse);
-        if self.is_silent && !was_silent {
-            self.progress.warn(
-                "the service does not respond: waiting for it; without a service the robot pauses after its layer",
-            );
-        } else if was_silent && !self.is_silent {
-            self.progress.note("the service responds again");
-        }
-        let JobLogUpdate::Line(line) = update else { return None };
-        self.show(serde_json::from_str(line).ok()?)
-    }
-
-    /// Shows an event of the run log. Returns the result if the event is the last one.
-    fn show(&mut self, event: RunEvent) -> Option<GrowthResult> {
-        match event {
-            RunEvent::State { state } => {
-                if state != self.state {
-                    self.progress.note(&state);
-                }
-                self.state = state;
-            }
-            RunEvent::Status(status) => {
-                self.finish = status.finish_utc.and_then(|time| OffsetDateTime::parse(&time, &Rfc3339).ok());
-            }
-            RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
-            RunEvent::Amendment(amendment) => self.layers = amendment.total,
-            RunEvent::Command { command } => self.progress.note(&format!("command: {}", command.name())),
-            RunEvent::CommandFailed { reason } => self.progress.warn(&reason),
-            RunEvent::NoResponse => self.progress.warn("the board does not respond: the service tries again"),
-            RunEvent::Reconnected => self.progress.note("the board responds again"),
-            RunEvent::End { result } => return Some(*result),
-            _ => {}
-        }
-        let Self { state, laid, layers, finish, .. } = self;
-        self.progress.update(*laid, || {
-            let done = finish.map_or_else(String::new, |finish| format!(", done at {}", local_clock_text(finish)));
-            format!("{state}, layer {laid} of {layers}{done}")
-        });
-        None
     }
 }

@@ -36,6 +36,7 @@ pub struct StatusArgs {
 pub fn run(args: &StatusArgs) -> Result<(), Failure> {
     let port = args.port.resolve_or_only()?;
     let image = args.elf.as_deref().map(FirmwareImage::open).transpose()?;
-    let report = robot_at(&port, &args.robot)?.status(image)?;
+    let mut report = robot_at(&port, &args.robot)?.status()?;
+    report.look_up_in(image)?;
     Ok(print(&if args.json { json_line(&report.status) } else { report.text() })?)
 }

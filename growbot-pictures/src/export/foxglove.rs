@@ -91,10 +91,11 @@ pub fn pose_in_frame(ms: u64, base_from_tip: &Frame) -> Value {
 
 /// Returns a `growbot.Status` message with the known values of the board's status at a time, ms.
 pub fn status(ms: u64, status: &BoardStatus) -> Value {
-    let BoardStatus { state, fault, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
+    let BoardStatus { state, fault, pause_cause, temperature_c, target_c, laid, uptime_ms, finish_utc } = status;
     let mut message = json!({ "timestamp": time(ms) });
     add_known(&mut message, "state", state.as_deref());
     add_known(&mut message, "fault", fault.as_deref());
+    add_known(&mut message, "pause_cause", pause_cause.as_deref());
     add_known(&mut message, "temperature_c", *temperature_c);
     add_known(&mut message, "target_c", *target_c);
     add_known(&mut message, "laid", *laid);
@@ -279,6 +280,7 @@ fn status_schema() -> Value {
         ("timestamp", time_schema()),
         ("state", text.clone()),
         ("fault", text.clone()),
+        ("pause_cause", text.clone()),
         ("temperature_c", number.clone()),
         ("target_c", number),
         ("laid", whole.clone()),

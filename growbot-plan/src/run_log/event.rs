@@ -151,6 +151,9 @@ pub struct BoardStatus {
     /// Code of the fault. Null if there is none.
     #[serde(default, deserialize_with = "lenient")]
     pub fault: Option<String>,
+    /// Code of the cause of a pause. Null if the board does not pause.
+    #[serde(default, deserialize_with = "lenient")]
+    pub pause_cause: Option<String>,
     /// Temperature of the nozzle, C. Null without a reading.
     #[serde(default, deserialize_with = "lenient")]
     pub temperature_c: Option<f64>,
@@ -173,6 +176,7 @@ impl From<&Status> for BoardStatus {
         Self {
             state: Some(status.state.name().to_owned()),
             fault: status.fault.map(|fault| Fault::code(fault).to_owned()),
+            pause_cause: status.pause().map(|cause| cause.code().to_owned()),
             temperature_c: status.temperature_centi_c.map(celsius),
             target_c: status.target_centi_c.map(celsius),
             laid: Some(status.layers_laid),

@@ -13,7 +13,7 @@ from growbot import _growbot
 from growbot._conditions import Conditions
 from growbot._errors import BoardError
 from growbot._growbot import Plan, Robot, Scene
-from growbot.events import Event, Status, event_from_dict
+from growbot.events import Event, event_from_dict
 
 
 def connect(port: str = "sim", *, robot: Optional[Union[Robot, str]] = None, take_over: bool = False) -> Board:
@@ -166,11 +166,10 @@ class Board:
         if self._under_way() is not None:
             raise BoardError("a growth is in progress: read its events to the end, or stop it", "growing", "idle")
 
-    def status(self) -> Status:
-        """Returns the status of the board."""
+    def status(self) -> dict[str, Any]:
+        """Returns the status of the robot, in the format of `growbot status --json`."""
         self._must_be_idle()
-        status = event_from_dict(json.loads(self._inner.status_json()))
-        assert isinstance(status, Status)
+        status: dict[str, Any] = json.loads(self._inner.status_json())
         return status
 
     def stop(self) -> str:

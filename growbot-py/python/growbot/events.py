@@ -36,13 +36,15 @@ class StateChanged(Event):
 
 @dataclass(frozen=True)
 class Status(Event):
-    """Status of the board. Temperatures are in C, and None without a reading or with the heater off."""
+    """Status of the board. Temperatures are in C, and None without a reading or with the heater off. pause_cause is None
+    unless the board pauses."""
 
     state: Optional[str]
     laid: Optional[int]
     temperature_c: Optional[float]
     target_c: Optional[float]
     fault: Optional[str]
+    pause_cause: Optional[str]
 
 
 @dataclass(frozen=True)
@@ -114,6 +116,7 @@ def event_from_dict(raw: dict[str, Any]) -> Event:
     if name == "status":
         return Status(
             raw.get("state"), raw.get("laid"), raw.get("temperature_c"), raw.get("target_c"), raw.get("fault"),
+            raw.get("pause_cause"),
             raw=raw,
         )
     if name == "state":

@@ -78,6 +78,15 @@ impl PortName {
         }
     }
 
+    /// Returns the pace of the robot's time, in multiples of real time. `None` if it is not known.
+    pub fn pace(&self) -> Option<f64> {
+        match self.resident() {
+            Some(name) => StateDir::of(name).ok()?.pace(),
+            None if self.is_virtual() => None,
+            None => Some(1.0),
+        }
+    }
+
     /// Returns the kind of the robot at the port.
     pub fn kind(&self) -> RobotKind {
         self.is_simulated().into()

@@ -242,6 +242,13 @@ pub struct Status {
     pub uptime_ms: u64,
 }
 
+impl Status {
+    /// Returns the cause of the pause. `None` unless the board pauses or is parked.
+    pub fn pause(&self) -> Option<PauseCause> {
+        matches!(self.state, State::Paused | State::Parked).then_some(self.pause_cause)
+    }
+}
+
 /// Lower and upper bound on the number of sectors of an interrupted layer, of 64, that were printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct InterruptedLayer {

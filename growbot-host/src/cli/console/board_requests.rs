@@ -34,7 +34,7 @@ pub fn send(
 ) -> Result<String, Failure> {
     let text = |outcome: CommandOutcome| format!("{}\n", outcome.message(port.kind()));
     match what {
-        BoardRequest::Status => Ok(BoardReport::of(client, port)?.text()),
+        BoardRequest::Status => Ok(BoardReport::read(client, port)?.text()),
         BoardRequest::Plan(goal) => plan(client, robot, goal),
         BoardRequest::Start => start_stored(client, permit),
         BoardRequest::Pause => {

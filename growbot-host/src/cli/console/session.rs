@@ -157,7 +157,7 @@ impl ConsoleSession {
 
     /// Prints the board's status before the first command.
     fn greet(&mut self) -> Result<(), Failure> {
-        Ok(print(&BoardReport::of(&mut self.client, &self.port)?.text())?)
+        Ok(print(&BoardReport::read(&mut self.client, &self.port)?.text())?)
     }
 
     /// Reports why a script ended early, which commands are not run, and what the robot is doing.

@@ -148,9 +148,10 @@ fn diagnostic(ms: u64, level: LogLevel, [name, message, hardware]: [&str; 3], va
 
 /// Returns the known values of the board's status.
 fn values(status: &BoardStatus) -> Vec<(&'static str, String)> {
-    let BoardStatus { fault, temperature_c, target_c, laid, uptime_ms, .. } = status;
+    let BoardStatus { fault, pause_cause, temperature_c, target_c, laid, uptime_ms, .. } = status;
     let values = [
         ("fault", fault.clone()),
+        ("pause_cause", pause_cause.clone()),
         ("temperature_c", temperature_c.map(|celsius| celsius.to_string())),
         ("target_c", target_c.map(|celsius| celsius.to_string())),
         ("laid", laid.map(|layers| layers.to_string())),

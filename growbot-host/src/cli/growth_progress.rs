@@ -1,0 +1,133 @@
+//! Progress of a growth, which is shown on standard error.
+
+use growbot_core::link::message::{PauseCause, State};
+use growbot_host::progress::{Progress, ResultTiming};
+use growbot_pictures::clock_text::local_clock_text;
+use growbot_plan::clearance_guard::Detour;
+use growbot_plan::job::Command;
+use growbot_plan::run_log::RunEvent;
+use time::OffsetDateTime;
+use time::format_description::well_known::Rfc3339;
+
+/// States of the board whose beginning is shown.
+const SHOWN: [State; 5] = [State::Heating, State::Homing, State::Growing, State::Paused, State::Parked];
+
+/// Progress of a growth, of this program or of the service.
+pub struct GrowthProgress {
+    progress: Progress,
+    layers: u32,
+    /// Number of layers that the job had before the latest amendment.
+    layers_before: u32,
+    laid: u64,
+    /// Expected date and time of the last layer.
+    finish: Option<OffsetDateTime>,
+    state: String,
+    /// True if the emergency stop was sent, or if the button was pressed.
+    pub emergency: bool,
+    /// Latest printed reason why the board did not accept an amendment.
+    not_amended: Option<String>,
+    /// True if the robot waits for filament and the user was warned.
+    is_out_of_filament: bool,
+    /// Instructions for a robot that waits for filament.
+    out_of_filament: &'static str,
+}
+
+impl GrowthProgress {
+    /// Creates the progress of a body with this number of layers, of which `laid` are laid.
+    pub fn new(layers: u32, laid: u64, out_of_filament: &'static str) -> Self {
+        Self {
+            progress: Progress::start(Some(u64::from(layers)), ResultTiming::AtEnd),
+            layers,
+            layers_before: layers,
+            laid,
+            finish: None,
+            state: "starting".to_owned(),
+            emergency: false,
+            not_amended: None,
+            is_out_of_filament: false,
+            out_of_filament,
+        }
+    }
+
+    /// Shows an event.
+    pub fn ingest(&mut self, event: &RunEvent) {
+        match event {
+            RunEvent::State { state } => {
+                self.set_state(state);
+                self.finish = None;
+                if SHOWN.iter().any(|shown| shown.name() == state) {
+                    self.progress.note(state);
+                }
+            }
+            RunEvent::Status(status) => {
+                let runs_out = status.pause_cause.as_deref() == Some(PauseCause::FilamentOut.code());
+                if runs_out && !std::mem::replace(&mut self.is_out_of_filament, runs_out) {
+                    self.progress.warn(self.out_of_filament);
+                }
+                self.is_out_of_filament = runs_out;
+                self.finish = status.finish_utc.as_ref().and_then(|time| OffsetDateTime::parse(time, &Rfc3339).ok());
+                if let Some(state) = &status.state {
+                    self.set_state(state);
+                }
+            }
+            RunEvent::Amendment(amendment) => {
+                self.layers_before = std::mem::replace(&mut self.layers, amendment.total);
+            }
+            RunEvent::AmendmentRejected { reason } => {
+                self.layers = self.layers_before;
+                if let Some(why) = reason.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
+                    self.progress.warn(&format!("{why}; the robot continues with the layers that it has"));
+                    self.not_amended = Some(why.clone());
+                }
+            }
+            RunEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` shows where"),
+            RunEvent::Command { command } => {
+                self.emergency |= *command == Command::EmergencyStop;
+                self.progress.note(&format!("ordered: {}", command.name()));
+            }
+            RunEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
+                "{instead_of}: from layer {from} on the body takes another path, which is {clearance_mm:.2} mm clear \
+                 of obstacles"
+            )),
+            RunEvent::ClearanceViolation(too_near) => self
+                .progress
+                .warn(&format!("{too_near}; the robot pauses: stop the robot, and plan another body from here")),
+            RunEvent::CommandFailed { reason } => self.progress.warn(reason),
+            RunEvent::NoResponse => self.progress.warn("the board does not respond: growbot tries again"),
+            RunEvent::Reconnected => self.progress.note("the board responds again"),
+            RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
+            RunEvent::Header(_)
+            | RunEvent::Board(_)
+            | RunEvent::EncoderReference(_)
+            | RunEvent::LayersSent { .. }
+            | RunEvent::Simulated(_)
+            | RunEvent::Resumed(_)
+            | RunEvent::End { .. } => {}
+        }
+        let Self { state, laid, layers, finish, .. } = self;
+        self.progress.update(*laid, || {
+            let done = finish.map_or_else(String::new, |finish| format!(", done at {}", local_clock_text(finish)));
+            format!("{state}, layer {laid} of {layers}{done}")
+        });
+    }
+
+    fn set_state(&mut self, state: &str) {
+        self.emergency |= state == State::EmergencyStop.name();
+        state.clone_into(&mut self.state);
+    }
+
+    /// Prints a note, even if a progress bar is shown.
+    pub fn note(&self, words: &str) {
+        self.progress.note(words);
+    }
+
+    /// Prints a warning, even if a progress bar is shown.
+    pub fn warn(&self, words: &str) {
+        self.progress.warn(words);
+    }
+
+    /// Ends the display.
+    pub fn end(&self) {
+        self.progress.finish();
+    }
+}
