@@ -1,15 +1,13 @@
 //! Commands to a robot, and what they have done. The command line, the console, the service with its page, and Python
 //! send these commands and show these outcomes.
 
-use growbot_core::link::message::{Cancel, MaintenanceTask, PassiveRequest, State, Status};
+use growbot_core::link::message::{MaintenanceTask, State};
 use growbot_plan::job::Command;
 use growbot_plan::robot_kind::RobotKind;
 use serde::{Deserialize, Serialize};
 use strum::IntoStaticStr;
 
-use crate::client::{Client, ClientError, StopOutcome};
 use crate::maintenance::task_message;
-use crate::stop_signal::Permit;
 
 /// Command to a robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize, IntoStaticStr)]
@@ -42,6 +40,29 @@ impl RobotCommand {
     /// Returns the name of the command in JSON.
     pub fn name(self) -> &'static str {
         self.into()
+    }
+}
+
+/// Way in which [`crate::client::Client::stop`] has stopped a board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StopOutcome {
+    /// The board has executed the request to stop. The body can be resumed.
+    ByRequest,
+    /// The board has confirmed the emergency stop, because it did not respond to the request to stop.
+    ByEmergencyStop,
+}
+
+impl StopOutcome {
+    /// Returns a message for the user.
+    pub fn message(self, robot: RobotKind) -> String {
+        let kind = robot.prefix();
+        match self {
+            Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
+            Self::ByEmergencyStop => format!(
+                "emergency stop, because the board did not respond to the stop request: heater and steppers of the \
+                 {kind}robot are off until the emergency stop is cleared"
+            ),
+        }
     }
 }
 
@@ -103,28 +124,5 @@ impl CommandOutcome {
             Self::Reported => format!("the {kind}board has reported its details"),
             Self::PortReleased => format!("the port of the {kind}robot is released"),
         }
-    }
-}
-
-impl Client {
-    /// Discards the body that the board stores, and switches heater and steppers off.
-    ///
-    /// # Errors
-    /// Like [`Client::request`].
-    pub fn cancel(&mut self) -> Result<CommandOutcome, ClientError> {
-        let Status { plan_id, layers_laid: laid, .. } = self.status()?;
-        self.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
-        Ok(if plan_id == 0 { CommandOutcome::NothingToCancel } else { CommandOutcome::Cancelled { plan_id, laid } })
-    }
-
-    /// Clears a fault or an emergency stop, if there is one.
-    ///
-    /// # Errors
-    /// Like [`Client::clear_fault`].
-    pub fn clear(&mut self, permit: &Permit) -> Result<CommandOutcome, ClientError> {
-        let state = self.status()?.state;
-        self.clear_fault(permit)?;
-        let is_off = matches!(state, State::Fault | State::EmergencyStop);
-        Ok(if is_off { CommandOutcome::Cleared(state) } else { CommandOutcome::NothingToClear(state) })
     }
 }

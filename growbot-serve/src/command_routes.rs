@@ -65,7 +65,7 @@ pub async fn full_status(
     // It is a request to the board, so a client that only looks cannot keep the robot's thread busy with it.
     require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    run_blocking(move || Ok(Json(keeper.full_status()?))).await
+    run_blocking(move || Ok(Json(super::commands::full_status(&keeper)?))).await
 }
 
 /// Sends a command to a robot, and returns its result with the robot's status after it.

@@ -1,9 +1,10 @@
 //! Sends commands to a robot, and waits for their effect.
 
+use std::sync::mpsc;
 use std::time::{Duration, Instant};
 
-use growbot_client::client::StopOutcome;
-use growbot_client::robot_command::{CommandOutcome, RobotCommand};
+use growbot_client::robot_command::{CommandOutcome, RobotCommand, StopOutcome};
+use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopLevel};
 use growbot_plan::job::Command;
 
@@ -49,6 +50,18 @@ pub(super) fn run_command(
         RobotCommand::Pause => keeper.order_growth(Command::Pause, None, permit),
         RobotCommand::Continue => keeper.order_growth(Command::Continue, None, permit),
     }
+}
+
+/// Returns the status of a robot with what its board reports beside it. During a job nothing is requested.
+pub(super) fn full_status(keeper: &RobotWorker) -> Result<RobotStatus, RobotRequestError> {
+    let (sender, details) = mpsc::channel();
+    let mut status = keeper.status();
+    if status.connection == ConnectionState::Ready {
+        keeper.request(RobotRequest::ReadDetails(sender), COMMAND_TIMEOUT)?;
+        status = keeper.status();
+        details.try_iter().for_each(|details| status.set_details(&details));
+    }
+    Ok(status)
 }
 
 /// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.

@@ -26,7 +26,6 @@ use growbot_sim::sim_daemon::process::switch_on;
 use time::OffsetDateTime;
 
 use super::alert::LastAlerts;
-use super::commands::COMMAND_TIMEOUT;
 use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
 use super::paths::ServicePaths;
@@ -246,18 +245,6 @@ impl RobotWorker {
         }
         view.robot = view.robot.or_else(|| known.robot.as_ref().map(|robot| robot.name().to_owned()));
         view
-    }
-
-    /// Returns the status of the robot with what its board reports beside it. During a job nothing is requested.
-    pub(super) fn full_status(&self) -> Result<RobotStatus, RobotRequestError> {
-        let (sender, details) = mpsc::channel();
-        let mut status = self.status();
-        if status.connection == ConnectionState::Ready {
-            self.request(RobotRequest::ReadDetails(sender), COMMAND_TIMEOUT)?;
-            status = self.status();
-            details.try_iter().for_each(|details| status.set_details(&details));
-        }
-        Ok(status)
     }
 
     /// Returns the robot description with which the board was last connected. Before the first connection, returns the

@@ -4,8 +4,9 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 use std::time::Duration;
 
-use growbot_client::client::{Client, ClientError, StopOutcome};
+use growbot_client::client::{Client, ClientError};
 use growbot_client::port::{Port, PortError};
+use growbot_client::robot_command::StopOutcome;
 use growbot_client::stop_signal::Permit;
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};

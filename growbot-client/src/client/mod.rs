@@ -24,7 +24,6 @@ use self::clock::ClockWatch;
 pub use self::emergency::{EMERGENCY_LIMIT, EMERGENCY_PAUSE};
 pub use self::error::{ClientError, MOVE_FILAMENT, SEND_DESCRIPTION, TURN_HEAD};
 pub use self::exchange::has_commanded_board;
-pub use self::requests::StopOutcome;
 use crate::port::Port;
 
 /// A host's connection to a board, for requests and events. When it is dropped with an open session, it sends

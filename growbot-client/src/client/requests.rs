@@ -3,16 +3,15 @@
 use std::time::Duration;
 
 use growbot_core::link::message::{
-    BootReport, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message, PassiveRequest,
-    ReadLayers, Refusal, SensorReadings, Status,
+    BootReport, Cancel, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message,
+    PassiveRequest, ReadLayers, Refusal, SensorReadings, State, Status,
 };
 use growbot_plan::clock_drift::ClockDrift;
-use growbot_plan::robot_kind::RobotKind;
 
 use super::clock::{ClockSample, ClockWatch};
 use super::{Client, ClientError};
 use crate::maintenance::request_name;
-use crate::robot_command::CommandOutcome;
+use crate::robot_command::{CommandOutcome, StopOutcome};
 use crate::stop_signal::Permit;
 
 /// Maximum number of retries of a request to clear the emergency stop. After an emergency stop by the link, the board
@@ -20,29 +19,6 @@ use crate::stop_signal::Permit;
 const MAX_LOOKS_AT_RELEASE: u32 = 6;
 /// Time between two retries of a request to clear the emergency stop.
 const LOOK_AT_RELEASE: Duration = Duration::from_millis(50);
-
-/// Way in which [`Client::stop`] has stopped a board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum StopOutcome {
-    /// The board has executed the request to stop. The body can be resumed.
-    ByRequest,
-    /// The board has confirmed the emergency stop, because it did not respond to the request to stop.
-    ByEmergencyStop,
-}
-
-impl StopOutcome {
-    /// Returns a message for the user.
-    pub fn message(self, robot: RobotKind) -> String {
-        let kind = robot.prefix();
-        match self {
-            Self::ByRequest => format!("stopped: heater and steppers of the {kind}robot are off"),
-            Self::ByEmergencyStop => format!(
-                "emergency stop, because the board did not respond to the stop request: heater and steppers of the \
-                 {kind}robot are off until the emergency stop is cleared"
-            ),
-        }
-    }
-}
 
 impl Client {
     /// Requests the status of the board. Also uses the response to compare the board's clock with the port's.
@@ -143,6 +119,27 @@ impl Client {
             task => self.energize(what, &EnergizingRequest::Maintain(Maintain { task }), permit),
         }
         .map(|_| CommandOutcome::Task(task))
+    }
+
+    /// Discards the body that the board stores, and switches heater and steppers off.
+    ///
+    /// # Errors
+    /// Like [`Client::request`].
+    pub fn cancel(&mut self) -> Result<CommandOutcome, ClientError> {
+        let Status { plan_id, layers_laid: laid, .. } = self.status()?;
+        self.request("the request to discard the body", &PassiveRequest::Cancel(Cancel { plan_id }))?;
+        Ok(if plan_id == 0 { CommandOutcome::NothingToCancel } else { CommandOutcome::Cancelled { plan_id, laid } })
+    }
+
+    /// Clears a fault or an emergency stop, if there is one.
+    ///
+    /// # Errors
+    /// Like [`Client::clear_fault`].
+    pub fn clear(&mut self, permit: &Permit) -> Result<CommandOutcome, ClientError> {
+        let state = self.status()?.state;
+        self.clear_fault(permit)?;
+        let is_off = matches!(state, State::Fault | State::EmergencyStop);
+        Ok(if is_off { CommandOutcome::Cleared(state) } else { CommandOutcome::NothingToClear(state) })
     }
 
     /// Requests the current readings of the board's sensors.

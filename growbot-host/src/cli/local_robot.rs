@@ -3,9 +3,9 @@
 use std::io::{self, IsTerminal, Write};
 use std::path::PathBuf;
 
-use growbot_client::client::{Client, ClientError, StopOutcome};
+use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::{Beginning, GrowthBoard, GrowthError, GrowthRequest, LogTarget};
-use growbot_client::robot_command::{CommandOutcome, RobotCommand};
+use growbot_client::robot_command::{CommandOutcome, RobotCommand, StopOutcome};
 use growbot_client::status::RobotStatus;
 use growbot_client::stop_signal::Permit;
 use growbot_core::link::message::{BoardInfo, Empty, PassiveRequest, State};

@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 use std::error::Error;
 
-use growbot_client::client::{ClientError, SEND_DESCRIPTION, StopOutcome};
+use growbot_client::client::{ClientError, SEND_DESCRIPTION};
 use growbot_client::commissioning_report::ReportError;
 use growbot_client::growth::GrowthError;
 use growbot_client::maintenance::MaintenanceError;
 use growbot_client::port::PortError;
+use growbot_client::robot_command::StopOutcome;
 use growbot_core::link::message::{Fault, Refusal};
 use growbot_pictures::drawing::png::PngError;
 use growbot_pictures::export::mesh::MeshError;
