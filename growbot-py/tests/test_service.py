@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -147,24 +148,59 @@ print("listening", flush=True)
 time.sleep(3600)
 """
 
-INTERRUPTED = f"""
+GROWING = f"""
+import sys, time
 import growbot
-with growbot.connect("sim:lab") as board:
-    for event in board.grow(growbot.plan((0, 0, 0, 0, 90), (0, 0, 900, 0, 90), robot="{ROBOT}")):
+plan = growbot.plan((0, 0, 0, 0, 90), (0, 0, 300, 0, 90), robot="{ROBOT}")
+board = growbot.connect(sys.argv[1])
+
+def grow():
+    growth = board.grow(plan)
+    for event in growth:
         if isinstance(event, growbot.events.LayerLaid) and event.layer == 1:
             print("growing", flush=True)
+            return growth
+
 """
+WITH_BLOCK = GROWING + "with board:\n    kept = grow()\n"
+LEFT = GROWING + "kept = grow()\n"
+READING = GROWING + "with board:\n    for event in grow():\n        pass\n"
+
+# How a program ends, and the states to which that brings a robot whose port the program has, and one of a service.
+# SAFETY.md has the same table for commands.
+ENDINGS = {
+    "with block": (WITH_BLOCK, None, "stopped", "stopped"),
+    "end without a with block": (LEFT, None, "stopped", "done"),
+    "ctrl-c": (READING, signal.SIGINT, "stopped", "stopped"),
+    "sigterm": (READING, signal.SIGTERM, "paused", "done"),
+    "sigkill": (READING, signal.SIGKILL, "paused", "done"),
+}
 
 
-def test_ctrl_c_stops_the_robot_of_the_service(lab: Path) -> None:
-    process = subprocess.Popen(
-        [sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    assert process.stdout is not None and process.stdout.readline() == "growing\n"
-    process.send_signal(signal.SIGINT)
-    assert "KeyboardInterrupt" in process.communicate(timeout=600)[1]
-    with growbot.connect("sim:lab") as board:
-        assert board.status()["state"] == "stopped"
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_what_the_end_of_a_program_does_to_its_robot(ending: str, lab: Path, command: Path) -> None:
+    program, how, of_program, of_service = ENDINGS[ending]
+    own = f"sim:{lab}/own"
+    run(command, "power", "on", "--port", own, "--robot", ROBOT, "--pace", "300")
+    try:
+        for port, expected in [(own, of_program), ("sim:lab", of_service)]:
+            with subprocess.Popen(
+                [sys.executable, "-c", program, port], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            ) as process:
+                assert process.stdout is not None and process.stdout.readline() == "growing\n"
+                if how is not None:
+                    process.send_signal(how)
+                errors = process.communicate(timeout=600)[1]
+            assert ("KeyboardInterrupt" in errors) == (ending == "ctrl-c"), errors
+            # The time of a simulated robot waits for the program that is connected, so nothing stays connected here.
+            for _ in range(6000):
+                state = json.loads(run(command, "status", "--json", "--port", port))["state"]
+                if state not in ("heating", "homing", "growing"):
+                    break
+                time.sleep(0.1)
+            assert state == expected
+    finally:
+        run(command, "power", "off", "--port", own)
 
 
 def test_a_simulated_robot_that_stays_on(command: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

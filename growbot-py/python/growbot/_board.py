@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import warnings
@@ -92,12 +93,28 @@ class Growth(Iterator[Event]):
         self._inner.send_command(name)
 
 
+_open: weakref.WeakSet[Board] = weakref.WeakSet()
+"""Boards whose ports this program has."""
+
+
+@atexit.register
+def _close_all() -> None:
+    """Stops the robots of a program that ends without closing their boards. Without this, the stop could come too late."""
+    for board in list(_open):
+        board.close()
+
+
 class Board:
-    """A robot at a port. The end of the with block stops a growth in progress, and disconnects."""
+    """A robot at a port. The end of the with block stops a growth in progress, and disconnects.
+
+    A program that ends without it stops the robots whose ports it has. A growth of the service then continues.
+    """
 
     def __init__(self, inner: _growbot.Board) -> None:
         self._inner = inner
         self._growth: Callable[[], Optional[Growth]] = lambda: None
+        if not inner.is_remote:
+            _open.add(self)
 
     def __enter__(self) -> Board:
         return self
@@ -191,3 +208,4 @@ class Board:
         if growth is not None:
             growth.stop()
         self._inner.close()
+        _open.discard(self)
