@@ -8,8 +8,10 @@
 //! - [`growth`]: one growth from the first layer to the last; [`ground_truth`]: the body that a simulated tip has
 //!   really laid;
 //! - [`status`]: the status of a robot, for every program; [`recovery`]: the steps by which a person brings a robot out
-//!   of a fault, a stop, a pause or a runout; [`robot_command`]: commands to a robot and what they
-//!   have done; [`maintenance`]: presets of materials, and maintenance commands; [`command_report`]: their reports; [`commissioning_report`]: the findings about a new robot.
+//!   of a fault, a stop, a pause or a runout;
+//! - [`robot_command`]: commands to a robot and what they have done; [`maintenance`]: presets of materials, and
+//!   maintenance commands; [`command_report`]: the reports of commands as JSON; [`commissioning_report`]: the findings
+//!   about a new robot.
 //!
 //! Lengths are in mm. Angles are in radians inside and in degrees in every text and file; names carry the unit.
 #![forbid(unsafe_code)]

@@ -44,11 +44,13 @@ impl RobotCommand {
 }
 
 /// Way in which [`crate::client::Client::stop`] has stopped a board.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum StopOutcome {
     /// The board has executed the request to stop. The body can be resumed.
+    #[default]
     ByRequest,
-    /// The board has confirmed the emergency stop, because it did not respond to the request to stop.
+    /// The board has confirmed the emergency stop, because it did not respond to the request to stop, or because another
+    /// user sent the emergency stop at the same time.
     ByEmergencyStop,
 }
 
@@ -110,7 +112,9 @@ impl CommandOutcome {
             Self::Cancelled { plan_id, laid } => {
                 format!("plan {plan_id:016x} discarded by the {kind}board after {laid} layers")
             }
-            Self::NothingToCancel => format!("the {kind}board stores no body: there is nothing to discard"),
+            Self::NothingToCancel => {
+                format!("the {kind}board stores no body: there is nothing to discard; heater and steppers are off")
+            }
             Self::Cleared(state) => format!("the {} is cleared: the {kind}robot accepts jobs again", state.name()),
             Self::NothingToClear(state) => {
                 format!("there is nothing to clear: the {kind}robot is in the state {}", state.name())
@@ -120,9 +124,8 @@ impl CommandOutcome {
             Self::Ordered(command) => format!("the {kind}robot was ordered to {}", command.name()),
             Self::Task(task) if robot.is_simulated() => format!("simulated robot: {}", task_message(task)),
             Self::Task(task) => task_message(task),
-            Self::Started => format!("the {kind}robot grows"),
-            Self::Reported => format!("the {kind}board has reported its details"),
-            Self::PortReleased => format!("the port of the {kind}robot is released"),
+            // No command has these outcomes.
+            Self::Started | Self::Reported | Self::PortReleased => format!("the {kind}robot has responded"),
         }
     }
 }

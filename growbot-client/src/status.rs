@@ -52,7 +52,8 @@ pub struct RobotStatus {
     pub connection: ConnectionState,
     /// Reason why the robot is not connected. Null if it is connected.
     pub connection_error: Option<String>,
-    /// Time since the board's latest report, s. The rest of the status is as old. Null before the first report.
+    /// Time since the board's latest report, s. What the board reports in its status is as old. Null before the first
+    /// report.
     pub status_age_s: Option<f64>,
     /// True if the latest report is older than 5 s, or if there is none. The board may be in another state by now.
     pub stale: bool,

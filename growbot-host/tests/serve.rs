@@ -246,11 +246,13 @@ fn unauthorised_and_invalid_requests_are_refused_with_the_reason() {
     let stop = r#"{"command":"stop"}"#;
     let order = at(&operate, "api/v1/robots/lab/commands");
     let local = "host: 127.0.0.1";
-    let cases: [(u16, &str, String, &[&str], &str); 18] = [
+    let cases: [(u16, &str, String, &[&str], &str); 20] = [
         (200, "GET", at(&operate, ""), &[local], ""),
         (200, "GET", at(&read, "robots.js"), &[local], ""),
         (200, "GET", at(&read, "api/v1/robots"), &[local], ""),
         (200, "POST", order.clone(), &[local], stop),
+        (200, "GET", at(&operate, "api/v1/robots/lab/status"), &[local], ""),
+        (403, "GET", at(&read, "api/v1/robots/lab/status"), &[local], ""),
         (403, "POST", at(&read, "api/v1/robots/lab/commands"), &[local], stop),
         (403, "POST", at(&read, "api/v1/robots/lab/jobs"), &[local], r#"{"to":"0,0,60"}"#),
         (404, "GET", "/".to_owned(), &[local], ""),

@@ -97,7 +97,7 @@ impl PyBoard {
         self.board.attach(py)
     }
 
-    fn close(&self, py: Python<'_>) {
-        self.board.close(py);
+    fn close(&self, py: Python<'_>) -> Result<(), Error> {
+        self.board.close(py)
     }
 }

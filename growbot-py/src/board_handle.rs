@@ -30,7 +30,7 @@ pub trait BoardHandle: Send + Sync {
     fn attach(&self, py: Python<'_>) -> Result<Growth, Error>;
 
     /// Stops a growth of this program, and disconnects. A growth of the service continues.
-    fn close(&self, py: Python<'_>);
+    fn close(&self, py: Python<'_>) -> Result<(), Error>;
 }
 
 /// Arguments of a growth.

@@ -4,6 +4,7 @@
 use std::sync::mpsc::{self, Sender};
 use std::sync::{Arc, Mutex};
 use std::thread::{self, JoinHandle};
+use std::time::Duration;
 
 use growbot_client::client::Client;
 use growbot_client::growth::{CommandQueue, GrowthBoard, GrowthRequest, OnParked, Override};
@@ -24,6 +25,9 @@ use crate::interruptible::{disconnected, lock, receive};
 use crate::preconditions::{refused, scene_for_growth};
 use crate::py_plan::PyPlan;
 use crate::run::json_of;
+
+/// Interval at which the end of a board's thread is awaited, and Ctrl-C is noticed.
+const CLOSE_POLL_INTERVAL: Duration = Duration::from_millis(2);
 
 /// A task of the thread that owns the connection to the board.
 type BoardTask = Box<dyn FnOnce(&mut BoardWorker) + Send>;
@@ -159,7 +163,7 @@ impl LocalBoard {
         let (tasks, thread) = (Mutex::new(Some(sender)), Mutex::new(Some(thread)));
         let board = Self { tasks, thread, commands: Mutex::default(), kind };
         if !begins_with_growth && let Err(error) = board.request(py, BoardWorker::hello) {
-            board.close(py);
+            board.close(py)?;
             return Err(error);
         }
         Ok(board)
@@ -231,13 +235,14 @@ impl BoardHandle for LocalBoard {
         Err(Error::new(ErrorKind::Board, message))
     }
 
-    fn close(&self, py: Python<'_>) {
+    fn close(&self, py: Python<'_>) -> Result<(), Error> {
         lock(&self.commands).push(Command::Stop);
         drop(lock(&self.tasks).take());
         let thread = lock(&self.thread).take();
-        if let Some(thread) = thread {
-            // A panic of the thread was printed already.
-            py.detach(|| drop(thread.join()));
+        while thread.as_ref().is_some_and(|thread| !thread.is_finished()) {
+            py.detach(|| thread::sleep(CLOSE_POLL_INTERVAL));
+            py.check_signals()?;
         }
+        Ok(())
     }
 }

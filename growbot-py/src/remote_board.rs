@@ -98,8 +98,9 @@ impl BoardHandle for RemoteBoard {
         follow(robot, job, None)
     }
 
-    fn close(&self, _: Python<'_>) {
+    fn close(&self, _: Python<'_>) -> Result<(), Error> {
         drop(lock(&self.robot).take());
+        Ok(())
     }
 }
 

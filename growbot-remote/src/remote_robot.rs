@@ -89,8 +89,9 @@ impl RemoteRobot {
     /// Sends an order at a route of this robot, and returns the result as text.
     fn order(&self, route: &str, order: impl Serialize) -> Result<String, ServiceError> {
         let response = self.client.request(&self.route(route), Some(order), Some(RESPONSE_TIMEOUT))?;
-        // The board has carried the order out, even if the text is lost or is that of another release.
-        Ok(response.json().map_or_else(|_| "carried out".to_owned(), |CommandResponse { message, .. }| message))
+        // The service has accepted the order, even if the text is lost or is that of another release.
+        let accepted = || "the service has accepted the order".to_owned();
+        Ok(response.json().map_or_else(|_| accepted(), |CommandResponse { message, .. }| message))
     }
 
     /// Sends a command of a user to the growth of a job.

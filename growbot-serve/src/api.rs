@@ -15,7 +15,7 @@ use serde_json::json;
 use super::access::Access;
 use super::audit::CommandSource;
 use super::camera_routes;
-use super::command_routes::{CommandOrder, command_robot, full_status, maintain, robot_commands, send_command};
+use super::command_routes::{CommandOrder, command_robot, get_full_status, maintain, robot_commands, send_command};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
@@ -57,9 +57,11 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         )
         .api_route(
             "/robots/{robot}/status",
-            get_with(full_status, |operation| {
-                let words = "The full status of one robot. Without a job the service requests the sensors, the latest \
-                             fault, the latest crash and the check of the firmware from the board.";
+            get_with(get_full_status, |operation| {
+                let words = "The full status of one robot. The service requests the sensors, the latest fault, the \
+                             latest crash and the check of the firmware from the board. They are null if the robot has \
+                             a job, is not connected, or does not report them within a second. A read-only address \
+                             gets 403.";
                 operation.with(describe("getFullStatus", words))
             }),
         )

@@ -14,7 +14,7 @@ use growbot_remote::api::{CommandRequest, CommandResponse, MaintenanceRequest};
 use serde_json::Value;
 
 use super::access::{Access, require_control};
-use super::commands::{COMMAND_TIMEOUT, run_command};
+use super::commands::{COMMAND_TIMEOUT, full_status, run_command};
 use super::handler::{ApiResult, ServiceState, find_robot, run_blocking};
 use super::page_source::{ArrivalPermits, PageSource as _};
 use super::problem::Problem;
@@ -57,7 +57,7 @@ pub async fn robot_commands(
     })
 }
 
-pub async fn full_status(
+pub async fn get_full_status(
     State(service): ServiceState,
     Extension(access): Extension<Access>,
     Path(name): Path<String>,
@@ -65,7 +65,7 @@ pub async fn full_status(
     // It is a request to the board, so a client that only looks cannot keep the robot's thread busy with it.
     require_control(access)?;
     let keeper = Arc::clone(find_robot(&service, &name)?);
-    run_blocking(move || Ok(Json(super::commands::full_status(&keeper)?))).await
+    run_blocking(move || Ok(Json(full_status(&keeper)))).await
 }
 
 /// Sends a command to a robot, and returns its result with the robot's status after it.

@@ -17,6 +17,8 @@ pub(super) const COMMAND_TIMEOUT: Duration = Duration::from_secs(10);
 /// Timeout of the start of a growth, for which files are written and layers sent. It is shorter than the 30 s for which
 /// a command of growbot waits, if no other start is before it.
 pub(super) const START_TIMEOUT: Duration = Duration::from_secs(25);
+/// Timeout of what a board reports beside its status.
+const DETAILS_TIMEOUT: Duration = Duration::from_secs(1);
 /// Number of reconnection intervals for which a stop waits for a robot that is not connected, before the stop fails.
 const RECONNECTIONS: u32 = 2;
 /// Interval of the checks whether the board has confirmed a stop.
@@ -52,16 +54,17 @@ pub(super) fn run_command(
     }
 }
 
-/// Returns the status of a robot with what its board reports beside it. During a job nothing is requested.
-pub(super) fn full_status(keeper: &RobotWorker) -> Result<RobotStatus, RobotRequestError> {
+/// Returns the status of a robot with what its board reports beside it. Without these details if the robot has a job, is
+/// not connected, or does not report them in time.
+pub(super) fn full_status(keeper: &RobotWorker) -> RobotStatus {
     let (sender, details) = mpsc::channel();
-    let mut status = keeper.status();
-    if status.connection == ConnectionState::Ready {
-        keeper.request(RobotRequest::ReadDetails(sender), COMMAND_TIMEOUT)?;
-        status = keeper.status();
-        details.try_iter().for_each(|details| status.set_details(&details));
+    if keeper.status().connection == ConnectionState::Ready {
+        // Whatever prevents the request is in the status, too, or is that a job begins.
+        let _ = keeper.request(RobotRequest::ReadDetails(sender), DETAILS_TIMEOUT);
     }
-    Ok(status)
+    let mut status = keeper.status();
+    details.try_iter().for_each(|details| status.set_details(&details));
+    status
 }
 
 /// Sends the emergency stop on every connection that reaches the board, and waits until the board has confirmed it.
@@ -71,6 +74,7 @@ fn emergency_stop(keeper: &RobotWorker) -> Result<CommandOutcome, RobotRequestEr
     keeper.sync_stop_file();
     ticket.wait()?;
     keeper.record_emergency_stop();
+    keeper.lock_state().latest_stop = StopOutcome::ByEmergencyStop;
     keeper.notify_thread(RobotRequest::StopConfirmed(stop.generation));
     Ok(CommandOutcome::EmergencyStopped)
 }
@@ -92,5 +96,5 @@ fn stop(keeper: &RobotWorker) -> Result<CommandOutcome, RobotRequestError> {
         }
         std::thread::sleep(CONFIRM_POLL_INTERVAL);
     }
-    Ok(CommandOutcome::Stopped(StopOutcome::ByRequest))
+    Ok(CommandOutcome::Stopped(keeper.lock_state().latest_stop))
 }

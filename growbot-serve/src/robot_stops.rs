@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::robot_command::StopOutcome;
 use growbot_client::stop_signal::{Generation, StopLevel, StopSignal};
 use growbot_core::link::message::State;
 use growbot_plan::job::Command;
@@ -74,11 +75,12 @@ impl RobotWorker {
     pub(super) fn deliver_stop(&self, client: &mut Client) -> Result<bool, ClientError> {
         let mut is_stopped = false;
         while let Some((level, generation)) = self.signal.pending() {
-            match level {
-                StopLevel::Stop => client.stop().map(drop)?,
-                StopLevel::EmergencyStop => client.emergency_stop()?,
-            }
+            let outcome = match level {
+                StopLevel::Stop => client.stop()?,
+                StopLevel::EmergencyStop => client.emergency_stop().map(|()| StopOutcome::ByEmergencyStop)?,
+            };
             is_stopped = true;
+            self.lock_state().latest_stop = outcome;
             self.confirm_stop(generation);
         }
         Ok(is_stopped)

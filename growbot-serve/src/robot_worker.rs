@@ -11,7 +11,7 @@ use growbot_client::client::{Client, ClientError};
 use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
-use growbot_client::robot_command::CommandOutcome;
+use growbot_client::robot_command::{CommandOutcome, StopOutcome};
 use growbot_client::status::{BoardDetails, ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
 use growbot_core::link::message::{BoardInfo, State, Status};
@@ -85,6 +85,8 @@ pub struct WorkerState {
     /// Expected date and time of the last layer of the active growth.
     pub finish: Option<OffsetDateTime>,
     pub command_error: Option<String>,
+    /// Way in which the board has confirmed the latest stop.
+    pub latest_stop: StopOutcome,
     /// True if the board may not have received an order to pause its growth, because the connection was lost or the
     /// service was restarted. The growth is then paused after the next connection.
     pub pauses_on_reconnect: bool,
@@ -494,21 +496,26 @@ impl RobotWorker {
         let looked = client.event(wait).and_then(|_| client.status());
         match looked {
             Ok(status) => {
-                let last = {
-                    let mut known = self.lock_state();
-                    known.reported = Some(time_since_boot());
-                    known.status.clone()
-                };
-                if last.as_ref() != Some(&status) {
-                    self.void_if_stopped_elsewhere(status.state);
-                    self.record_status(status.clone());
-                }
-                if last.is_none_or(|last| last.plan_id != status.plan_id) {
-                    self.reconcile_jobs(&status, None);
-                }
+                self.record_if_new(&status);
                 LinkState::Ready
             }
             Err(error) => LinkState::lost(error),
+        }
+    }
+
+    /// Records the status of a board without a job, unless it is the one that was recorded before.
+    fn record_if_new(&self, status: &Status) {
+        let last = {
+            let mut known = self.lock_state();
+            known.reported = Some(time_since_boot());
+            known.status.clone()
+        };
+        if last.as_ref() != Some(status) {
+            self.void_if_stopped_elsewhere(status.state);
+            self.record_status(status.clone());
+        }
+        if last.is_none_or(|last| last.plan_id != status.plan_id) {
+            self.reconcile_jobs(status, None);
         }
     }
 
@@ -523,10 +530,12 @@ impl RobotWorker {
             RobotRequest::Cancel => client.cancel(),
             RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
-            RobotRequest::ReadDetails(details) => BoardDetails::read(client).map(|read| {
-                // The client may no longer wait for it.
+            RobotRequest::ReadDetails(details) => BoardDetails::read(client).and_then(|read| {
+                // The details must not be newer than the status.
+                self.record_if_new(&client.status()?);
+                // The client may no longer wait for them.
                 let _ = details.send(read);
-                CommandOutcome::Reported
+                Ok(CommandOutcome::Reported)
             }),
         };
         if is_cancel && done.is_ok() {

@@ -5,7 +5,7 @@ use growbot_host::progress::{Progress, ResultTiming};
 use growbot_pictures::clock_text::local_clock_text;
 use growbot_plan::clearance_guard::Detour;
 use growbot_plan::job::Command;
-use growbot_plan::run_log::RunEvent;
+use growbot_plan::run_log::{GrowthResult, RunEvent, RunLine};
 use time::OffsetDateTime;
 use time::format_description::well_known::Rfc3339;
 
@@ -30,6 +30,10 @@ pub struct GrowthProgress {
     is_out_of_filament: bool,
     /// Instructions for a robot that waits for filament.
     out_of_filament: &'static str,
+    /// Date and time before which events are not shown, because they occurred before this program looked.
+    since: Option<OffsetDateTime>,
+    /// True while an event is ingested that is not shown.
+    is_past: bool,
 }
 
 impl GrowthProgress {
@@ -46,7 +50,28 @@ impl GrowthProgress {
             not_amended: None,
             is_out_of_filament: false,
             out_of_filament,
+            since: None,
+            is_past: false,
         }
+    }
+
+    /// Does not show lines of a run log that were written before this moment.
+    pub fn begin_now(mut self) -> Self {
+        self.since = Some(OffsetDateTime::now_utc());
+        self
+    }
+
+    /// Shows a line of a run log. Returns the result if it is the last line.
+    pub fn ingest_line(&mut self, line: &str) -> Option<GrowthResult> {
+        let RunLine { event, utc } = serde_json::from_str(line).ok()?;
+        let written = utc.and_then(|utc| OffsetDateTime::parse(&utc, &Rfc3339).ok());
+        if let RunEvent::End { result } = event {
+            return Some(*result);
+        }
+        self.is_past = written.zip(self.since).is_some_and(|(written, since)| written < since);
+        self.ingest(&event);
+        self.is_past = false;
+        None
     }
 
     /// Shows an event.
@@ -56,13 +81,13 @@ impl GrowthProgress {
                 self.set_state(state);
                 self.finish = None;
                 if SHOWN.iter().any(|shown| shown.name() == state) {
-                    self.progress.note(state);
+                    self.note(state);
                 }
             }
             RunEvent::Status(status) => {
                 let runs_out = status.pause_cause.as_deref() == Some(PauseCause::FilamentOut.code());
                 if runs_out && !std::mem::replace(&mut self.is_out_of_filament, runs_out) {
-                    self.progress.warn(self.out_of_filament);
+                    self.warn(self.out_of_filament);
                 }
                 self.is_out_of_filament = runs_out;
                 self.finish = status.finish_utc.as_ref().and_then(|time| OffsetDateTime::parse(time, &Rfc3339).ok());
@@ -76,25 +101,25 @@ impl GrowthProgress {
             RunEvent::AmendmentRejected { reason } => {
                 self.layers = self.layers_before;
                 if let Some(why) = reason.as_ref().filter(|why| self.not_amended.as_ref() != Some(why)) {
-                    self.progress.warn(&format!("{why}; the robot continues with the layers that it has"));
+                    self.warn(&format!("{why}; the robot continues with the layers that it has"));
                     self.not_amended = Some(why.clone());
                 }
             }
-            RunEvent::Crash(_) => self.progress.warn("the board's firmware crashed: `growbot status` shows where"),
+            RunEvent::Crash(_) => self.warn("the board's firmware crashed: `growbot status` shows where"),
             RunEvent::Command { command } => {
                 self.emergency |= *command == Command::EmergencyStop;
-                self.progress.note(&format!("ordered: {}", command.name()));
+                self.note(&format!("ordered: {}", command.name()));
             }
-            RunEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.progress.warn(&format!(
+            RunEvent::Detour(Detour { from, clearance_mm, instead_of, .. }) => self.warn(&format!(
                 "{instead_of}: from layer {from} on the body takes another path, which is {clearance_mm:.2} mm clear \
                  of obstacles"
             )),
-            RunEvent::ClearanceViolation(too_near) => self
-                .progress
-                .warn(&format!("{too_near}; the robot pauses: stop the robot, and plan another body from here")),
-            RunEvent::CommandFailed { reason } => self.progress.warn(reason),
-            RunEvent::NoResponse => self.progress.warn("the board does not respond: growbot tries again"),
-            RunEvent::Reconnected => self.progress.note("the board responds again"),
+            RunEvent::ClearanceViolation(too_near) => {
+                self.warn(&format!("{too_near}; the robot pauses: stop the robot, and plan another body from here"));
+            }
+            RunEvent::CommandFailed { reason } => self.warn(reason),
+            RunEvent::NoResponse => self.warn("the board does not respond: growbot tries again"),
+            RunEvent::Reconnected => self.note("the board responds again"),
             RunEvent::Laid(laid) => self.laid = u64::from(laid.layer) + 1,
             RunEvent::Header(_)
             | RunEvent::Board(_)
@@ -118,12 +143,16 @@ impl GrowthProgress {
 
     /// Prints a note, even if a progress bar is shown.
     pub fn note(&self, words: &str) {
-        self.progress.note(words);
+        if !self.is_past {
+            self.progress.note(words);
+        }
     }
 
     /// Prints a warning, even if a progress bar is shown.
     pub fn warn(&self, words: &str) {
-        self.progress.warn(words);
+        if !self.is_past {
+            self.progress.warn(words);
+        }
     }
 
     /// Ends the display.

@@ -111,11 +111,8 @@ impl RobotHandle for LocalRobot<'_> {
     fn command(&self, command: RobotCommand) -> Result<String, Failure> {
         let outcome = match command {
             RobotCommand::Stop => self.stop()?,
-            RobotCommand::EmergencyStop => {
-                self.port.require_running_robot("the emergency stop")?;
-                self.port.client(&self.robot.load_for_stop()?)?.emergency_stop()?;
-                CommandOutcome::EmergencyStopped
-            }
+            // It has a path of its own, which needs no robot description and waits for no other program.
+            RobotCommand::EmergencyStop => return Err(Failure::bad_input("send the emergency stop: `growbot estop`")),
             RobotCommand::Cancel => {
                 self.port.require_running_robot("the cancellation")?;
                 let mut client = self.port.client(&self.robot.load()?)?;

@@ -10,7 +10,7 @@ use growbot_core::link::message::HostSilencePolicy;
 use growbot_host::output::print;
 use growbot_pictures::view::page::PageAccess;
 use growbot_plan::robot_kind::RobotKind;
-use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun, RunEvent};
+use growbot_plan::run_log::{GrowthResult, OutcomeKind, RecordedRun};
 use growbot_plan::sanitize::json_line;
 use growbot_remote::PREFIX;
 use growbot_remote::api::{Job, JobState, MaintenanceRequest, PageUrls};
@@ -46,9 +46,14 @@ const OUT_OF_FILAMENT: &str = "out of filament: change it with `growbot recover`
                                robot waits for an hour at standby temperature";
 
 /// Shows a job until it ends. Ctrl-C stops the job, but closing the terminal does not.
-fn follow(robot: &RemoteRobot, job: &Job, print: ResultFormat, log: Option<&Path>) -> Result<(), Failure> {
+fn follow(
+    robot: &RemoteRobot,
+    job: &Job,
+    mut show: GrowthProgress,
+    print: ResultFormat,
+    log: Option<&Path>,
+) -> Result<(), Failure> {
     stop_on_interrupt(robot);
-    let mut show = GrowthProgress::new(job.layers, 0, OUT_OF_FILAMENT);
     let (mut result, mut is_silent) = (None, false);
     let ended = robot.client.follow_job(&job.id, |update| {
         let was_silent = std::mem::replace(&mut is_silent, update == JobLogUpdate::NoResponse);
@@ -59,17 +64,19 @@ fn follow(robot: &RemoteRobot, job: &Job, print: ResultFormat, log: Option<&Path
             (true, false) => show.note("the service responds again"),
             _ => {}
         }
-        let event = if let JobLogUpdate::Line(line) = update { serde_json::from_str(line).ok() } else { None };
-        match event {
-            Some(RunEvent::End { result: end }) => result = Some(*end),
-            Some(event) => show.ingest(&event),
-            None => {}
+        if let JobLogUpdate::Line(line) = update {
+            result = show.ingest_line(line).or(result.take());
         }
         ControlFlow::Continue(())
     });
     show.end();
     let ended = ended?.unwrap_or_else(|| job.clone());
     end(robot, &ended, result, print, log)
+}
+
+/// Returns the progress of a job whose events are all shown.
+fn progress_of(job: &Job) -> GrowthProgress {
+    GrowthProgress::new(job.layers, 0, OUT_OF_FILAMENT)
 }
 
 fn end(
@@ -155,7 +162,7 @@ impl RobotHandle for RemoteRobot {
             )));
         };
         let job = self.client.job(id)?;
-        follow(self, &job, print, None)
+        follow(self, &job, progress_of(&job).begin_now(), print, None)
     }
 
     fn grow(&self, growth: NewGrowth) -> Result<(), Failure> {
@@ -176,7 +183,7 @@ impl RobotHandle for RemoteRobot {
         let job = RemoteRobot::grow(self, &request, name, scene_path, &RequestHandle::default())?;
         growbot_host::note!("the service runs the growth as job {}; the job continues after this command ends", job.id);
         say_page(self, &job, page)?;
-        follow(self, &job, print, log.as_deref())
+        follow(self, &job, progress_of(&job), print, log.as_deref())
     }
 
     /// Resumes the latest unfinished job of this robot, or follows the active one. A service lays an interrupted layer
@@ -209,11 +216,12 @@ impl RobotHandle for RemoteRobot {
                 self.name
             ))
         })?;
+        let show = progress_of(&job).begin_now();
         if self.found.job.as_ref() != Some(&job.id) {
             RemoteRobot::resume(self, &job.id)?;
         }
         say_page(self, &job, page)?;
-        follow(self, &job, growth.print, None)
+        follow(self, &job, show, growth.print, None)
     }
 
     fn lease(&self, command: &str) -> Result<Option<LeasedPort>, Failure> {

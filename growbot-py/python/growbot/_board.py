@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import contextlib
 import json
 import os
 import warnings
@@ -37,8 +38,10 @@ class Growth(Iterator[Event]):
     If your loop ends before the growth does, the robot is stopped, unless a service owns it.
     """
 
-    def __init__(self, inner: _growbot.Growth) -> None:
+    def __init__(self, inner: _growbot.Growth, board: Optional[Board] = None) -> None:
         self._inner = inner
+        # A growth keeps the board of this program, so that the end of the program finds it.
+        self._board = board
 
     def __iter__(self) -> Growth:
         return self
@@ -93,15 +96,27 @@ class Growth(Iterator[Event]):
         self._inner.send_command(name)
 
 
+# Boards whose ports this program has.
 _open: weakref.WeakSet[Board] = weakref.WeakSet()
-"""Boards whose ports this program has."""
 
 
 @atexit.register
 def _close_all() -> None:
-    """Stops the robots of a program that ends without closing their boards. Without this, the stop could come too late."""
-    for board in list(_open):
-        board.close()
+    """Stops the robots of a program that ends without closing their boards. Otherwise the stop could come too late."""
+    boards = list(_open)
+    # Each robot is ordered to stop before the first one is waited for.
+    for board in boards:
+        growth = board._under_way()
+        if growth is not None:
+            with contextlib.suppress(Exception):
+                growth.send_command("stop")
+    for board in boards:
+        with contextlib.suppress(Exception):
+            board.close()
+
+
+# A child process has neither the threads nor the ports.
+os.register_at_fork(after_in_child=_open.clear)
 
 
 class Board:
@@ -157,7 +172,8 @@ class Board:
         if ignore_scene and (scene is not None or json.loads(plan.to_json()).get("scene") is not None):
             message = "ignore_scene is set: neither the plan nor its corrections are checked against the scene"
             warnings.warn(message, RuntimeWarning, stacklevel=2)
-        growth = Growth(self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene))
+        inner = self._inner.grow(plan, conditions, seed, log, overwrite, force, ignore_scene, scene)
+        growth = Growth(inner, None if self._inner.is_remote else self)
         # A growth that the program has dropped stops by itself, unless a service owns the robot.
         self._growth = (lambda: growth) if self._inner.is_remote else weakref.ref(growth)
         return growth
@@ -205,7 +221,9 @@ class Board:
     def close(self) -> None:
         """Stops the current growth, and disconnects."""
         growth = self._under_way()
-        if growth is not None:
-            growth.stop()
-        self._inner.close()
-        _open.discard(self)
+        try:
+            if growth is not None:
+                growth.stop()
+        finally:
+            self._inner.close()
+            _open.discard(self)
