@@ -77,7 +77,7 @@ pub fn run(args: &ConfigureArgs) -> Result<(), Failure> {
             robot_hash: format!("{:016x}", now.robot_hash),
             robot_before: is_configured(&before).then(|| before.robot_name.to_string()),
             robot_hash_before: is_configured(&before).then(|| format!("{:016x}", before.robot_hash)),
-            simulated: port.is_simulated(),
+            simulated: port.kind().is_simulated(),
         })
     } else {
         format!(

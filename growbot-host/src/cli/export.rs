@@ -132,7 +132,7 @@ pub fn run(args: &ExportArgs) -> Result<(), Failure> {
     };
     write_atomic(path, &bytes)?;
     if args.json {
-        return print_file_report(path, format, bytes.len(), subject.is_simulated());
+        return print_file_report(path, format, bytes.len(), subject.is_simulated().into());
     }
     let kind = simulated.map_or_else(String::new, |kind| format!(", {kind},"));
     growbot_host::note!("body{kind} written to {}, {} bytes", path.display(), bytes.len());

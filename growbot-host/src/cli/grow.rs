@@ -121,7 +121,7 @@ pub fn run(args: &GrowArgs) -> Result<(), Failure> {
         growbot_host::warning!("{}: {}", warning.code, remedies::warning_message(warning));
     }
     let disturbance = &args.disturbance;
-    let assumed = if port.is_simulated() {
+    let assumed = if port.kind().is_simulated() {
         disturbance.sensor_noise()
     } else {
         disturbance.sensor_noise_or(DEFAULT_SENSOR_NOISE)

@@ -8,6 +8,7 @@ use growbot_pictures::drawing::pdf::svg_to_pdf;
 use growbot_pictures::drawing::png::png;
 use growbot_plan::atomic_file::{FileError, format_from_extension};
 use growbot_plan::file_report::FileReport;
+use growbot_plan::robot_kind::RobotKind;
 use growbot_plan::sanitize::json_line;
 use strum::IntoStaticStr;
 
@@ -50,8 +51,9 @@ pub enum OutputFormat {
     Json,
 }
 
-/// Prints the report of a written file as one line of JSON. `simulated` is true if the file shows a simulated robot.
-pub fn print_file_report(path: &Path, format: OutputFormat, bytes: usize, simulated: bool) -> Result<(), Failure> {
+/// Prints the report of a written file, which shows a robot of this kind, as one line of JSON.
+pub fn print_file_report(path: &Path, format: OutputFormat, bytes: usize, robot: RobotKind) -> Result<(), Failure> {
+    let simulated = robot.is_simulated();
     let report = FileReport { file: path.display().to_string(), format: format.ending(), bytes, simulated };
     Ok(print(&json_line(&report))?)
 }

@@ -176,11 +176,6 @@ impl SelectedPort {
         &self.name
     }
 
-    /// Returns true if the robot is simulated.
-    pub fn is_simulated(&self) -> bool {
-        self.name.is_simulated()
-    }
-
     /// Returns the speed of the robot's clock, in multiples of real time. `requested` is the requested speed of a
     /// simulated robot. `None` if it is not known.
     pub fn pace(&self, requested: Option<f64>) -> Option<f64> {
@@ -189,7 +184,7 @@ impl SelectedPort {
 
     /// Returns true if the robot ends with this program.
     pub fn is_in_process(&self) -> bool {
-        self.is_simulated() && self.name.resident().is_none()
+        self.kind().is_simulated() && self.name.resident().is_none()
     }
 
     /// Returns an error if the port would start a new simulated robot in this program, because that has nothing to
@@ -220,7 +215,8 @@ impl SelectedPort {
     /// simulated tip.
     pub fn connect(&self, robot: &Robot, settings: &TipSettings) -> Result<Connection, Failure> {
         let OpenPort { port, simulated_tip: simulation } = port::open(&self.name, robot, settings)?;
-        let name = if self.is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
+        let name =
+            if self.kind().is_simulated() { format!("{} (simulated)", self.text()) } else { self.text().to_owned() };
         let client = Client::new(port, &name);
         Ok(Connection { client: if self.take_over { client.with_take_over() } else { client }, simulation })
     }

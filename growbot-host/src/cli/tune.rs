@@ -68,10 +68,10 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
             kd: gains.kd,
             period_s: tuned.period_s,
             amplitude_c: tuned.amplitude_c,
-            simulated: port.is_simulated(),
+            simulated: port.kind().is_simulated(),
         })
     } else {
-        let caution = if port.is_simulated() {
+        let caution = if port.kind().is_simulated() {
             "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"
         } else {
             ""

@@ -140,7 +140,7 @@ pub fn run(args: &ViewArgs) -> Result<(), Failure> {
         return Ok(());
     }
     if args.json {
-        return print_file_report(&output, format, contents.len(), opened.iter().any(BodyInput::is_simulated));
+        return print_file_report(&output, format, contents.len(), opened.iter().any(BodyInput::is_simulated).into());
     }
     let hint = if format == OutputFormat::Html { ": open it in a browser" } else { "" };
     growbot_host::note!("view written to {}{hint}", output.display());

@@ -215,7 +215,7 @@ impl ConsoleSession {
 
     /// Warns about a real robot that still works when the console is left.
     fn leave(&mut self) -> Result<(), Failure> {
-        if self.port.is_simulated() {
+        if self.port.kind().is_simulated() {
             return Ok(());
         }
         match self.client.status() {
