@@ -179,31 +179,41 @@ ENDINGS = {
 }
 
 
-@pytest.mark.parametrize("ending", ENDINGS)
-def test_what_the_end_of_a_program_does_to_its_robot(ending: str, lab: Path, command: Path) -> None:
-    program, how, of_program, of_service = ENDINGS[ending]
+def state_at_rest(command: Path, port: str) -> str:
+    """Returns the state of a robot once it no longer grows. Nothing stays connected, because the time of a simulated
+    robot waits for the program that is connected."""
+    for _ in range(6000):
+        status = json.loads(run(command, "status", "--json", "--port", port))
+        # A board without its host pauses, and parks later. A service that starves may let it pause, too.
+        is_silent = status["pause_cause"] == "host-silent"
+        if status["state"] not in ("heating", "homing", "growing") and not (is_silent and port == "sim:lab"):
+            return "paused" if is_silent else str(status["state"])
+        time.sleep(0.1)
+    raise AssertionError(f"{port}: {status}")
+
+
+def test_what_the_end_of_a_program_does_to_its_robot(lab: Path, command: Path) -> None:
     own = f"sim:{lab}/own"
     run(command, "power", "on", "--port", own, "--robot", ROBOT, "--pace", "60")
     try:
-        for port, expected in [(own, of_program), ("sim:lab", of_service)]:
-            with subprocess.Popen(
-                [sys.executable, "-c", program, port], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-            ) as process:
-                assert process.stdout is not None and process.stdout.readline() == "growing\n"
+        for ending, (program, how, of_program, of_service) in ENDINGS.items():
+            # Both robots grow at the same time.
+            processes = {
+                port: subprocess.Popen(
+                    [sys.executable, "-c", program, port], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+                )
+                for port in (own, "sim:lab")
+            }
+            for process in processes.values():
+                assert process.stdout is not None and process.stdout.readline() == "growing\n", ending
                 if how is not None:
                     process.send_signal(how)
-                errors = process.communicate(timeout=600)[1]
-            assert ("KeyboardInterrupt" in errors) == (ending == "ctrl-c"), errors
-            # The time of a simulated robot waits for the program that is connected, so nothing stays connected here.
-            for _ in range(6000):
-                status = json.loads(run(command, "status", "--json", "--port", port))
-                # A board without its host pauses, and parks later. A service that starves may let it pause, too.
-                is_silent = status["pause_cause"] == "host-silent"
-                state = "paused" if is_silent else status["state"]
-                if state not in ("heating", "homing", "growing") and not (is_silent and port == "sim:lab"):
-                    break
-                time.sleep(0.1)
-            assert state == expected
+            for port, expected in [(own, of_program), ("sim:lab", of_service)]:
+                with processes[port] as process:
+                    errors = process.communicate(timeout=600)[1]
+                assert ("KeyboardInterrupt" in errors) == (ending == "ctrl-c"), errors
+                assert state_at_rest(command, port) == expected, (ending, port)
+                run(command, "cancel", "--port", port)
     finally:
         run(command, "power", "off", "--port", own)
 

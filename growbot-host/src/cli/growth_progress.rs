@@ -69,6 +69,10 @@ impl GrowthProgress {
             return Some(*result);
         }
         self.is_past = written.zip(self.since).is_some_and(|(written, since)| written < since);
+        if !self.is_past && self.since.take().is_some() {
+            // What happened before is shown by the present state alone.
+            self.note(&self.state);
+        }
         self.ingest(&event);
         self.is_past = false;
         None
@@ -86,10 +90,10 @@ impl GrowthProgress {
             }
             RunEvent::Status(status) => {
                 let runs_out = status.pause_cause.as_deref() == Some(PauseCause::FilamentOut.code());
-                if runs_out && !std::mem::replace(&mut self.is_out_of_filament, runs_out) {
+                if runs_out && !self.is_out_of_filament {
                     self.warn(self.out_of_filament);
                 }
-                self.is_out_of_filament = runs_out;
+                self.is_out_of_filament = runs_out && !self.is_past;
                 self.finish = status.finish_utc.as_ref().and_then(|time| OffsetDateTime::parse(time, &Rfc3339).ok());
                 if let Some(state) = &status.state {
                     self.set_state(state);
@@ -158,5 +162,23 @@ impl GrowthProgress {
     /// Ends the display.
     pub fn end(&self) {
         self.progress.finish();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_runout_of_the_past_is_reported_once_it_is_present() {
+        let mut progress = GrowthProgress::new(9, 0, "out of filament").begin_now();
+        let status = |utc: &str| {
+            format!(r#"{{"event":"status","state":"paused","pause_cause":"filament-out","laid":4,"utc":"{utc}"}}"#)
+        };
+        assert!(progress.ingest_line(&status("2000-01-01T00:00:00.000Z")).is_none());
+        assert!(!progress.is_out_of_filament && progress.since.is_some());
+        assert_eq!(progress.state, "paused");
+        progress.ingest_line(&status("2999-01-01T00:00:00.000Z"));
+        assert!(progress.is_out_of_filament && progress.since.is_none());
     }
 }
