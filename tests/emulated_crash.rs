@@ -54,8 +54,8 @@ fn a_crash_is_reported_after_the_reset_with_function_and_line() {
         crash(&words, how);
         let hello = client.open_session().unwrap();
         assert_eq!((hello.reset_cause, hello.status.state), (cause, State::Idle), "{function}");
-        let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-        let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
+        let words = client.boot_report().unwrap().crash.expect("the board knows of the crash");
+        let crash = CrashReport::new(CrashRecord::from(&words), Some(&image));
         let text = crash.text();
         println!("{text}");
         assert_eq!((crash.record.cause, crash.record.boot_id), (cause, boot_id), "{function}");
@@ -88,14 +88,14 @@ fn a_crash_is_reported_after_the_reset_with_function_and_line() {
     words.wait("another boot", |words| words.read(table::BOOTS) != boots);
     words.write(table::OVERFLOW_STACK, 0);
     assert_eq!(client.open_session().unwrap().reset_cause, ResetCause::StackOverflow);
-    let told = client.boot_report().unwrap().crash.unwrap();
-    let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
+    let words = client.boot_report().unwrap().crash.unwrap();
+    let crash = CrashReport::new(CrashRecord::from(&words), Some(&image));
     println!("{}", crash.text());
     assert_eq!(crash.record.cause, ResetCause::StackOverflow);
     assert!(crash.text().contains("stack_monitor::overflow"), "{}", crash.text());
     // Another image is not mistaken for the one that crashed.
     let other = FirmwareImage::open(&firmware("stm32f405")).unwrap();
-    let unknown = CrashReport::new(CrashRecord::from(&told), Some(&other));
+    let unknown = CrashReport::new(CrashRecord::from(&words), Some(&other));
     assert!(unknown.image.is_none(), "{}", unknown.text());
 }
 

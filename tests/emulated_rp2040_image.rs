@@ -62,8 +62,8 @@ fn a_sealed_uf2_image_boots_and_reports_a_crash_after_the_reset() {
     board.borrow_mut().crash(rp2040::CrashMode::Faults).unwrap();
     let hello = client.open_session().unwrap();
     assert_eq!((hello.reset_cause, hello.status.state), (ResetCause::ProcessorFault, State::Idle));
-    let told = client.boot_report().unwrap().crash.expect("the board knows of the crash");
-    let crash = CrashReport::new(CrashRecord::from(&told), Some(&image));
+    let words = client.boot_report().unwrap().crash.expect("the board knows of the crash");
+    let crash = CrashReport::new(CrashRecord::from(&words), Some(&image));
     println!("{}", crash.text());
     assert_eq!((crash.record.cause, crash.record.boot_id), (ResetCause::ProcessorFault, boot_id));
     assert_eq!((crash.record.exception, crash.record.image), (3, image.crc()));

@@ -49,8 +49,8 @@ pub enum StopOutcome {
     /// The board has executed the request to stop. The body can be resumed.
     #[default]
     ByRequest,
-    /// The board has confirmed the emergency stop, because it did not respond to the request to stop, or because another
-    /// user sent the emergency stop at the same time.
+    /// The board has confirmed the emergency stop, because it did not respond to the request to stop, or because
+    /// another user sent the emergency stop at the same time.
     ByEmergencyStop,
 }
 

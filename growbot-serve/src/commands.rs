@@ -54,12 +54,12 @@ pub(super) fn run_command(
     }
 }
 
-/// Returns the status of a robot with what its board reports beside it. Without these details if the robot has a job, is
-/// not connected, or does not report them in time.
+/// Returns the status of a robot with what its board reports beside it. Without these details if the robot has a job,
+/// is not connected, or does not report them in time.
 pub(super) fn full_status(keeper: &RobotWorker) -> RobotStatus {
     let (sender, details) = mpsc::channel();
     if keeper.status().connection == ConnectionState::Ready {
-        // Whatever prevents the request is in the status, too, or is that a job begins.
+        // An error needs no report: the status shows a lost connection or a new job.
         let _ = keeper.request(RobotRequest::ReadDetails(sender), DETAILS_TIMEOUT);
     }
     let mut status = keeper.status();

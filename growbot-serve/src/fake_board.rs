@@ -51,6 +51,8 @@ pub struct FakeBoard {
     pub laid: u32,
     /// True if the board belongs to another robot.
     pub is_of_other_robot: bool,
+    /// True if the board does not respond to a request to stop. It executes an emergency stop nevertheless.
+    pub ignores_stop: bool,
     next: u32,
     boots: u32,
     session: u32,
@@ -77,6 +79,7 @@ impl FakeBoard {
             layers: 0,
             laid: 0,
             is_of_other_robot: false,
+            ignores_stop: false,
             next: 0,
             boots: 1,
             session: 0,
@@ -161,6 +164,7 @@ impl FakeBoard {
             }
             Message::GetBoardInfo(_) => Ok(self.info()),
             Message::GetStatus(_) => Ok(Message::Status(self.status())),
+            Message::Stop(_) if self.ignores_stop => return,
             Message::Stop(_) => {
                 if !matches!(self.state, State::Fault | State::EmergencyStop) {
                     self.state = State::Stopped;

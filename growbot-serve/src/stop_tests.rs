@@ -1,7 +1,7 @@
 //! Tests of stops and pauses of robots that do not receive them at once, with longer sequences of steps than the pairs
 //! that `stop_model` runs.
 
-use growbot_client::robot_command::RobotCommand;
+use growbot_client::robot_command::{CommandOutcome, RobotCommand, StopOutcome};
 use growbot_core::link::message::{PauseCause, State as BoardState};
 
 use super::commands::run_command;
@@ -104,6 +104,25 @@ fn a_continue_that_was_given_before_the_board_parked_reaches_it() {
         assert_eq!(run(&steps).0, BoardState::Growing, "{steps:?}");
         let steps = [&steps[..], &[Step::Pause]].concat();
         assert_eq!(run(&steps).0, BoardState::Parked, "{steps:?}");
+    }
+}
+
+/// The user has to learn that the board needs to be cleared.
+#[test]
+fn a_stop_reports_that_it_became_an_emergency_stop() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    for (ignores, state, outcome) in [
+        (false, BoardState::Stopped, StopOutcome::ByRequest),
+        (true, BoardState::EmergencyStop, StopOutcome::ByEmergencyStop),
+    ] {
+        case.line.board().ignores_stop = ignores;
+        let permit = case.worker.signal().permit();
+        let stopped = run_command(&case.worker, RobotCommand::Stop, &permit).unwrap();
+        assert_eq!(stopped, CommandOutcome::Stopped(outcome));
+        assert_eq!(case.line.board().state, state);
     }
 }
 

@@ -36,8 +36,10 @@ class StateChanged(Event):
 
 @dataclass(frozen=True)
 class Status(Event):
-    """Status of the board. Temperatures are in C, and None without a reading or with the heater off. pause_cause is None
-    unless the board pauses."""
+    """Status of the board.
+
+    Temperatures are in C, and None without a reading or with the heater off. pause_cause is None unless the board pauses.
+    """
 
     state: Optional[str]
     laid: Optional[int]
