@@ -83,8 +83,21 @@ const EMERGENCY_STOP: [Row; 6] = [
     changing(&["clear"], "the emergency-stop is cleared: the simulated robot accepts jobs again", "idle"),
 ];
 
-const STATES: [(&str, &[Row]); 4] =
-    [("idle", &IDLE), ("stopped", &STOPPED), ("done", &DONE), ("emergency-stop", &EMERGENCY_STOP)];
+const MAINTENANCE: [Row; 5] = [
+    row(&["clear"], 0, "there is nothing to clear: the simulated robot is in the state maintenance"),
+    row(&["maintain", "preheat", "900"], 1, TOO_HOT),
+    changing(&["maintain", "cooldown"], "simulated robot: heater and steppers are off", "idle"),
+    changing(&["stop"], OFF, "stopped"),
+    changing(&["estop"], OFF, "emergency-stop"),
+];
+
+const STATES: [(&str, &[Row]); 5] = [
+    ("idle", &IDLE),
+    ("stopped", &STOPPED),
+    ("done", &DONE),
+    ("emergency-stop", &EMERGENCY_STOP),
+    ("maintenance", &MAINTENANCE),
+];
 
 /// Brings the robot into a state, from any other.
 fn bring_into(lab: &Lab, state: &str, owner: PortOwner) {
@@ -93,6 +106,7 @@ fn bring_into(lab: &Lab, state: &str, owner: PortOwner) {
     }
     match state {
         "idle" => {}
+        "maintenance" => assert_eq!(lab.run(&["maintain", "preheat", "100", "--port", "sim:lab"]).0, Some(0)),
         "emergency-stop" => assert_eq!(lab.run(&["estop", "--port", "sim:lab"]).0, Some(0)),
         "done" => assert_eq!(lab.run(&["grow", "--to", "0,0,60,0,90", "--port", "sim:lab"]).0, Some(0)),
         _ => {
