@@ -13,7 +13,7 @@
 //!   contain the unit, as in `tilt_max_deg` or [`pose::Pose::from_degrees`].
 //! - Right-handed frames; counter-clockwise is positive.
 //! - A [`pose::Pose`] is a point and a direction: *heading*, the angle in the x-y plane, and *pitch*, the angle above
-//!   it. Pitch 90 degrees is straight up. It has no roll.
+//!   it. Pitch 90 degrees is straight up. Its roll is 0, unless it is the tip of a body.
 //! - A [`pose::Frame`] is named after the conversion that it makes, as in `base_from_tip`, so that products read right:
 //!   `base_from_tip * tip_from_next_tip`. The tip's z axis is the direction of growth. x and y span the plane in which
 //!   material is laid. Growth carries the frame along without twist.

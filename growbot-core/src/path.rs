@@ -10,6 +10,7 @@ use heapless::Vec;
 use crate::angle::wrap_positive;
 use crate::helicoid::Helicoid;
 use crate::kinematics::step;
+use crate::layer::Layer;
 use crate::pose::{Frame, Pose};
 
 /// Max number of segments of a planned path. A path of two planar Dubins paths has up to six.
@@ -41,6 +42,13 @@ pub enum Segment {
         /// Length, mm.
         length: f64,
     },
+}
+
+impl From<&Layer> for Segment {
+    /// Returns the centreline of a layer.
+    fn from(&Layer { alpha, height: length, tilt: bend }: &Layer) -> Self {
+        if bend > 0.0 { Self::Arc { alpha, bend, length } } else { Self::Straight { length } }
+    }
 }
 
 impl Segment {

@@ -4,8 +4,9 @@
 //! pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
 //!
 //! A [`Frame`] is the robot's form, `base_from_tip`. Its z axis is the direction of growth, and its x and y axes span
-//! the deposition plane. A pose has no roll, so its frame is `Rz(heading) * Ry(90 deg - pitch)`. Growth never rolls the
-//! tip about its own z, so from there on the frame is carried along the body without twist.
+//! the deposition plane. The frame of a pose is `Rz(heading) * Ry(90 deg - pitch) * Rz(roll)`. A pose that a user gives has
+//! roll 0. Growth never rolls the tip about its own z, so from there on the frame is carried along the body without
+//! twist. A body that begins at the tip of another one therefore has a start with roll.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 
@@ -23,6 +24,7 @@ pub struct Pose {
     position: Vector3<f64>,
     heading: f64,
     pitch: f64,
+    roll: f64,
 }
 
 /// A goal of the tip that prescribes the position (mm) but not the direction.
@@ -90,10 +92,10 @@ impl Pose {
     /// assert_eq!(Pose::from_degrees([0.0, 0.0, 0.0, 0.0, 90.0]), Ok(Pose::UPRIGHT));
     /// ```
     pub const UPRIGHT: Self =
-        Self { position: Vector3::new(0.0, 0.0, 0.0), heading: 0.0, pitch: core::f64::consts::FRAC_PI_2 };
+        Self { position: Vector3::new(0.0, 0.0, 0.0), heading: 0.0, pitch: core::f64::consts::FRAC_PI_2, roll: 0.0 };
 
-    /// Creates a pose from a position in mm, and a heading and a pitch in radians. The heading is wrapped to `(-pi,
-    /// pi]`.
+    /// Creates a pose without roll from a position in mm, and a heading and a pitch in radians. The heading is wrapped
+    /// to `(-pi, pi]`.
     ///
     /// # Errors
     /// Returns an error if a number is not finite, a coordinate is beyond [`Self::MAX_COORDINATE_MM`], or the pitch is
@@ -113,10 +115,21 @@ impl Pose {
         if pitch.abs() > core::f64::consts::FRAC_PI_2 {
             return Err(PoseError::Pitch { value: degrees(pitch) });
         }
-        Ok(Self { position, heading: wrap_signed(heading), pitch })
+        Ok(Self { position, heading: wrap_signed(heading), pitch, roll: 0.0 })
     }
 
-    /// Creates a pose from x, y and z in mm, and heading and pitch in degrees.
+    /// Returns this pose with another roll, radians. The roll is wrapped to `(-pi, pi]`.
+    ///
+    /// # Errors
+    /// Returns an error if the roll is not finite.
+    pub fn with_roll(self, roll: f64) -> Result<Self, PoseError> {
+        if !roll.is_finite() {
+            return Err(PoseError::NotFinite { field: "roll", value: roll });
+        }
+        Ok(Self { roll: wrap_signed(roll), ..self })
+    }
+
+    /// Creates a pose without roll from x, y and z in mm, and heading and pitch in degrees.
     ///
     /// ```
     /// use growbot_core::pose::Pose;
@@ -139,20 +152,35 @@ impl Pose {
         [self.position.x, self.position.y, self.position.z, degrees(self.heading), degrees(self.pitch)]
     }
 
-    /// Returns the pose of a tip with this frame. The heading is 0 if the tip points exactly straight up or down,
-    /// because such a direction has no heading.
+    /// Returns the pose of a tip with this frame, without its roll. The heading is 0 if the tip points exactly straight
+    /// up or down, because such a direction has no heading.
     pub fn from_frame(base_from_tip: &Frame) -> Self {
         let direction = tip_direction(base_from_tip);
         Self {
             position: base_from_tip.translation.vector,
             heading: wrap_signed(libm::atan2(direction.y, direction.x)),
             pitch: libm::atan2(direction.z, trigonometry::hypot(direction.x, direction.y)),
+            roll: 0.0,
         }
     }
 
-    /// Returns a pose at the given position with the direction of this pose.
+    /// Returns the pose of a tip with this frame, with its roll.
+    pub fn from_frame_with_roll(base_from_tip: &Frame) -> Self {
+        let pose = Self::from_frame(base_from_tip);
+        Self { roll: pose.roll_to(base_from_tip), ..pose }
+    }
+
+    /// Returns the roll of a tip about its direction of growth, relative to the frame of this pose, radians. The tip
+    /// must be at this pose.
+    pub fn roll_to(&self, base_from_tip: &Frame) -> f64 {
+        let pose_from_tip = self.frame().rotation.inverse() * base_from_tip.rotation;
+        let matrix = pose_from_tip.matrix();
+        libm::atan2(matrix[(1, 0)], matrix[(0, 0)])
+    }
+
+    /// Returns a pose without roll at the given position with the direction of this pose.
     pub fn at(&self, position: &Position) -> Self {
-        Self { position: position.0, ..*self }
+        Self { position: position.0, roll: 0.0, ..*self }
     }
 
     /// Returns the position of the tip, mm.
@@ -170,6 +198,11 @@ impl Pose {
         self.pitch
     }
 
+    /// Returns the roll of the frame about the direction in `(-pi, pi]`, radians. 0 unless the pose is a tip of a body.
+    pub fn roll(&self) -> f64 {
+        self.roll
+    }
+
     /// Reports whether the direction of the pose is straight up or down within [`Self::VERTICAL_TOLERANCE_RAD`]. If so,
     /// the direction does not depend on the heading.
     pub fn is_vertical(&self) -> bool {
@@ -181,7 +214,7 @@ impl Pose {
         tip_direction(&self.frame())
     }
 
-    /// Returns the frame of a tip at this pose, `base_from_tip`, without roll: `Rz(heading) * Ry(90 deg - pitch)`.
+    /// Returns the frame of a tip at this pose, `base_from_tip`: `Rz(heading) * Ry(90 deg - pitch) * Rz(roll)`.
     pub fn frame(&self) -> Frame {
         let (sin_heading, cos_heading) = trigonometry::sin_cos(self.heading);
         let (sin_pitch, cos_pitch) = trigonometry::sin_cos(self.pitch);
@@ -191,7 +224,18 @@ impl Pose {
             sin_heading * sin_pitch,  cos_heading, sin_heading * cos_pitch,
             -cos_pitch,               0.0,         sin_pitch,
         );
-        Frame::from_parts(Translation3::from(self.position), Rotation3::from_matrix_unchecked(rotation))
+        let mut rotation = Rotation3::from_matrix_unchecked(rotation);
+        if self.roll != 0.0 {
+            let (sin_roll, cos_roll) = trigonometry::sin_cos(self.roll);
+            #[rustfmt::skip]
+            let roll = Matrix3::new(
+                cos_roll, -sin_roll, 0.0,
+                sin_roll,  cos_roll, 0.0,
+                0.0,       0.0,      1.0,
+            );
+            rotation *= Rotation3::from_matrix_unchecked(roll);
+        }
+        Frame::from_parts(Translation3::from(self.position), rotation)
     }
 }
 
@@ -225,6 +269,18 @@ mod tests {
             prop_assert!((again.heading() - pose.heading()).abs() < 1e-12);
             prop_assert!((again.pitch() - pose.pitch()).abs() < 1e-12);
             prop_assert_eq!(again.position(), pose.position());
+        }
+
+        #[test]
+        fn frames_round_trip_through_poses_with_roll(
+            heading in -179.9..180.0, pitch in -90.0..=90.0, roll in -180.0..180.0,
+        ) {
+            let pose = Pose::from_degrees([1.0, 2.0, 3.0, heading, pitch]).unwrap();
+            let frame = pose.with_roll(radians(roll)).unwrap().frame();
+            let again = Pose::from_frame_with_roll(&frame);
+            prop_assert!((again.frame().to_homogeneous() - frame.to_homogeneous()).norm() < 1e-14);
+            prop_assert!((again.direction() - pose.direction()).norm() < 1e-14);
+            prop_assert_eq!(Pose::from_frame(&frame).roll(), 0.0);
         }
 
         #[test]

@@ -198,7 +198,8 @@ impl Try {
     fn new() -> Self {
         let robot = robot_file::load("growbot-a".as_ref()).unwrap();
         let pose = |numbers| Pose::from_degrees(numbers).unwrap();
-        let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
+        let search =
+            PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false, existing: None };
         let (start, goal) = (pose([0.0, 0.0, 0.0, 0.0, 90.0]), pose([40.0, 30.0, 120.0, 30.0, 45.0]));
         let plan = Plan::through_waypoints(&robot, &start, &[], &goal, &search).unwrap();
         let mut sim = Sim::new(robot.clone());

@@ -3,6 +3,7 @@
 mod capabilities;
 mod configuring;
 mod console_commands;
+mod continued_body;
 mod describing_commands;
 mod documents;
 mod emergency;

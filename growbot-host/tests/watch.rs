@@ -24,7 +24,7 @@ use crate::running;
 fn watch(orders: Option<Arc<CommandQueue>>) -> WatchPage {
     let robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
+    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false, existing: None };
     let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(40.0), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let subject = Subject { name: "plan.json", robot: &robot, plan: &plan, run: None, laid: None, scene: None };

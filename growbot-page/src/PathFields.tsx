@@ -4,6 +4,7 @@ import { useRef } from "preact/hooks";
 import { EMPTY_WAYPOINT } from "./goal";
 import type { Target } from "./goal";
 import { GoalFields } from "./GoalFields";
+import { lastBody } from "./job_list";
 import { enter } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 
@@ -12,6 +13,7 @@ const MAX_WAYPOINTS = 100;
 
 export function PathFields({ robot, form }: { robot: string; form: NextBodyForm }) {
   const { target, waypoints, problem } = form;
+  const last = lastBody(robot);
   const list = useRef<HTMLDivElement>(null);
   const change = (index: number, changed: Target[]) =>
     enter(robot, { waypoints: [...waypoints.slice(0, index), ...changed, ...waypoints.slice(index + 1)] });
@@ -22,6 +24,15 @@ export function PathFields({ robot, form }: { robot: string; form: NextBodyForm 
     problem && problem.field !== "scene" && problem.waypoint === number ? problem : null;
   return (
     <div class="path" ref={list}>
+      {(last || form.startsAtLastTip) && (
+        <label class="check">
+          <input
+            type="checkbox" checked={form.startsAtLastTip}
+            onChange={({ currentTarget }) => enter(robot, { startsAtLastTip: currentTarget.checked })}
+          />
+          Start at the tip of the last body, {last?.name ?? "which is unknown"}
+        </label>
+      )}
       {waypoints.map((waypoint, index) => (
         <fieldset key={index} class="waypoint">
           <legend>Waypoint {index + 1}</legend>

@@ -75,6 +75,8 @@ export interface Plan {
   filament_mm: number;
   warnings: PlanWarning[];
   scene?: { file: string; clearance_mm: number; margin_mm?: number };
+  /** Layers of the body at whose tip the plan begins. */
+  existing_layers?: string;
 }
 
 /** Response to a request for a plan. */
@@ -87,6 +89,8 @@ export interface PlanResponse {
 /** A request to grow or to plan: either a goal `to`, or a plan. */
 export interface GrowRequest {
   to?: string;
+  /** Start pose, or `last-tip` for the tip of the last body. */
+  from?: string;
   via?: string[];
   plan?: unknown;
   name?: string;

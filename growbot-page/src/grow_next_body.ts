@@ -12,8 +12,10 @@ export async function confirmGrow(name: string): Promise<boolean> {
   const { plan } = form;
   if (!plan) return false;
   const { layers, duration_s: durationS } = plan;
+  const startsAtLastTip = Boolean(plan.existing_layers);
   const options = optionsText({ ...form, ignore_scene: form.ignoreScene });
-  const isConfirmed = await confirmGrowth(name, { title: `Grow on ${name}?`, layers, durationS, options });
+  const growth = { title: `Grow on ${name}?`, layers, durationS, options, startsAtLastTip };
+  const isConfirmed = await confirmGrowth(name, growth);
   if (isConfirmed) await grow(name, form);
   return isConfirmed;
 }

@@ -11,15 +11,21 @@ export interface AskedGrowth {
   durationS: number;
   /** What the growth does besides its plan. */
   options?: string;
+  /** True if the body begins at the tip of the last one, which stays in place. */
+  startsAtLastTip?: boolean;
 }
 
 const latestJob = (robot: string) => jobs.value?.find((job) => job.robot === robot)?.id;
 
-/** Asks whether the last body is removed and the robot may heat. Returns whether a person has confirmed that. */
+/**
+ * Asks whether the last body is removed, or in place for a body that begins at its tip, and whether the robot may heat.
+ * Returns whether a person has confirmed that.
+ */
 export async function confirmGrowth(robot: string, growth: AskedGrowth): Promise<boolean> {
-  const { title, layers, durationS, options } = growth;
+  const { title, layers, durationS, options, startsAtLastTip } = growth;
   const before = latestJob(robot);
-  const text = `Is the last body removed? ${robot} heats its nozzle, homes, and lays ${layers} layers in `
+  const place = startsAtLastTip ? "in place, with the robot at its tip" : "removed";
+  const text = `Is the last body ${place}? ${robot} heats its nozzle, homes, and lays ${layers} layers in `
     + `${[formatDuration(durationS), options].filter(Boolean).join(", ")}.`;
   if (!await ask({ title, text, action: "Heat and grow", destroys: false })) return false;
   if (latestJob(robot) === before) return true;

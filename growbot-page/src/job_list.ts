@@ -21,6 +21,12 @@ export async function refreshJobs(): Promise<void> {
   }
 }
 
+/** Returns the job of the last body of a robot. `undefined` if there is none, or if it still grows. */
+export function lastBody(robot: string): Job | undefined {
+  const last = jobs.value?.find((job) => job.robot === robot && job.laid > 0);
+  return last?.state === "active" ? undefined : last;
+}
+
 /** Returns the plan with which a job was grown, and whether feedback was on. Reads the first line of its run log. */
 export async function readJobPlan(job: Job): Promise<{ plan: unknown; feedback: boolean; ignoreScene: boolean }> {
   const line = await readFirstLine(new URL(`api/v1/jobs/${job.id}/log`, location.href).href);

@@ -31,6 +31,8 @@ export interface Problem {
 
 export interface NextBodyForm {
   source: "goal" | "plan";
+  /** True if the body begins at the tip of the last body, which stays in place. */
+  startsAtLastTip: boolean;
   waypoints: Target[];
   target: Target;
   given: GivenPlan | null;
@@ -48,8 +50,8 @@ export interface NextBodyForm {
 }
 
 export const EMPTY_FORM: NextBodyForm = {
-  source: "goal", waypoints: [], target: EMPTY_TARGET, given: null, scene: null, feedback: false,
-  force: false, ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
+  source: "goal", startsAtLastTip: false, waypoints: [], target: EMPTY_TARGET, given: null, scene: null,
+  feedback: false, force: false, ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
 };
 
 export const forms = signal<ReadonlyMap<string, NextBodyForm>>(new Map());
@@ -92,13 +94,24 @@ export async function storeScene(file: ChosenScene): Promise<string> {
 
 /** Returns the request to grow or to plan what is entered. */
 export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
-  const { source, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
+  const { source, startsAtLastTip, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
   const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
   if (scene) options.scene = await storeScene(scene);
   if (source === "goal") {
-    return { ...options, via: waypoints.map(targetText), to: targetText(target) };
+    const from = startsAtLastTip ? "last-tip" : undefined;
+    return { ...options, from, via: waypoints.map(targetText), to: targetText(target) };
   }
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
+}
+
+/**
+ * Returns the request to grow what is entered. A body that begins at the last tip is sent as it was planned, so that
+ * the service refuses it if another body has been grown since.
+ */
+async function growRequestOf(form: NextBodyForm): Promise<GrowRequest> {
+  const wanted = await requestOf(form);
+  if (wanted.from === undefined) return wanted;
+  return { ...wanted, from: undefined, via: [], to: undefined, plan: form.plan, name: wanted.to };
 }
 
 /** Returns whether the goal that is entered is that of the preview. */
@@ -162,8 +175,9 @@ export async function preview(robot: string): Promise<boolean> {
 export async function grow(robot: string, form: NextBodyForm): Promise<void> {
   const timeMs = clock.now();
   await runAction(robot, "Grow", async () => {
-    const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
+    const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await growRequestOf(form), timeMs);
     chooseBody(robot, null);
+    if (form.startsAtLastTip) enter(robot, { startsAtLastTip: false });
     void refreshJobs();
     return `Job ${job.id} started`;
   });

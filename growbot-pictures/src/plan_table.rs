@@ -23,7 +23,8 @@ const INDENT: &str = "            ";
 /// starts then. `warning_text` returns the message of a warning with its remedy.
 pub fn table(plan: &Plan, now: Option<OffsetDateTime>, warning_text: fn(&Warning) -> String) -> String {
     let mut text = format!("Plan for {}, bends of radius {} mm\n", plan.robot, plan.radius);
-    text += &format!("  from      {}\n", pose(&plan.start));
+    let start = if plan.existing_layers.is_empty() { pose(&plan.start) } else { tip(&plan.start) };
+    text += &format!("  from      {start}\n");
     for (index, (leg, free)) in plan.legs.iter().zip(&plan.free_directions).enumerate() {
         let name = if index + 1 < plan.legs.len() { "via" } else { "to" };
         let goal = if *free { position_with_direction(&leg.goal) } else { pose(&leg.goal) };
@@ -125,6 +126,13 @@ fn pose(pose: &Pose) -> String {
         shortest_heading(pose.heading()),
         shortest_degrees(pose.pitch())
     )
+}
+
+/// Returns the tip of a body as text. It is rounded, because the user did not type it.
+fn tip(pose: &Pose) -> String {
+    // Rounding gives -0 for a small negative number, and adding 0 converts it to 0.
+    let [x, y, z, heading, pitch] = pose.to_degrees().map(|number| (10.0 * number).round() / 10.0 + 0.0);
+    format!("tip of a body: {x:.1}, {y:.1}, {z:.1} mm, heading {heading:.1}, pitch {pitch:.1} deg")
 }
 
 /// Returns a position as text, with the direction that the planner chose for it. The direction is rounded, because

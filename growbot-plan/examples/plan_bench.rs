@@ -30,6 +30,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         radius: robot.description().planning_radius_mm,
         planner: Planner::Shortest,
         avoid_self_collision: false,
+        existing: None,
     };
     let batches: Vec<&[Goal]> = goals.chunks(batch.parse()?).collect();
     let mut fastest = vec![f64::INFINITY; batches.len()];

@@ -19,6 +19,7 @@ use std::cell::OnceCell;
 
 use growbot_core::angle::wrap_positive;
 use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::Planner;
 use growbot_core::pose::{Frame, Pose};
@@ -31,7 +32,7 @@ use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
 pub use crate::margin::CLEARANCE_SIGMAS;
-use crate::plan::{Goal, Plan, PlanOptions};
+use crate::plan::{ExistingBody, Goal, Plan, PlanOptions, segments};
 use crate::scene_planning::{self, MAX_LENGTH_MM, SceneOptions, ScenePlanError, describe_clearance};
 
 /// Maximum number of detours of one growth. The number is limited because each detour bends the body more.
@@ -122,6 +123,8 @@ pub struct SceneContext<'a> {
     loaded: &'a LoadedScene,
     /// Radius of the arcs of detours, mm.
     radius: f64,
+    /// Segments of the body at whose tip the growth begins.
+    existing: Vec<Segment>,
     detours: [OnceCell<DetourPlan>; MAX_DETOURS],
 }
 
@@ -136,7 +139,13 @@ struct DetourPlan {
 impl<'a> SceneContext<'a> {
     /// Creates the context of one growth. `radius` is the radius of the arcs of detours, mm.
     pub fn new(robot: &'a Robot, loaded: &'a LoadedScene, radius: f64) -> Self {
-        Self { robot, loaded, radius, detours: Default::default() }
+        Self { robot, loaded, radius, existing: Vec::new(), detours: Default::default() }
+    }
+
+    /// Returns this context for a growth that begins at the tip of a body with these layers.
+    #[must_use]
+    pub fn after_layers(self, layers: &[LayerBytes]) -> Self {
+        Self { existing: segments(layers), ..self }
     }
 }
 
@@ -323,15 +332,17 @@ impl<'a> ClearanceGuard<'a> {
         let start = Pose::from_frame(tracker.reference_start());
         let goals: Vec<Goal> = tracker.remaining_goals().map(Goal::from).collect();
         let laid_next = under_way.iter().map(|layer| segment(layer, &estimate.systematic_errors));
-        let search = PlanOptions { radius: around.radius, planner: Planner::Shortest, avoid_self_collision: true };
         let most = self.max_deviation();
-        let grown: Vec<Segment> = self.body.iter().copied().chain(laid_next).collect();
+        let laid = around.existing.iter().chain(&self.body).copied();
+        let grown: Vec<Segment> = laid.chain(laid_next).collect();
+        let existing = Some(ExistingBody { segments: &grown, base_from_tip: tracker.reference_start() });
+        let (radius, planner) = (around.radius, Planner::Shortest);
+        let search = PlanOptions { radius, planner, avoid_self_collision: true, existing };
         for share in CLEARANCES {
             let through = SceneOptions {
                 file: "",
                 loaded: around.loaded,
                 margin: share * most,
-                grown: Some((&grown, tracker.reference_start())),
                 effort: EFFORT,
                 deadline: None,
                 first_only: false,
@@ -378,7 +389,7 @@ impl<'a> ClearanceGuard<'a> {
 
 /// Returns the segment that a robot with these systematic errors lays for a commanded layer.
 fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
-    scene_planning::segment(&Layer {
+    Segment::from(&Layer {
         alpha: wrap_positive(layer.alpha + systematic.alpha),
         height: layer.height * (1.0 + systematic.growth),
         tilt: layer.tilt * (1.0 + systematic.tilt),

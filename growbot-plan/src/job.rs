@@ -109,7 +109,7 @@ pub enum JobEvent {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct Amendment {
     /// New plan id of the job.
-    #[serde(with = "crate::run_log::hash")]
+    #[serde(with = "crate::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
     /// Index of the first replaced layer.
@@ -117,7 +117,7 @@ pub struct Amendment {
     /// Total number of layers of the job after the amendment.
     pub total: u32,
     /// The first replacement layers, at most 64. The other ones are sent later.
-    #[serde(with = "crate::run_log::layers")]
+    #[serde(with = "crate::hexadecimal::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
 }

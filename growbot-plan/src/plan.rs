@@ -6,6 +6,7 @@
 //! but the frame of the tip after the earlier legs has, so the segments of a leg are rotated by the difference. If
 //! every candidate would collide with the body, the shortest one is taken, with a warning.
 
+use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::{self, Leg, Segment};
 use growbot_core::plan::{self as planning, MAX_RADIUS_MM, PlanError, PlannedPath, Planner, Requirements};
 use growbot_core::pose::{Frame, Pose, Position};
@@ -14,7 +15,7 @@ use growbot_core::to_position::{self, PositionPlan};
 use nalgebra::Vector3;
 
 use crate::self_collision::closest_self_approach;
-use crate::warning::{Warning, warnings};
+use crate::warning::{SELF_COLLISION, Warning, self_collision, warnings};
 
 /// A plan for one robot: a path that ends at its goal, with its properties. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,6 +46,8 @@ pub struct Plan {
     pub warnings: Vec<Warning>,
     /// Scene of obstacles from which the path is clear. `None` for a plan in empty space.
     pub scene: Option<SceneClearance>,
+    /// Layers of the body at whose tip the path begins. Empty for a path that begins a new body.
+    pub existing_layers: Vec<LayerBytes>,
 }
 
 /// The scene that a plan leads through, and the clearance of the body from it.
@@ -129,14 +132,25 @@ pub(crate) struct PlanLegs {
 
 /// Parameters of the search for a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PlanOptions {
+pub struct PlanOptions<'a> {
     /// Radius of the arcs, mm.
     pub radius: f64,
     /// Planner that generates the candidate paths.
     pub planner: Planner,
-    /// True to take the shortest candidate that collides neither with itself nor with the earlier legs. False to take
-    /// the shortest candidate.
+    /// True to take the shortest candidate that collides neither with itself, nor with the earlier legs, nor with the
+    /// existing body. False to take the shortest candidate.
     pub avoid_self_collision: bool,
+    /// Body at whose tip the path begins. `None` if the path begins a new body.
+    pub existing: Option<ExistingBody<'a>>,
+}
+
+/// A body at whose tip a path begins.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ExistingBody<'a> {
+    /// Segments of the body.
+    pub segments: &'a [Segment],
+    /// Frame of the tip of the body.
+    pub base_from_tip: &'a Frame,
 }
 
 /// Maximum error of the tip at the end of a leg, in radii and radians, at which the next leg is planned from the goal
@@ -160,7 +174,8 @@ impl Plan {
     }
 
     /// Plans the legs one after the other with the function `plan_leg`. Its arguments are the start pose of the leg,
-    /// the goal of the leg, the segments of all earlier legs, and the roll of the tip at the start of the leg, radians.
+    /// the goal of the leg, the segments of the existing body and of all earlier legs, and the roll of their tip
+    /// relative to the start pose of the leg, radians.
     pub(crate) fn by_legs<E>(
         robot: &Robot,
         start: &Pose,
@@ -168,26 +183,52 @@ impl Plan {
         search: &PlanOptions,
         mut plan_leg: impl FnMut(&Pose, &Goal, &[Segment], f64) -> Result<PlannedLeg, E>,
     ) -> Result<Self, E> {
-        let mut body: Vec<Segment> = Vec::new();
+        let existing = search.existing.map_or(&[][..], |existing| existing.segments);
+        let roll_of_existing = search.existing.map_or(0.0, |existing| start.roll_to(existing.base_from_tip));
+        let (mut path, mut body) = (Vec::new(), existing.to_vec());
         let (mut legs, mut choices) = (Vec::with_capacity(goals.len()), Vec::with_capacity(goals.len()));
         // Frame of the tip, and the pose and the roll from which the next leg is planned.
         let mut base_from_tip = start.frame();
         let (mut from, mut roll) = (*start, 0.0);
         for goal in goals {
-            let PlannedLeg { goal, path, choice } = plan_leg(&from, goal, &body, roll)?;
-            let own: Vec<Segment> = path.iter().map(|segment| segment.rolled(roll)).collect();
-            choices.push(choice);
+            let leg = plan_leg(&from, goal, &body, roll + roll_of_existing)?;
+            let (goal, own): (_, Vec<_>) = (leg.goal, leg.path.iter().map(|segment| segment.rolled(roll)).collect());
+            choices.push(leg.choice);
             legs.push(Leg { goal, segment_count: own.len() });
             base_from_tip = path::end(&own, &base_from_tip);
-            body.extend(own);
+            body.extend(own.iter().map(|segment| segment.rolled(roll_of_existing)));
+            path.extend(own);
             let miss = planning::goal_error(&base_from_tip, &goal);
             let there = miss.distance <= AT_THE_POSE * search.radius && miss.angle <= AT_THE_POSE;
             from = if there { goal } else { Pose::from_frame(&base_from_tip) };
-            roll = roll_from(&from, &base_from_tip);
+            roll = from.roll_to(&base_from_tip);
         }
         let free_directions = goals.iter().map(Goal::is_free).collect();
         let legs = PlanLegs { legs, choices, free_directions };
-        Ok(Self::of_path(robot, start, search.radius, search.planner, legs, body))
+        let mut plan = Self::of_path(robot, start, search.radius, search.planner, legs, path);
+        if !existing.is_empty() {
+            plan.add_self_collision(&body, robot, path::length(existing));
+        }
+        Ok(plan)
+    }
+
+    /// Adds the warning for a collision of the path with itself or with the existing body, unless it is there. `body`
+    /// is the existing body with the path, and `existing` the length of the existing body, mm.
+    fn add_self_collision(&mut self, body: &[Segment], robot: &Robot, existing: f64) {
+        if self.warnings.iter().all(|warning| warning.code != SELF_COLLISION) {
+            self.warnings.extend(self_collision(body, robot, existing));
+        }
+    }
+
+    /// Returns the plan as one whose path begins at the tip of a body with these layers.
+    pub(crate) fn after_layers(mut self, layers: Vec<LayerBytes>, robot: &Robot) -> Self {
+        if !layers.is_empty() {
+            let mut body = segments(&layers);
+            let existing = path::length(&body);
+            body.extend(&self.path);
+            self.add_self_collision(&body, robot, existing);
+        }
+        Self { existing_layers: layers, ..self }
     }
 
     /// Creates the plan of a given path. There must be at least one leg.
@@ -214,6 +255,7 @@ impl Plan {
             free_directions,
             path,
             scene: None,
+            existing_layers: Vec::new(),
         }
     }
 
@@ -263,12 +305,9 @@ pub fn path_type(path: &[Segment]) -> String {
     letters.into_iter().collect()
 }
 
-/// Returns the roll of a tip about its direction of growth, relative to the frame of `pose`, radians. The tip must be
-/// at this pose.
-pub(crate) fn roll_from(pose: &Pose, base_from_tip: &Frame) -> f64 {
-    let pose_from_tip = pose.frame().rotation.inverse() * base_from_tip.rotation;
-    let matrix = pose_from_tip.matrix();
-    libm::atan2(matrix[(1, 0)], matrix[(0, 0)])
+/// Returns the centrelines of layers as segments.
+pub(crate) fn segments(layers: &[LayerBytes]) -> Vec<Segment> {
+    layers.iter().map(|layer| Segment::from(&decode(layer))).collect()
 }
 
 /// A planned leg.
@@ -293,7 +332,8 @@ impl PlannedLeg {
     }
 }
 
-/// Plans one leg. `body` are the segments of all earlier legs, and `roll` is the roll of the tip at their end, radians.
+/// Plans one leg. `body` are the segments of the existing body and of all earlier legs, and `roll` is the roll of the
+/// tip at their end, radians.
 fn plan_leg(
     robot: &Robot,
     from: &Pose,

@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 
 use growbot_core::compact_number::CompactNumber;
 use growbot_core::job::job_layers;
-use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::decode;
 use growbot_core::path::{self, Segment};
 use growbot_core::plan::{PlanError, Planner};
@@ -21,9 +20,10 @@ use growbot_scene::planner::{
 };
 use growbot_scene::scene_file::{LoadedScene, SceneError, load};
 
+use crate::hexadecimal::format_hash;
 use crate::margin::near_obstacle;
-use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where, roll_from};
-use crate::plan_file::json::{SceneRefJson, format_hash};
+use crate::plan::{Goal, Plan, PlanOptions, PlannedLeg, SceneClearance, plan_where};
+use crate::plan_file::json::SceneRefJson;
 use crate::self_collision::closest_self_approach;
 use crate::warning::NEAR_OBSTACLE;
 
@@ -57,9 +57,6 @@ pub struct SceneOptions<'a> {
     /// Minimum distance that a path must keep between the outside of the tube and all obstacles, mm. The default is
     /// [`planning_margin_mm`](crate::margin::planning_margin_mm).
     pub margin: f64,
-    /// Segments of the existing body and the frame of its tip, with which the new path must not collide. `None` without
-    /// an existing body.
-    pub grown: Option<(&'a [Segment], &'a Frame)>,
     /// Maximum effort of the search, in units of 100,000 distance queries. Unlike a limit in time, it gives the same
     /// result on every machine.
     pub effort: u64,
@@ -260,9 +257,9 @@ pub fn plan_while<E: From<ScenePlanError>>(
     through: &SceneOptions,
     check: &dyn Fn() -> Result<(), E>,
 ) -> Result<Plan, E> {
-    let (grown, from_grown) = through.grown.map_or((&[][..], 0.0), |(grown, tip)| (grown, roll_from(start, tip)));
+    let existing_length = search.existing.map_or(0.0, |existing| path::length(existing.segments));
     let legs_left = Cell::new(goals.len() as u32);
-    let leg = LegSearch { robot, search, through, grown, from_grown, legs_left };
+    let leg = LegSearch { robot, search, through, existing_length, legs_left };
     let mut plan = Plan::by_legs(robot, start, goals, search, |from, goal, body, roll| {
         check()?;
         Ok::<_, E>(leg.plan(from, goal, body, roll)?)
@@ -284,12 +281,7 @@ pub fn laid(path: &[Segment], robot: &Robot) -> Vec<Segment> {
         return path.to_vec();
     }
     let layers = job_layers(path, robot).map(|bytes| decode(&bytes));
-    layers.map(|layer| segment(&layer)).collect()
-}
-
-/// Returns the centreline of a layer as a segment.
-pub fn segment(&Layer { alpha, height: length, tilt: bend }: &Layer) -> Segment {
-    if bend > 0.0 { Segment::Arc { alpha, bend, length } } else { Segment::Straight { length } }
+    layers.map(|layer| Segment::from(&layer)).collect()
 }
 
 /// Returns the proven clearance between the outside of a plan's tube and a scene, mm. [`MAX_CLEARANCE`] in an empty
@@ -394,12 +386,10 @@ pub fn load_verified_scene(
 /// Planner of the legs of one plan through a scene.
 struct LegSearch<'a> {
     robot: &'a Robot,
-    search: &'a PlanOptions,
+    search: &'a PlanOptions<'a>,
     through: &'a SceneOptions<'a>,
-    /// Segments of the existing body.
-    grown: &'a [Segment],
-    /// Roll of the tip of the existing body relative to the frame of the start pose, radians.
-    from_grown: f64,
+    /// Length of the existing body, mm.
+    existing_length: f64,
     /// Number of legs that are not planned yet, among which the remaining time is divided.
     legs_left: Cell<u32>,
 }
@@ -422,12 +412,11 @@ impl LegSearch<'_> {
 
     fn plan(&self, from: &Pose, goal: &Goal, body: &[Segment], roll: f64) -> Result<PlannedLeg, ScenePlanError> {
         let (scene, need) = (&self.through.loaded.scene, self.need());
-        let left = self.through.max_length - path::length(body);
+        let before = path::length(body);
+        let left = self.through.max_length - (before - self.existing_length);
         let is_clear_of_self = |path: &[Segment]| {
-            let mut whole = self.grown.to_vec();
-            whole.extend(body.iter().map(|segment| segment.rolled(self.from_grown)));
-            let before = path::length(&whole);
-            whole.extend(path.iter().map(|segment| segment.rolled(roll + self.from_grown)));
+            let mut whole = body.to_vec();
+            whole.extend(path.iter().map(|segment| segment.rolled(roll)));
             closest_self_approach(&whole, self.robot.outer_diameter(), before).is_none()
         };
         let base_from_start = from.frame();

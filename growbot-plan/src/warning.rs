@@ -61,7 +61,7 @@ const MAX_LAYERS: usize = 100_000;
 /// time and filament.
 pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Warning> {
     let mut left = MAX_LAYERS;
-    let mut found: Vec<Warning> = self_collision(path, robot).into_iter().collect();
+    let mut found: Vec<Warning> = self_collision(path, robot, 0.0).into_iter().collect();
     found.extend(filament_short(needs, robot));
     for (index, segment) in path.iter().enumerate() {
         found.extend(layer_limit(index, segment, robot, &mut left));
@@ -70,9 +70,11 @@ pub fn warnings(path: &[Segment], needs: &Requirements, robot: &Robot) -> Vec<Wa
     found
 }
 
-fn self_collision(path: &[Segment], robot: &Robot) -> Option<Warning> {
+/// Returns the warning for a body that collides with itself. Only the part beyond the length `since` (mm) is compared
+/// with all earlier parts.
+pub(crate) fn self_collision(path: &[Segment], robot: &Robot, since: f64) -> Option<Warning> {
     let limit = robot.outer_diameter();
-    let Collision { distance: value, at: [from, to] } = closest_self_approach(path, limit, 0.0)?;
+    let Collision { distance: value, at: [from, to] } = closest_self_approach(path, limit, since)?;
     let message = format!(
         "the body runs into itself: at {to:.0} mm of its length its centreline is {value:.1} mm from its centreline at \
          {from:.0} mm, less than the tube's width of {limit:.1} mm; plan another path"

@@ -62,7 +62,13 @@ impl Plan {
     /// # Errors
     /// Like [`growbot_core::plan::plan`], mainly a radius to which the robot cannot bend.
     pub fn new(robot: &Robot, start: &Pose, goal: &Pose, radius: f64, planner: Planner) -> Result<Self, PlanError> {
-        Self::through_waypoints(robot, start, &[], goal, &PlanOptions { radius, planner, avoid_self_collision: false })
+        Self::through_waypoints(
+            robot,
+            start,
+            &[],
+            goal,
+            &PlanOptions { radius, planner, avoid_self_collision: false, existing: None },
+        )
     }
 
     /// Plans from the start through these poses or positions, in order, to the goal. Each leg starts where the previous
@@ -143,7 +149,7 @@ fn optimize_directions<E: From<PlanError>>(
 struct WaypointChain<'a> {
     start: Pose,
     goals: &'a [Goal],
-    search: &'a PlanOptions,
+    search: &'a PlanOptions<'a>,
 }
 
 impl WaypointChain<'_> {
@@ -157,7 +163,7 @@ impl WaypointChain<'_> {
             Goal::Position(_) => directed(last, &(last.position() - before)),
         };
         let goals: Vec<Goal> = on_the_way.iter().rev().map(turned_back_goal).collect();
-        let search = PlanOptions { avoid_self_collision: false, ..*self.search };
+        let search = PlanOptions { avoid_self_collision: false, existing: None, ..*self.search };
         let planned = Plan::leg_by_leg(robot, &turned_back(&end), &goals, &search, check);
         check()?;
         Ok(match planned {
@@ -324,8 +330,8 @@ mod tests {
         robot_file::load(robot_file::DEFAULT.as_ref()).unwrap()
     }
 
-    fn search(planner: Planner) -> PlanOptions {
-        PlanOptions { radius: RADIUS, planner, avoid_self_collision: false }
+    fn search(planner: Planner) -> PlanOptions<'static> {
+        PlanOptions { radius: RADIUS, planner, avoid_self_collision: false, existing: None }
     }
 
     fn up() -> Pose {

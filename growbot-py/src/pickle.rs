@@ -5,6 +5,7 @@ use growbot_core::helicoid::Helicoid;
 use growbot_core::path::{Leg, Segment};
 use growbot_core::plan::{Planner, requirements};
 use growbot_core::robot::Robot;
+use growbot_plan::hexadecimal::{hex_of, unhex};
 use growbot_plan::plan::{Plan, SceneClearance, SearchSummary};
 use growbot_plan::warning::Warning;
 use nalgebra::Vector3;
@@ -12,7 +13,7 @@ use nalgebra::Vector3;
 use crate::error::{Error, ErrorKind};
 use crate::pose::{pose_from, state_of};
 
-type Numbers = (f64, f64, f64, f64, f64);
+type Numbers = (f64, f64, f64, f64, f64, f64);
 /// State of a leg: its goal, number of segments, search statistics (candidates, rejected, two-plane length in mm), and
 /// true if the direction of the goal was free.
 type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
@@ -20,9 +21,9 @@ type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
 type SceneState = (String, u64, f64, f64);
 /// State of a warning: code, message, value and limit.
 type WarningState = (String, String, f64, f64);
-/// State of a plan: true for the planner `shortest`, radius (mm), start, legs, numbers of each segment, scene, and
-/// warnings.
-pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<SceneState>, Vec<WarningState>);
+/// State of a plan: true for the planner `shortest`, radius (mm), start, legs, numbers of each segment, scene, warnings,
+/// and the layers of the existing body as hexadecimal digits.
+pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<SceneState>, Vec<WarningState>, String);
 
 /// Returns the state of a plan.
 pub fn of(plan: &Plan) -> PlanState {
@@ -41,13 +42,15 @@ pub fn of(plan: &Plan) -> PlanState {
     let shortest = plan.planner == Planner::Shortest;
     let warnings =
         plan.warnings.iter().map(|found| (found.code.clone(), found.message.clone(), found.value, found.limit));
-    (shortest, plan.radius, state_of(&plan.start), legs.collect(), segments.collect(), scene, warnings.collect())
+    let (legs, segments, warnings) = (legs.collect(), segments.collect(), warnings.collect());
+    let existing = hex_of(&plan.existing_layers);
+    (shortest, plan.radius, state_of(&plan.start), legs, segments, scene, warnings, existing)
 }
 
 /// Restores a plan from its state.
 pub fn plan(
     robot: &Robot,
-    (shortest, radius, start, legs, segments, scene, warnings): PlanState,
+    (shortest, radius, start, legs, segments, scene, warnings, existing): PlanState,
 ) -> Result<Plan, Error> {
     let path = segments.iter().map(|numbers| segment(numbers)).collect::<Result<Vec<_>, _>>()?;
     let start = pose_from(start)?;
@@ -79,6 +82,9 @@ pub fn plan(
         requirements,
         path,
         scene: scene.map(|(file, hash, clearance, margin)| SceneClearance { file, hash, clearance, margin }),
+        existing_layers: unhex(&existing).ok_or_else(|| {
+            Error::new(ErrorKind::Input, "the pickled plan has an invalid existing body: pickle it again")
+        })?,
     })
 }
 

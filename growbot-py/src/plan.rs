@@ -11,6 +11,7 @@ use growbot_core::robot::Robot as Described;
 use growbot_core::slicing::{Slicing, layers};
 use growbot_pictures::view::Subject;
 use growbot_plan::atomic_file::write_atomic;
+use growbot_plan::continued_body::ContinuedBody;
 use growbot_plan::margin::planning_margin_mm;
 use growbot_plan::plan::{self as client, Goal, PlanOptions};
 use growbot_plan::plan_file::{self, PlanFile, SegmentJson};
@@ -29,6 +30,7 @@ use crate::pickle::{self, PlanState};
 use crate::pose::{PyPose, as_goal, as_pose, goal_of, pose_of, rows_of};
 use crate::py_plan::PyPlan;
 use crate::robot::{PyRobot, robot_of};
+use crate::run::PyRunLog;
 use crate::scene::PyScene;
 use crate::simulate::PySimulationResult;
 
@@ -147,7 +149,7 @@ fn search_of(
     radius_mm: Option<&Bound<PyAny>>,
     planner: Option<&Bound<PyAny>>,
     avoid_self_collision: Option<&Bound<PyAny>>,
-) -> Result<PlanOptions, Error> {
+) -> Result<PlanOptions<'static>, Error> {
     Ok(PlanOptions {
         radius: match radius_mm {
             Some(radius) => number("radius_mm", radius)?,
@@ -155,6 +157,7 @@ fn search_of(
         },
         planner: planner_of(planner)?,
         avoid_self_collision: avoid_self_collision.map_or(Ok(false), |value| flag("avoid_self_collision", value))?,
+        existing: None,
     })
 }
 
@@ -190,8 +193,8 @@ fn scene_search_options(
 
 /// Plans the shortest path from a start to a goal that the planner finds.
 ///
-/// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A goal (x_mm, y_mm, z_mm) may
-/// be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends
+/// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A growbot.RunLog as the start
+/// is the tip of its body, which stays in place. A goal (x_mm, y_mm, z_mm) may be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends
 /// [default: the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With avoid_self_collision, the path
 /// is the shortest that does not run into the body. Through a scene, effort limits the work of the search (about 0.1 s
 /// per unit), with the same result on every machine. time_limit_s limits its time.
@@ -214,12 +217,15 @@ pub fn plan(
     time_limit_s: Option<&Bound<PyAny>>,
 ) -> Result<PyPlan, Error> {
     let robot = robot_of(robot)?;
-    let (start, goal) = (as_pose("start", start)?, as_goal("goal", goal)?);
-    let mut search = search_of(&robot, radius_mm, planner, avoid_self_collision)?;
+    let continued = start.cast::<PyRunLog>().ok().map(|log| log.get().continued(&robot)).transpose()?;
+    let start = continued.as_ref().map_or_else(|| as_pose("start", start), |body| Ok(body.tip()))?;
+    let goal = as_goal("goal", goal)?;
+    let existing = continued.as_ref().map(ContinuedBody::existing);
+    let mut search = PlanOptions { existing, ..search_of(&robot, radius_mm, planner, avoid_self_collision)? };
     let on_the_way = via.map_or(Ok(Vec::new()), goals_on_the_way)?;
     let scene_search = scene_search_options(scene, effort, time_limit_s)?;
     search.avoid_self_collision |= scene_search.is_some();
-    let plan = py.detach(|| match &scene_search {
+    let mut plan = py.detach(|| match &scene_search {
         None => client::Plan::through_waypoints(&robot, &start, &on_the_way, &goal, &search).map_err(Error::from),
         Some(SceneSearchOptions { scene, effort, deadline }) => {
             let file = scene.file.display().to_string();
@@ -227,7 +233,6 @@ pub fn plan(
                 file: &file,
                 loaded: &scene.loaded,
                 margin: planning_margin_mm(&robot, &scene.loaded),
-                grown: None,
                 effort: *effort,
                 deadline: *deadline,
                 first_only: false,
@@ -237,6 +242,7 @@ pub fn plan(
             Ok(scene_planning::plan(&robot, &start, &goals, &search, &through)?)
         }
     })?;
+    plan.existing_layers = continued.map(|body| body.layers).unwrap_or_default();
     Ok(PyPlan { inner: Arc::new(plan), robot })
 }
 

@@ -1,5 +1,6 @@
 //! Class `growbot.Pose`, and conversion of arguments to poses and goals.
 
+use growbot_core::angle::radians;
 use growbot_core::pose::{Frame, Pose as Inner, Position};
 use growbot_plan::degrees::{shortest_degrees, shortest_heading};
 use growbot_plan::plan::Goal;
@@ -19,7 +20,8 @@ const ROTATION: f64 = 1e-6;
 /// The position of a tip and its direction of growth.
 ///
 /// Pose(x_mm, y_mm, z_mm, heading_deg, pitch_deg). Heading is the direction's angle in the x-y plane, and pitch its
-/// angle above that plane: 90 is straight up. Five such numbers can replace a pose in every argument.
+/// angle above that plane: 90 is straight up. Five such numbers can replace a pose in every argument. The keyword
+/// roll_deg turns the frame about the direction; only the start of a body at the tip of another one has a roll.
 #[pyclass(name = "Pose", frozen, module = "growbot", eq)]
 #[derive(Clone, PartialEq)]
 pub struct PyPose {
@@ -102,13 +104,14 @@ pub fn rows_of(frame: &Frame) -> [f64; 16] {
 #[pymethods]
 impl PyPose {
     #[new]
-    #[pyo3(signature = (x_mm, y_mm, z_mm, heading_deg, pitch_deg))]
+    #[pyo3(signature = (x_mm, y_mm, z_mm, heading_deg, pitch_deg, *, roll_deg = None))]
     fn new(
         x_mm: &Bound<PyAny>,
         y_mm: &Bound<PyAny>,
         z_mm: &Bound<PyAny>,
         heading_deg: &Bound<PyAny>,
         pitch_deg: &Bound<PyAny>,
+        roll_deg: Option<&Bound<PyAny>>,
     ) -> Result<Self, Error> {
         let numbers = [
             number("x_mm", x_mm)?,
@@ -117,7 +120,8 @@ impl PyPose {
             number("heading_deg", heading_deg)?,
             number("pitch_deg", pitch_deg)?,
         ];
-        Ok(pose_of(numbers)?.into())
+        let roll = roll_deg.map_or(Ok(0.0), |roll| number("roll_deg", roll))?;
+        Ok(pose_of(numbers)?.with_roll(radians(roll))?.into())
     }
 
     /// Returns the pose of a tip with this 4x4 matrix as its frame (base from tip, mm). Its z axis is the direction of
@@ -153,11 +157,11 @@ impl PyPose {
     }
 
     #[classmethod]
-    fn _from_radians(_cls: &Bound<PyType>, state: (f64, f64, f64, f64, f64)) -> Result<Self, Error> {
+    fn _from_radians(_cls: &Bound<PyType>, state: (f64, f64, f64, f64, f64, f64)) -> Result<Self, Error> {
         Ok(pose_from(state)?.into())
     }
 
-    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, ((f64, f64, f64, f64, f64),))> {
+    fn __reduce__(slf: &Bound<Self>) -> PyResult<(Py<PyAny>, ((f64, f64, f64, f64, f64, f64),))> {
         Ok((slf.get_type().getattr("_from_radians")?.unbind(), (state_of(&slf.get().inner),)))
     }
 
@@ -191,6 +195,12 @@ impl PyPose {
         shortest_degrees(self.inner.pitch()) + 0.0
     }
 
+    /// Roll of the tip about its direction, degrees, in (-180, 180]. 0 unless the pose is the tip of a body.
+    #[getter]
+    pub fn roll_deg(&self) -> f64 {
+        shortest_heading(self.inner.roll()) + 0.0
+    }
+
     /// Position, shape (3,), mm.
     #[getter]
     fn position_mm<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
@@ -203,7 +213,7 @@ impl PyPose {
         PyArray1::from_slice(py, self.inner.direction().as_slice())
     }
 
-    /// Frame without roll (base from tip), shape (4, 4), mm.
+    /// Frame (base from tip), shape (4, 4), mm.
     #[getter]
     fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         use numpy::PyArrayMethods;
@@ -211,9 +221,9 @@ impl PyPose {
     }
 
     fn __hash__(&self) -> u64 {
-        let (x, y, z, heading, pitch) = state_of(&self.inner);
+        let (x, y, z, heading, pitch, roll) = state_of(&self.inner);
         // Equal numbers have equal hashes, and -0 counts as 0.
-        [x, y, z, heading, pitch].iter().fold(7, |hash: u64, number| {
+        [x, y, z, heading, pitch, roll].iter().fold(7, |hash: u64, number| {
             (hash ^ (number + 0.0).to_bits()).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31)
         })
     }
@@ -221,7 +231,11 @@ impl PyPose {
     fn __repr__(&self) -> String {
         let at = self.inner.position();
         let (heading, pitch) = (self.heading_deg(), self.pitch_deg());
-        format!("Pose(x_mm={:?}, y_mm={:?}, z_mm={:?}, heading_deg={heading:?}, pitch_deg={pitch:?})", at.x, at.y, at.z)
+        let roll = if self.inner.roll() == 0.0 { String::new() } else { format!(", roll_deg={:?}", self.roll_deg()) };
+        format!(
+            "Pose(x_mm={:?}, y_mm={:?}, z_mm={:?}, heading_deg={heading:?}, pitch_deg={pitch:?}{roll})",
+            at.x, at.y, at.z
+        )
     }
 }
 
@@ -242,13 +256,13 @@ fn directed(position: [f64; 3], direction: [f64; 3]) -> Result<PyPose, Error> {
     Ok(Inner::new(Vector3::from(position), free.heading(), free.pitch())?.into())
 }
 
-/// Returns the numbers of a pose for pickle: x, y, z in mm, and heading and pitch in radians.
-pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64) {
+/// Returns the numbers of a pose for pickle: x, y, z in mm, and heading, pitch and roll in radians.
+pub fn state_of(pose: &Inner) -> (f64, f64, f64, f64, f64, f64) {
     let at = pose.position();
-    (at.x, at.y, at.z, pose.heading(), pose.pitch())
+    (at.x, at.y, at.z, pose.heading(), pose.pitch(), pose.roll())
 }
 
-/// Creates a pose from the numbers that [`state_of`] returns: x, y, z in mm, and heading and pitch in radians.
-pub fn pose_from((x, y, z, heading, pitch): (f64, f64, f64, f64, f64)) -> Result<Inner, Error> {
-    Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?)
+/// Creates a pose from the numbers that [`state_of`] returns: x, y, z in mm, and heading, pitch and roll in radians.
+pub fn pose_from((x, y, z, heading, pitch, roll): (f64, f64, f64, f64, f64, f64)) -> Result<Inner, Error> {
+    Ok(Inner::new(Vector3::new(x, y, z), heading, pitch)?.with_roll(roll)?)
 }

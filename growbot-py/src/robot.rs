@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::{Arc, OnceLock};
 
 use growbot_core::robot::Robot as Described;
-use growbot_plan::plan_file::format_hash;
+use growbot_plan::hexadecimal::format_hash;
 use growbot_plan::robot_file;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyType};

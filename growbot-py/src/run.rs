@@ -5,6 +5,7 @@ use std::sync::Arc;
 use growbot_core::layer_bytes::decode;
 use growbot_core::robot::Robot as Described;
 use growbot_pictures::view::Subject;
+use growbot_plan::continued_body::ContinuedBody;
 use growbot_plan::input::MAX_LOG_BYTES;
 use growbot_plan::plan as client;
 use growbot_plan::run_log::{Events, RecordedRun, RunEvent, RunLine};
@@ -25,6 +26,22 @@ pub struct PyRunLog {
     record: RecordedRun,
     plan: Arc<client::Plan>,
     robot: Arc<Described>,
+}
+
+impl PyRunLog {
+    /// Returns the body of this log, to begin another one at its tip.
+    pub fn continued(&self, robot: &Described) -> Result<ContinuedBody, Error> {
+        if self.robot.hash() != robot.hash() {
+            let message = format!(
+                "the body of {} was grown by {}, but the plan is for {}: pass the robot of the body",
+                self.name,
+                self.robot.name(),
+                robot.name()
+            );
+            return Err(Error::with(ErrorKind::Input, message, robot.name(), self.robot.name()));
+        }
+        ContinuedBody::of(&self.record).map_err(|error| Error::of(ErrorKind::Input, &error))
+    }
 }
 
 /// Returns an event of a run log as JSON, without a time of day.

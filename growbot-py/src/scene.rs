@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use growbot_plan::hexadecimal::format_hash;
 use growbot_plan::plan as client;
-use growbot_plan::plan_file::format_hash;
 use growbot_scene::scene_file::{LoadedScene, MAX_LENGTH, SceneError, load};
 use nalgebra::Vector3;
 use numpy::PyArray1;

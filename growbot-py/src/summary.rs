@@ -2,8 +2,8 @@
 //! results can be merged in any order.
 
 use growbot_core::hash::Hasher;
+use growbot_plan::hexadecimal::format_hash;
 use growbot_plan::parallel;
-use growbot_plan::plan_file::format_hash;
 use growbot_sim::simulation::SimulationResult;
 use growbot_sim::simulation::campaign::Campaign;
 use growbot_sim::simulation::statistics::Statistics;

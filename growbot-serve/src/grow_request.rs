@@ -8,6 +8,7 @@ use growbot_core::job::MAX_JOB_LAYERS;
 use growbot_core::plan::Planner;
 use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
+use growbot_plan::continued_body::ContinuedBody;
 use growbot_plan::margin::planning_margin_mm;
 use growbot_plan::plan::{Goal, Plan, PlanOptions};
 use growbot_plan::plan_file::{self, LoadedPlan};
@@ -21,6 +22,7 @@ use serde_json::value::RawValue;
 
 use super::access::Access;
 use super::audit::CommandSource;
+use super::last_body::{LAST_TIP, last_body};
 use super::limits::Computation;
 use super::paths::ServicePaths;
 use super::problem::Problem;
@@ -72,10 +74,11 @@ pub fn request_hash(request: &GrowRequest) -> String {
 }
 
 /// Returns the plan that the request contains, or plans a path to the goal of the request. `robot` is the robot that
-/// will grow the plan.
+/// will grow the plan, and `name` its name in the service.
 pub fn resolve_request(
     request: &GrowRequest,
     robot: &Robot,
+    name: &str,
     places: &ServicePaths,
     access: Access,
     computation: &Computation,
@@ -95,7 +98,15 @@ pub fn resolve_request(
             return Err(Problem::bad("the request has neither \"plan\" nor \"to\": give one of them"));
         }
         (Some(plan), None) => given(request, plan, robot, scene.as_deref())?,
-        (None, Some(goal)) => to_goal(request, goal, robot, scene.as_deref(), computation)?,
+        (None, Some(goal)) => {
+            let existing = match request.from.as_deref() {
+                Some(LAST_TIP) => Some(last_body(places, name)?),
+                _ => None,
+            };
+            let mut planned = to_goal(request, goal, robot, existing.as_ref(), scene.as_deref(), computation)?;
+            planned.plan.existing_layers = existing.map(|body| body.layers).unwrap_or_default();
+            planned
+        }
     };
     ensure_storable(resolved.plan.requirements.layers as u64)?;
     computation.check()?;
@@ -170,11 +181,15 @@ fn to_goal(
     request: &GrowRequest,
     goal: &str,
     robot: &Robot,
+    existing: Option<&ContinuedBody>,
     scene: Option<&Path>,
     computation: &Computation,
 ) -> Result<PlanInScene, Problem> {
     let goal = parse_goal(goal).map_err(Problem::bad)?.goal;
-    let start = parse_pose(request.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?;
+    let start = match existing {
+        Some(body) => body.tip(),
+        None => parse_pose(request.from.as_deref().unwrap_or("0,0,0,0,90")).map_err(Problem::bad)?,
+    };
     let waypoint = |(index, via): (usize, &String)| match parse_goal(via) {
         Ok(typed) => Ok(typed.goal),
         Err(error) => Err(Problem::bad(format!("waypoint {}: {error}", index + 1))),
@@ -186,6 +201,7 @@ fn to_goal(
         radius: request.radius_mm.unwrap_or(robot.description().planning_radius_mm),
         planner: Planner::Shortest,
         avoid_self_collision: true,
+        existing: existing.map(ContinuedBody::existing),
     };
     let Some(file) = scene else {
         let check = || computation.check();
@@ -197,7 +213,6 @@ fn to_goal(
         file: &file.display().to_string(),
         loaded: &loaded,
         margin: planning_margin_mm(robot, &loaded),
-        grown: None,
         effort: EFFORT,
         deadline: Some(computation.deadline()),
         max_length: MAX_LENGTH_MM,
@@ -251,7 +266,7 @@ mod tests {
         let computation = Computation::new(&Arc::new(AtomicBool::new(true)));
         let detail_of = |goal: &str| {
             let request = GrowRequest { to: Some(goal.to_owned()), ..GrowRequest::default() };
-            let resolved = resolve_request(&request, &robot, &places, Access::View, &computation);
+            let resolved = resolve_request(&request, &robot, "lab", &places, Access::View, &computation);
             resolved.err().map(|problem| problem.detail).unwrap_or_default()
         };
         assert!(detail_of("0,0,8000,0,90").contains("layers, but a board can store"));

@@ -20,6 +20,8 @@ pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum number of changes that are kept until they can be written. If there are more, the oldest changes are
 /// dropped.
 const MAX_KEPT: usize = 1000;
+/// Maximum number of the latest jobs among which the last body of a robot is sought.
+const MAX_LATEST: u32 = 100;
 /// Version of the tables, which the database stores as `PRAGMA user_version`. It rises with each change of [`TABLES`].
 const VERSION: i64 = 5;
 
@@ -270,6 +272,14 @@ impl JobStore {
         let query = format!("SELECT {COLUMNS} FROM job ORDER BY rowid DESC LIMIT ?1");
         let mut statement = self.database.prepare(&query)?;
         let rows = statement.query_map([max], of_row)?;
+        Ok(rows.collect::<Result<_, _>>()?)
+    }
+
+    /// Returns the latest jobs of a robot, newest first.
+    pub fn latest_of(&self, robot: &str) -> Result<Vec<Job>, JobStoreError> {
+        let query = format!("SELECT {COLUMNS} FROM job WHERE robot = ?1 ORDER BY rowid DESC LIMIT {MAX_LATEST}");
+        let mut statement = self.database.prepare(&query)?;
+        let rows = statement.query_map([robot], of_row)?;
         Ok(rows.collect::<Result<_, _>>()?)
     }
 }

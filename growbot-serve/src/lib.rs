@@ -60,6 +60,7 @@ pub mod job_store;
 mod job_updates;
 mod json_body;
 pub mod known_ports;
+mod last_body;
 mod library_routes;
 mod library_store;
 mod limits;

@@ -79,7 +79,8 @@ pub async fn new_plan(
     let keeper = Arc::clone(find_robot(&service, &robot)?);
     let computed = limits.compute(move |computation| {
         let robot = keeper.description().map_err(Problem::conflict)?;
-        let PlanInScene { plan, scene } = resolve_request(&wanted, &robot, service.places(), access, computation)?;
+        let PlanInScene { plan, scene } =
+            resolve_request(&wanted, &robot, &keeper.name, service.places(), access, computation)?;
         let view_path = match plan_page {
             PlanPage::None => None,
             PlanPage::Kept => {

@@ -89,8 +89,15 @@ async fn push(
     let queued = limits.compute(move |computation| {
         // A page can start the body later, and a page names only scenes that the service stores.
         let of_page = Access::Control(CommandSource::Web);
-        let body =
-            check_body(&keeper, &wanted, |of| resolve_request(&wanted, of, service.places(), of_page, computation))?;
+        let body = check_body(&keeper, &wanted, |of| {
+            resolve_request(&wanted, of, &robot, service.places(), of_page, computation)
+        })?;
+        if !body.plan.existing_layers.is_empty() {
+            return Err(Problem::conflict(
+                "a body that begins at the tip of the last one cannot wait, because a queued body grows once the last \
+                 one is removed: grow it now, or give a start pose",
+            ));
+        }
         let requirements = &body.plan.requirements;
         let queued = QueuedBody {
             id: String::new(),

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 
 use growbot_core::hash::Hasher;
 use growbot_plan::atomic_file::write_atomic;
-use growbot_plan::plan_file::format_hash;
+use growbot_plan::hexadecimal::format_hash;
 use growbot_scene::read::is_geometry;
 use growbot_scene::scene_file::{self, SceneBox};
 

@@ -118,12 +118,11 @@ fn scene(robot: &Robot, index: u64) -> (String, LoadedScene, Plan) {
     let drawn = random_scenes::random_scene(family, number, &body);
     let loaded = LoadedScene { scene: drawn.scene(), margin: Some(MARGIN), hash: 0 };
     let (start, goal) = (pose(&drawn.start), pose(&drawn.goal));
-    let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, avoid_self_collision: true };
+    let search = PlanOptions { radius: RADIUS, planner: Planner::Shortest, avoid_self_collision: true, existing: None };
     let through = SceneOptions {
         file: "scene",
         loaded: &loaded,
         margin: MARGIN,
-        grown: None,
         effort: EFFORT,
         deadline: None,
         first_only: false,

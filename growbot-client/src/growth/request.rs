@@ -336,7 +336,7 @@ impl<'a> GrowthRequest<'a> {
             Beginning::Resume { record, .. } => record.is_some_and(|record| record.feedback.is_some()),
         };
         let scene = self.scene.filter(|_| has_feedback && !self.overrides.contains(&Override::Scene))?;
-        Some(SceneContext::new(self.robot, scene, self.plan.radius))
+        Some(SceneContext::new(self.robot, scene, self.plan.radius).after_layers(&self.plan.existing_layers))
     }
 
     fn new_feedback<'c>(&'c self, context: Option<&'c SceneContext<'c>>) -> Option<Feedback<'c>> {

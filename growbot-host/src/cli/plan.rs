@@ -12,10 +12,12 @@ use growbot_pictures::clock_text::now_here;
 use growbot_pictures::plan_table;
 use growbot_plan::atomic_file::{AtomicFile, format_from_extension};
 use growbot_plan::batch::{Batch, Defaults, QueryError, answers as answers_table, check_length_limit};
+use growbot_plan::continued_body::ContinuedBody;
 use growbot_plan::input::{self, BoundedLines};
 use growbot_plan::plan::{Plan, PlanOptions};
 use growbot_plan::plan_file::PlanFile;
 use growbot_plan::pose_text::{TypedGoal, parse_goal};
+use growbot_plan::run_log::RecordedRun;
 use growbot_plan::scene_planning::MAX_LENGTH_MM;
 
 use super::failure::Failure;
@@ -48,6 +50,9 @@ pub struct PlanArgs {
     to: Option<TypedGoal>,
     #[command(flatten)]
     search: PlanningOptions,
+    /// Begin at the tip of the body of this run log, which stays in place
+    #[arg(long = "continue", value_name = "LOG", conflicts_with_all = ["from", "batch"])]
+    continued: Option<PathBuf>,
     /// Take the shortest path that does not run into the body. If every path does, take the shortest of all, as without
     /// this option
     #[arg(long)]
@@ -80,6 +85,7 @@ Examples:
   growbot plan --from 0,0,0,0,90 --to -120,0,400,180,0 --radius 120 --json
   growbot plan --via 200,0,400,0,0 --via 600,0,300,0,-45 --to 800,0,0,0,-90
   growbot plan --to 0,0,-300,0,90 --avoid-self-collision
+  growbot plan --continue run.jsonl --to 400,200,800,30,0
   growbot plan --to 200,100,600
   growbot plan --to 200,100,600 --scene room.toml --time-limit 5
   growbot plan --to 200,100,600 --scene room.toml --max-length 900
@@ -110,17 +116,44 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 }
 
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
-    let Some(scene) = &args.scene.scene else {
-        let search = PlanOptions { avoid_self_collision: args.avoid_self_collision, ..args.search.search(robot) };
-        let plan = args.search.plan(robot, goal, &search)?;
-        return check_length_limit(plan, args.max_length).map_err(|error| Failure::during_request(&error));
+    let continued = args.continued.as_ref().map(|log| continued_body(log, robot)).transpose()?;
+    let existing = continued.as_ref().map(ContinuedBody::existing);
+    let (mut start, mut goals) = args.search.start_and_goals(robot, goal)?;
+    if let Some(body) = &continued {
+        start = body.tip();
+    }
+    let mut plan = if let Some(scene) = &args.scene.scene {
+        let search = PlanOptions { existing, ..args.search.search(robot) };
+        let loaded = args.scene.load(scene)?;
+        let max_length = args.max_length.unwrap_or(MAX_LENGTH_MM);
+        let planned = args.scene.plan((scene, &loaded), robot, &(start, goals), &search, max_length);
+        planned.map_err(|error| plan_failure(&error, ResultFormat::of(args.json)))?
+    } else {
+        let avoid_self_collision = args.avoid_self_collision;
+        let search = PlanOptions { avoid_self_collision, existing, ..args.search.search(robot) };
+        let goal = goals.pop().unwrap_or(goal.goal);
+        let plan = Plan::through_waypoints(robot, &start, &goals, &goal, &search)?;
+        check_length_limit(plan, args.max_length).map_err(|error| Failure::during_request(&error))?
     };
-    let goals = args.search.start_and_goals(robot, goal)?;
-    let search = args.search.search(robot);
-    let loaded = args.scene.load(scene)?;
-    let max_length = args.max_length.unwrap_or(MAX_LENGTH_MM);
-    let planned = args.scene.plan((scene, &loaded), robot, &goals, &search, max_length);
-    planned.map_err(|error| plan_failure(&error, ResultFormat::of(args.json)))
+    plan.existing_layers = continued.map(|body| body.layers).unwrap_or_default();
+    Ok(plan)
+}
+
+/// Returns the body of a run log of this robot.
+fn continued_body(log: &Path, robot: &Robot) -> Result<ContinuedBody, Failure> {
+    let record = RecordedRun::open(log)?;
+    if record.robot.hash != robot.hash() {
+        return Err(Failure::bad_input(format!(
+            "{}: the body was grown by {} ({:016x}), but the plan is for {} ({:016x}): pass the robot of the body with \
+             --robot",
+            log.display(),
+            record.robot.name,
+            record.robot.hash,
+            robot.name(),
+            robot.hash()
+        )));
+    }
+    ContinuedBody::of(&record).map_err(|error| Failure::bad_input(format!("{}: {error}", log.display())))
 }
 
 /// Parses a length above 0, mm.

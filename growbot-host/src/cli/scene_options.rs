@@ -92,8 +92,7 @@ impl SceneArgs {
         let effort = self.effort.unwrap_or(if self.time_limit.is_some() { u64::MAX } else { EFFORT });
         let deadline = self.time_limit.and_then(|seconds| begin.checked_add(Duration::from_secs(seconds)));
         let (file, margin) = (scene.display().to_string(), planning_margin_mm(robot, loaded));
-        let through =
-            SceneOptions { file: &file, loaded, margin, grown: None, effort, deadline, first_only: false, max_length };
+        let through = SceneOptions { file: &file, loaded, margin, effort, deadline, first_only: false, max_length };
         scene_planning::plan(robot, start, goals, search, &through)
     }
 }

@@ -92,11 +92,12 @@ impl PlanningOptions {
     }
 
     /// Returns the parameters of the path search for this robot, which avoids self-collisions.
-    pub fn search(&self, robot: &Robot) -> PlanOptions {
+    pub fn search(&self, robot: &Robot) -> PlanOptions<'static> {
         PlanOptions {
             radius: self.radius.unwrap_or(robot.description().planning_radius_mm),
             planner: self.planner.unwrap_or(PlannerName::Shortest).into(),
             avoid_self_collision: true,
+            existing: None,
         }
     }
 }

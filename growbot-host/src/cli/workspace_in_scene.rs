@@ -40,7 +40,6 @@ pub fn run(
         file: &room.scene.display().to_string(),
         loaded: &loaded,
         margin: planning_margin_mm(question.robot, &loaded),
-        grown: None,
         effort: room.effort,
         deadline: None,
         first_only: true,

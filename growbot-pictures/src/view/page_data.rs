@@ -1,8 +1,12 @@
 //! The page's data of a body: JSON for its script (growbot-pictures/viewer/src/subject.js). Lengths are in mm.
 
+use growbot_core::layer::grow;
+use growbot_core::layer_bytes::decode;
 use growbot_core::pose::{Frame, Pose};
 use growbot_plan::clock_drift::ClockDrift;
-use growbot_plan::run_log::{RecordedRun, hex_of};
+use growbot_plan::hexadecimal::hex_of;
+use growbot_plan::plan::Plan;
+use growbot_plan::run_log::RecordedRun;
 use growbot_scene::obstacle_selection::ObstacleSelection;
 use growbot_scene::shapes::Shape;
 use nalgebra::Vector3;
@@ -52,6 +56,7 @@ pub fn page_data(subject: &Subject, layers: &Layers, around: Option<&SceneView>)
             "period_s": description.layer.period_s,
         },
         "start": frame(&plan.start.frame()),
+        "existing": (!plan.existing_layers.is_empty()).then(|| existing(plan)),
         "goal": {
             "position": plan.goal.position().as_slice(),
             "direction": direction(&plan.goal),
@@ -101,6 +106,13 @@ fn scene(around: &SceneView) -> Value {
             "label": around.clearance_text(),
         })),
     })
+}
+
+/// Returns the body at whose tip the body of a plan begins: the frame at its start, and its layers.
+fn existing(plan: &Plan) -> Value {
+    let layers = &plan.existing_layers;
+    let start_from_tip = grow(&Frame::identity(), layers.iter().map(decode));
+    json!({ "start": frame(&(plan.start.frame() * start_from_tip.inverse())), "layers": hex_of(layers) })
 }
 
 /// Returns the x, y and z axis of a frame and its origin, 12 numbers.

@@ -3,7 +3,7 @@
 
 use growbot_core::layer_bytes::{LayerBytes, decode};
 use growbot_core::path::Segment;
-use growbot_plan::scene_planning::{laid, segment};
+use growbot_plan::scene_planning::laid;
 use growbot_scene::closest_approach::{ClosestApproach, closest_approach};
 use growbot_scene::obstacle_selection::{ObstacleSelection, SelectionLimits};
 use nalgebra::Vector3;
@@ -76,7 +76,7 @@ impl SceneView {
 
 /// Returns the path that consists of these layers, each as an arc or a line.
 fn path(layers: &[LayerBytes]) -> Vec<Segment> {
-    layers.iter().map(decode).filter(|layer| layer.height > 0.0).map(|layer| segment(&layer)).collect()
+    layers.iter().map(decode).filter(|layer| layer.height > 0.0).map(|layer| Segment::from(&layer)).collect()
 }
 
 /// Returns a point rounded to hundredths of a mm, as in the page's data.

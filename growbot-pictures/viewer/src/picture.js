@@ -50,7 +50,7 @@ export function makePicture(container, subject, { range, square } = {}) {
 }
 
 function buildPicture(container, subject, range, square) {
-  const { start, goal, via, reached, commanded, estimated, planned, built, sizes } = subject;
+  const { start, goal, via, reached, commanded, estimated, planned, built, existing, sizes } = subject;
   const find = (selector) => container.querySelector(selector);
   let body = built ?? planned;
   let shown = body.layers.count;
@@ -80,14 +80,16 @@ function buildPicture(container, subject, range, square) {
   const line = makeCentreline(planned, 0, sizes.outerRadius / 2);
   line.visible = Boolean(built);
   if (ghost) scene.add(ghost);
+  const existingGhost = existing && makeGhost(existing, sizes);
+  if (existingGhost) scene.add(existingGhost);
   scene.add(line);
   const commandedTrace = commanded && makeTrace(commanded, 0);
   const estimatedTrace = estimated && makeTrace(estimated, 0);
   if (commandedTrace) scene.add(commandedTrace);
   if (estimatedTrace) scene.add(estimatedTrace);
 
-  const bodies = () => [body, planned].flatMap(sampleCentreline);
-  const box = boxOf([body, planned]);
+  const bodies = () => [body, planned, existing].filter(Boolean).flatMap(sampleCentreline);
+  const box = new Box3().setFromPoints(bodies());
   const arrowLength = Math.max(3 * sizes.outerRadius, 0.06 * box.getSize(new Vector3()).length());
   const startDirection = start.slice(6, 9);
   const startAt = start.slice(9, 12);
@@ -100,6 +102,7 @@ function buildPicture(container, subject, range, square) {
   scene.add(...arrows.map(([arrow]) => arrow));
   label("start", () => startTail, "--start");
   label("goal", () => goalEnd, "--goal");
+  if (existing) label("last body", () => Array.from(existing.frames.subarray(9, 12)), "--text");
   const balls = via.map((at, i) => {
     label(`via ${i + 1}`, () => at, "--goal");
     return makeBall(at, 0.2 * sizes.outerRadius, 0);
@@ -218,6 +221,7 @@ function buildPicture(container, subject, range, square) {
     applyShadowTheme();
     line.material.color.set(colour("--planned"));
     ghost?.material.color.set(colour("--planned"));
+    existingGhost?.material.color.set(colour("--shadow"));
     commandedTrace?.material.color.set(colour("--commanded"));
     estimatedTrace?.material.color.set(colour("--estimated"));
     for (const [arrow, name] of arrows) arrow.children.forEach((part) => part.material.color.set(colour(name)));

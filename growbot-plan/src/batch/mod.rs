@@ -144,7 +144,7 @@ pub struct Defaults {
     /// Start pose of the tip.
     pub start: Pose,
     /// Parameters of the path search.
-    pub search: PlanOptions,
+    pub search: PlanOptions<'static>,
     /// Maximum length of the body, mm. `None` for any length.
     pub max_length: Option<f64>,
 }
@@ -298,7 +298,8 @@ mod tests {
                           to_x_mm,to_y_mm,to_z_mm,to_heading_deg,to_pitch_deg";
 
     fn defaults() -> Defaults {
-        let search = PlanOptions { radius: 100.0, planner: Planner::TwoPlane, avoid_self_collision: false };
+        let search =
+            PlanOptions { radius: 100.0, planner: Planner::TwoPlane, avoid_self_collision: false, existing: None };
         Defaults { start: parse_pose("0,0,0,0,90").unwrap(), search, max_length: None }
     }
 

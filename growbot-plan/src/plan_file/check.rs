@@ -14,7 +14,8 @@ use growbot_core::robot::Robot;
 use nalgebra::Vector3;
 
 use super::check_error::MAX_SEGMENTS;
-use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, format_hash, layer_rows};
+use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, layer_rows};
+use crate::hexadecimal::format_hash;
 use crate::plan::{Plan, PlanLegs, SearchSummary, path_type};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
@@ -56,7 +57,8 @@ impl PlanFile {
         let goal = pose_from_json("goal", &self.goal.pose())?;
         let path = self.path(robot, &start)?;
         let legs = self.legs(&start, &goal, &path)?;
-        let mut plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
+        let plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
+        let mut plan = plan.after_layers(self.existing_layers.clone(), robot);
         let stands = |warning: &&Warning| {
             warning.code != THIN_LAYER && plan.warnings.iter().all(|found| found.code != warning.code)
         };
@@ -245,8 +247,10 @@ fn range(what: impl Into<String>, value: f64, min: f64, max: f64) -> Result<(), 
 
 /// Converts a pose in JSON form. `which` is the name of the pose in error messages.
 pub fn pose_from_json(which: &'static str, written: &PoseJson) -> Result<Pose, PlanCheckError> {
-    let &PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = written;
-    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg]).map_err(|error| PlanCheckError::Pose { which, error })
+    let &PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg, roll_deg } = written;
+    pose_of_numbers([x_mm, y_mm, z_mm, heading_deg, pitch_deg])
+        .and_then(|pose| pose.with_roll(radians(roll_deg)))
+        .map_err(|error| PlanCheckError::Pose { which, error })
 }
 
 fn segment(

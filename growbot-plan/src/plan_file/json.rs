@@ -2,6 +2,7 @@
 
 use std::iter;
 
+use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::path::{Segment, length};
 use growbot_core::plan::{Planner, is_within_helicoid_range};
 use growbot_core::pose::{Frame, Pose};
@@ -10,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::layer_row::{LayerRow, layer_rows};
 use crate::degrees::{degrees_below_turn, shortest_degrees, shortest_heading};
+use crate::hexadecimal::format_hash;
 use crate::plan::{Plan, SearchSummary, path_type};
 use crate::sanitize;
 use crate::warning::Warning;
@@ -88,6 +90,11 @@ pub struct PlanFile {
     /// The scene that the plan leads through. Omitted if the path was planned in empty space.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene: Option<SceneRefJson>,
+    /// Layers of the body at whose tip the path begins, 24 hexadecimal digits each, so that the path is checked to stay
+    /// clear of that body. Omitted if the path begins a new body.
+    #[serde(default, skip_serializing_if = "Vec::is_empty", with = "crate::hexadecimal::layers")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
+    pub existing_layers: Vec<LayerBytes>,
     /// Layers of the path in order. Omitted if empty. The segments determine the layers, so a reader checks the table,
     /// but does not need it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -152,16 +159,26 @@ pub struct PoseJson {
     pub heading_deg: f64,
     /// Pitch, degrees.
     pub pitch_deg: f64,
+    /// Roll of the tip about its direction, degrees. Omitted if 0, as for every pose but the start at the tip of another
+    /// body.
+    #[serde(default, skip_serializing_if = "is_no_angle")]
+    pub roll_deg: f64,
+}
+
+/// Reports whether an angle is 0, so that serde omits it.
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
+fn is_no_angle(angle: &f64) -> bool {
+    *angle == 0.0
 }
 
 impl From<&Pose> for PoseJson {
     fn from(pose: &Pose) -> Self {
         let position = pose.position();
-        let numbers =
-            [position.x, position.y, position.z, shortest_heading(pose.heading()), shortest_degrees(pose.pitch())];
+        let [heading, roll] = [pose.heading(), pose.roll()].map(shortest_heading);
+        let numbers = [position.x, position.y, position.z, heading, shortest_degrees(pose.pitch()), roll];
         // Adding 0 converts -0 to 0.
-        let [x_mm, y_mm, z_mm, heading_deg, pitch_deg] = numbers.map(|number| number + 0.0);
-        Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
+        let [x_mm, y_mm, z_mm, heading_deg, pitch_deg, roll_deg] = numbers.map(|number| number + 0.0);
+        Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, roll_deg }
     }
 }
 
@@ -183,7 +200,7 @@ pub struct TipPoseJson {
 
 impl From<&Pose> for TipPoseJson {
     fn from(pose: &Pose) -> Self {
-        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = pose.into();
         Self { x_mm, y_mm, z_mm, heading_deg: (!pose.is_vertical()).then_some(heading_deg), pitch_deg }
     }
 }
@@ -192,7 +209,7 @@ impl TipPoseJson {
     /// Converts to a pose in JSON form, with heading 0 if the tip is vertical.
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = self;
-        PoseJson { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg }
+        PoseJson { x_mm, y_mm, z_mm, heading_deg: heading_deg.unwrap_or(0.0), pitch_deg, roll_deg: 0.0 }
     }
 }
 
@@ -219,14 +236,14 @@ pub struct GoalJson {
 
 impl GoalJson {
     fn new(pose: &Pose, direction_free: bool) -> Self {
-        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg } = pose.into();
+        let PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = pose.into();
         Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, direction_free }
     }
 
     /// Returns the pose of the goal.
     pub fn pose(&self) -> PoseJson {
         let &Self { x_mm, y_mm, z_mm, heading_deg, pitch_deg, .. } = self;
-        PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg }
+        PoseJson { x_mm, y_mm, z_mm, heading_deg, pitch_deg, roll_deg: 0.0 }
     }
 }
 
@@ -336,11 +353,6 @@ impl SegmentJson {
     }
 }
 
-/// Formats a hash as 16 hexadecimal digits.
-pub fn format_hash(hash: u64) -> String {
-    format!("{hash:016x}")
-}
-
 impl From<&Plan> for PlanFile {
     fn from(plan: &Plan) -> Self {
         let choice = plan.search_summary();
@@ -374,6 +386,7 @@ impl From<&Plan> for PlanFile {
             segments: SegmentJson::path(&plan.path, &plan.start.frame()),
             warnings: plan.warnings.clone(),
             robot_description: None,
+            existing_layers: plan.existing_layers.clone(),
             layer_table: Vec::new(),
             scene: plan.scene.as_ref().map(|scene| SceneRefJson {
                 file: scene.file.clone(),

@@ -16,9 +16,7 @@ use serde::Deserialize;
 
 pub use self::check::pose_from_json;
 pub use self::check_error::PlanCheckError;
-pub use self::json::{
-    FORMAT, GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson, format_hash,
-};
+pub use self::json::{FORMAT, GoalJson, LegJson, PlanFile, PoseJson, SceneRefJson, SegmentJson, TipPoseJson};
 pub use self::layer_row::{LayerRow, layer_rows, layer_values};
 use crate::input::{self, InputError};
 use crate::margin::near_obstacle;

@@ -77,7 +77,7 @@ pub enum RunEvent {
         /// Index of the first layer.
         from: u32,
         /// The layers, 24 hexadecimal digits each.
-        #[serde(with = "super::hexadecimal::layers")]
+        #[serde(with = "crate::hexadecimal::layers")]
         #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
         layers: Vec<LayerBytes>,
     },
@@ -111,7 +111,7 @@ pub struct BoardRecord {
     /// Version of the firmware: major, minor, patch.
     pub firmware: [u8; 3],
     /// Hash of the schema of the link's messages.
-    #[serde(with = "super::hexadecimal::hash")]
+    #[serde(with = "crate::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub schema: u64,
     /// Boot number of this start of the board.
@@ -205,7 +205,7 @@ pub struct LaidLayer {
     /// Index of the layer, from 0.
     pub layer: u32,
     /// The layer in the bytes of the link, 24 hexadecimal digits. Null if nothing is known of the layer.
-    #[serde(default, with = "super::hexadecimal::layer")]
+    #[serde(default, with = "crate::hexadecimal::layer")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built: Option<LayerBytes>,
     /// Dimensions of the layer.

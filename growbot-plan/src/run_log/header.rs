@@ -41,15 +41,15 @@ pub struct RunHeader {
     /// Name of the robot.
     pub robot: String,
     /// Hash of the robot's description, 16 hexadecimal digits.
-    #[serde(with = "super::hexadecimal::hash")]
+    #[serde(with = "crate::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub robot_hash: u64,
     /// Plan id: the hash of the layers.
-    #[serde(with = "super::hexadecimal::hash")]
+    #[serde(with = "crate::hexadecimal::hash")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^[0-9a-f]{16}$")))]
     pub plan_id: u64,
     /// The layers that were sent, 24 hexadecimal digits each.
-    #[serde(with = "super::hexadecimal::layers")]
+    #[serde(with = "crate::hexadecimal::layers")]
     #[cfg_attr(feature = "schema", schemars(with = "String", extend("pattern" = r"^([0-9a-f]{24})*$")))]
     pub layers: Vec<LayerBytes>,
     /// Assumed noise of the sensors. Null without feedback.

@@ -15,7 +15,6 @@
 
 mod event;
 mod header;
-mod hexadecimal;
 mod lenient;
 mod queue;
 mod reader;
@@ -40,8 +39,6 @@ pub use self::event::{
 pub use self::header::{
     Distribution, DisturbancesJson, FORMAT, ResumeRecord, RunHeader, SensorNoiseJson, TipKind, Unit,
 };
-pub use self::hexadecimal::hex_of;
-pub(crate) use self::hexadecimal::{hash, layers};
 pub(crate) use self::lenient::lenient;
 use self::queue::LineQueue;
 pub use self::reader::{Damage, Events};

@@ -74,11 +74,11 @@ pub struct GrowthResult {
     /// Filament that was fed, mm. Null if unknown.
     pub filament_mm: Option<f64>,
     /// Plan id: the hash of the layers, 16 hexadecimal digits. Null if nothing was grown.
-    #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    #[serde(default, with = "crate::hexadecimal::hash_or_none")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub plan_id: Option<u64>,
     /// Hash of the layers as built, 16 hexadecimal digits. Null if nothing was grown.
-    #[serde(default, with = "super::hexadecimal::hash_or_none")]
+    #[serde(default, with = "crate::hexadecimal::hash_or_none")]
     #[cfg_attr(feature = "schema", schemars(with = "Option<String>"))]
     pub as_built_hash: Option<u64>,
     /// Number of layers of which nothing is known. They count as planned.

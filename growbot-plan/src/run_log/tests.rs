@@ -9,13 +9,13 @@ use growbot_core::simulation::Disturbance;
 use serde_json::{Value, json};
 use time::format_description::well_known::Rfc3339;
 
-use super::hexadecimal::hex;
 use super::recorded_run::CountBefore;
 use super::*;
 use crate::clock_drift::ClockDrift;
 use crate::feedback::EncoderReference;
+use crate::hexadecimal::format_hash;
+use crate::hexadecimal::{hex, hex_of};
 use crate::plan::PlanOptions;
-use crate::plan_file::format_hash;
 
 /// Returns a log of three layers of a robot with feedback, with these lines after its header.
 fn log(lines: &[Value]) -> Vec<u8> {
@@ -26,7 +26,7 @@ fn log(lines: &[Value]) -> Vec<u8> {
 fn log_from(origin: RunOrigin, lines: &[Value]) -> Vec<u8> {
     let robot = crate::robot_file::load("growbot-a".as_ref()).unwrap();
     let up = |z| Pose::from_degrees([0.0, 0.0, z, 0.0, 90.0]).unwrap();
-    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false };
+    let search = PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: false, existing: None };
     let plan = Plan::through_waypoints(&robot, &up(0.0), &[], &up(2.1), &search).unwrap();
     let job = Job::of_plan(&robot, &plan);
     let file = tempfile::tempdir().unwrap();

@@ -19,7 +19,7 @@ struct PlanFixture {
     directory: tempfile::TempDir,
     robot: Robot,
     start: Pose,
-    search: PlanOptions,
+    search: PlanOptions<'static>,
 }
 
 impl PlanFixture {
@@ -30,7 +30,12 @@ impl PlanFixture {
             directory,
             robot: robot_file::load(robot_file::DEFAULT.as_ref()).unwrap(),
             start: parse_pose("0,0,0,0,90").unwrap(),
-            search: PlanOptions { radius: 100.0, planner: Planner::Shortest, avoid_self_collision: true },
+            search: PlanOptions {
+                radius: 100.0,
+                planner: Planner::Shortest,
+                avoid_self_collision: true,
+                existing: None,
+            },
         }
     }
 
@@ -44,12 +49,11 @@ impl PlanFixture {
 
     fn plan_within(&self, goals: &[Goal], max_length: f64) -> Result<Plan, ScenePlanError> {
         let (file, loaded) = (self.scene(), load(self.scene().as_ref()).unwrap());
-        let (margin, grown) = (planning_margin_mm(&self.robot, &loaded), None);
+        let margin = planning_margin_mm(&self.robot, &loaded);
         let through = SceneOptions {
             file: &file,
             loaded: &loaded,
             margin,
-            grown,
             effort: 1,
             deadline: None,
             first_only: false,
@@ -158,17 +162,9 @@ fn the_proof_of_a_long_body_ends_at_its_deadline() {
     let start = parse_pose("0,0,-500,0,0").unwrap();
     let within = |seconds: f64| {
         let deadline = Some(Instant::now() + Duration::from_secs_f64(seconds));
-        let (margin, grown, max_length) = (5.0, None, MAX_LENGTH_MM);
-        let through = SceneOptions {
-            file: &file,
-            loaded: &loaded,
-            margin,
-            grown,
-            effort: 1,
-            deadline,
-            first_only: false,
-            max_length,
-        };
+        let (margin, max_length) = (5.0, MAX_LENGTH_MM);
+        let through =
+            SceneOptions { file: &file, loaded: &loaded, margin, effort: 1, deadline, first_only: false, max_length };
         let far = [pose("100000,0,-500,0,0")];
         plan(&fixture.robot, &start, &far, &fixture.search, &through).unwrap().scene.unwrap().clearance
     };
@@ -185,7 +181,6 @@ fn planning_ends_at_the_first_error_of_its_check() {
         file: &file,
         loaded: &loaded,
         margin: 5.0,
-        grown: None,
         effort: 1,
         deadline: None,
         first_only: false,

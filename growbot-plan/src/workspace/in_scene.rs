@@ -160,7 +160,8 @@ impl WorkspaceQuery<'_> {
         let Some(goal) = goal.ok().filter(|_| at_least <= self.length * (1.0 + 1e-9)) else {
             return Ok(Reachability::TooFar);
         };
-        let search = PlanOptions { radius: self.radius, planner: self.planner, avoid_self_collision: true };
+        let search =
+            PlanOptions { radius: self.radius, planner: self.planner, avoid_self_collision: true, existing: None };
         match scene_planning::plan(self.robot, &self.start, &[goal], &search, through) {
             Ok(plan) => Ok(Reachability::Reachable(path::length(&plan.path))),
             Err(ScenePlanError::NoPath(start @ NoPathError::Start { .. })) => Err(start.into()),

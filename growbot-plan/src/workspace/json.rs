@@ -5,7 +5,8 @@ use growbot_core::plan::Planner;
 use serde::Serialize;
 
 use super::{DIRECTIONS, GoalCounts, POSITIONS, Reachability, SceneWorkspace, Workspace, WorkspaceQuery};
-use crate::plan_file::{PoseJson, format_hash};
+use crate::hexadecimal::format_hash;
+use crate::plan_file::PoseJson;
 use crate::scene_planning::SceneOptions;
 
 /// Parameters of a workspace.

@@ -7,9 +7,10 @@ use growbot_client::status::{ConnectionState, RobotStatus};
 use growbot_core::layer::Layer;
 use growbot_core::layer_bytes::{LayerBytes, LayerEncoder};
 use growbot_core::link::message::{State, Status, celsius};
+use growbot_plan::hexadecimal::hex_of;
 use growbot_plan::job::{Job, JobEvent};
 use growbot_plan::run_clock::RunClock;
-use growbot_plan::run_log::{BodyKind, GrowthResult, hex_of};
+use growbot_plan::run_log::{BodyKind, GrowthResult};
 use serde::Serialize;
 use time::OffsetDateTime;
 

@@ -16,6 +16,7 @@ pub mod statistics;
 use growbot_core::angle::wrap_positive;
 use growbot_core::kinematics::advance;
 use growbot_core::layer::Layer;
+use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::pose::{Frame, Pose, tip_direction};
 use growbot_core::robot::Robot;
 use growbot_core::simulation::{
@@ -61,6 +62,8 @@ pub struct Simulation<'a> {
     pub scene: Option<&'a LoadedScene>,
     /// Radius of the bends of detours, mm.
     radius: f64,
+    /// Layers of the body at whose tip the growth begins.
+    existing_layers: &'a [LayerBytes],
 }
 
 /// Result of a simulated growth.
@@ -97,6 +100,7 @@ impl<'a> Simulation<'a> {
             sag: false,
             scene: None,
             radius: plan.radius,
+            existing_layers: &plan.existing_layers,
         }
     }
 
@@ -137,7 +141,9 @@ impl<'a> Simulation<'a> {
             }
             hanging.as_ref().map(SaggingBody::base_from_tip)
         };
-        let around = self.scene.map(|loaded| SceneContext::new(task.robot, loaded, self.radius));
+        let around = self
+            .scene
+            .map(|loaded| SceneContext::new(task.robot, loaded, self.radius).after_layers(self.existing_layers));
         let (mut grown, kept) = match &self.sensors {
             None => {
                 let layers = self.layers.clone().map(|sliced| sliced.layer);

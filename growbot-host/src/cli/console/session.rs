@@ -273,7 +273,7 @@ impl ConsoleSession {
 
     fn grow(&mut self, goal: &Goal) -> Result<(), Failure> {
         let radius = self.robot.description().planning_radius_mm;
-        let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true };
+        let search = PlanOptions { radius, planner: Planner::Shortest, avoid_self_collision: true, existing: None };
         let plan = Plan::through_waypoints(&self.robot, &Pose::UPRIGHT, &[], goal, &search)?;
         let kind = self.port.kind();
         let request = GrowthRequest { kind, ..GrowthRequest::new(&self.robot, &plan) };

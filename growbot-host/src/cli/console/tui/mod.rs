@@ -257,6 +257,7 @@ impl TuiApp {
             radius: robot.description().planning_radius_mm,
             planner: Planner::Shortest,
             avoid_self_collision: false,
+            existing: None,
         };
         let planned = Plan::through_waypoints(robot, &Pose::UPRIGHT, &[], goal, &search);
         // The board plans only to poses, so the direction is chosen here.

@@ -1,12 +1,17 @@
-//! Serialization of layers and hashes in a run log as hexadecimal digits: 24 digits for the 12 bytes of a layer, 16
+//! Serialization of layers and hashes as hexadecimal digits: 24 digits for the 12 bytes of a layer, 16
 //! digits for a hash.
 //!
 //! The modules are for the attribute `#[serde(with)]`.
 
 use growbot_core::layer_bytes::LayerBytes;
 
+/// Formats a hash as 16 hexadecimal digits.
+pub fn format_hash(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
 /// Formats the bytes of a layer as 24 hexadecimal digits.
-pub(super) fn hex(bytes: &LayerBytes) -> String {
+pub(crate) fn hex(bytes: &LayerBytes) -> String {
     bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -16,7 +21,7 @@ pub fn hex_of(layers: &[LayerBytes]) -> String {
 }
 
 /// Parses layers from 24 hexadecimal digits each. `None` if the text is anything else.
-pub(super) fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
+pub fn unhex(text: &str) -> Option<Vec<LayerBytes>> {
     let digits: Vec<u8> =
         text.chars().map(|digit| digit.to_digit(16).map(|value| value as u8)).collect::<Option<_>>()?;
     let (layers, []) = digits.as_chunks::<24>() else { return None };
@@ -54,14 +59,13 @@ pub mod layer {
     use serde::{Deserializer, Serialize, Serializer};
 
     /// Serializes a layer, or null for `None`.
-    #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(layer: &Option<LayerBytes>, to: S) -> Result<S::Ok, S::Error> {
         layer.as_ref().map(super::hex).serialize(to)
     }
 
     /// Deserializes a layer. `None` if the value is null or not a layer.
     pub fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Option<LayerBytes>, D::Error> {
-        let text: Option<String> = super::super::lenient::lenient(from)?;
+        let text: Option<String> = crate::run_log::lenient(from)?;
         Ok(text.and_then(|text| super::unhex(&text)?.first().copied()))
     }
 }
@@ -72,9 +76,8 @@ pub mod hash {
     use serde::{Deserialize, Deserializer, Serializer};
 
     /// Serializes a hash.
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &u64, to: S) -> Result<S::Ok, S::Error> {
-        to.serialize_str(&crate::plan_file::format_hash(*hash))
+        to.serialize_str(&super::format_hash(*hash))
     }
 
     /// Deserializes a hash.
@@ -91,9 +94,8 @@ pub mod hash_or_none {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
     /// Serializes a hash, or null for `None`.
-    #[expect(clippy::ref_option, reason = "the form that serde calls")]
     pub fn serialize<S: Serializer>(hash: &Option<u64>, to: S) -> Result<S::Ok, S::Error> {
-        hash.map(crate::plan_file::format_hash).serialize(to)
+        hash.map(super::format_hash).serialize(to)
     }
 
     /// Deserializes a hash, or `None` from null.

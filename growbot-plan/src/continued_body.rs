@@ -1,0 +1,84 @@
+//! A body at whose tip another body begins.
+
+use growbot_core::layer::grow;
+use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::path::Segment;
+use growbot_core::pose::{Frame, Pose};
+
+use crate::job::Job;
+use crate::plan::{ExistingBody, segments};
+use crate::plan_file::PlanFileError;
+use crate::replayed_body::ReplayedBody;
+use crate::run_log::RecordedRun;
+
+/// Reason why no body can begin at the tip of another one.
+#[derive(Debug, thiserror::Error)]
+pub enum UnknownTipError {
+    /// Nothing is laid.
+    #[error("no layer of the body is laid: begin a new body")]
+    NoLayer,
+    /// The latest layer was interrupted.
+    #[error("layer {layer} of the body was interrupted, so its tip is not known: resume the body, or begin a new one")]
+    Interrupted {
+        /// Index of the layer, from 0.
+        layer: usize,
+    },
+    /// Nothing is known of some layers.
+    #[error("nothing is known of {count} layers of the body, so its tip is not known: begin a new body")]
+    UnknownLayers {
+        /// Number of the layers.
+        count: usize,
+    },
+    /// The plan of the body is not valid.
+    #[error(transparent)]
+    Plan(#[from] PlanFileError),
+}
+
+/// A body at whose tip another body begins.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ContinuedBody {
+    /// Layers of the body, and before them those of the body at whose tip it began, as the steps of the motors have
+    /// built them.
+    pub layers: Vec<LayerBytes>,
+    segments: Vec<Segment>,
+    base_from_tip: Frame,
+}
+
+impl ContinuedBody {
+    /// Rebuilds the body of a run log. Its tip is that of the plastic of a simulated robot, or else the one that the
+    /// feedback has estimated, or else the one that follows from the steps of the motors.
+    ///
+    /// # Errors
+    /// If the tip of the body is not known.
+    pub fn of(record: &RecordedRun) -> Result<Self, UnknownTipError> {
+        let body = ReplayedBody::of(record);
+        if let Some(interrupted) = record.result.as_ref().and_then(|result| result.interrupted) {
+            return Err(UnknownTipError::Interrupted { layer: interrupted.layer });
+        }
+        match record.unknown_layers() {
+            0 if record.as_built.is_empty() => return Err(UnknownTipError::NoLayer),
+            0 => {}
+            count => return Err(UnknownTipError::UnknownLayers { count }),
+        }
+        let robot = record.own_robot()?;
+        let plan = record.plan(&robot)?;
+        let estimated = if body.simulated.is_none() {
+            record.estimated(&Job::of_plan(&robot, &plan), &plan).and_then(|frames| frames.last().copied())
+        } else {
+            None
+        };
+        let base_from_tip = estimated.unwrap_or_else(|| grow(&plan.start.frame(), body.body().iter().copied()));
+        let layers: Vec<LayerBytes> = plan.existing_layers.iter().copied().chain(record.commanded()).collect();
+        Ok(Self { segments: segments(&layers), layers, base_from_tip })
+    }
+
+    /// Returns the pose of the tip, with its roll.
+    pub fn tip(&self) -> Pose {
+        Pose::from_frame_with_roll(&self.base_from_tip)
+    }
+
+    /// Returns the body as an obstacle for a path that begins at its tip.
+    pub fn existing(&self) -> ExistingBody<'_> {
+        ExistingBody { segments: &self.segments, base_from_tip: &self.base_from_tip }
+    }
+}
