@@ -91,6 +91,17 @@ const MAINTENANCE: [Row; 5] = [
     changing(&["estop"], OFF, "emergency-stop"),
 ];
 
+const FAULT: [Row; 7] = [
+    row(&["stop"], 0, OFF),
+    // The fault stays, because its cause is not known to be gone.
+    row(&["estop"], 0, OFF),
+    row(&["cancel"], 0, "discarded by the simulated board after 0 layers"),
+    row(&["maintain", "jog", "5"], 1, "this is not allowed in state fault"),
+    row(&["maintain", "preheat", "100"], 1, "this is not allowed in state fault"),
+    row(&["grow", "--to", "0,0,60,0,90"], 1, "this is not allowed in state fault"),
+    changing(&["clear"], "the fault is cleared: the simulated robot accepts jobs again", "idle"),
+];
+
 const STATES: [(&str, &[Row]); 5] = [
     ("idle", &IDLE),
     ("stopped", &STOPPED),
@@ -109,6 +120,7 @@ fn bring_into(lab: &Lab, state: &str, owner: PortOwner) {
         "maintenance" => assert_eq!(lab.run(&["maintain", "preheat", "100", "--port", "sim:lab"]).0, Some(0)),
         "emergency-stop" => assert_eq!(lab.run(&["estop", "--port", "sim:lab"]).0, Some(0)),
         "done" => assert_eq!(lab.run(&["grow", "--to", "0,0,60,0,90", "--port", "sim:lab"]).0, Some(0)),
+        "fault" => assert_eq!(lab.run(&["grow", "--to", "0,0,60,0,90", "--port", "sim:lab"]).0, Some(1)),
         _ => {
             let mut grow = lab.command(&["grow", "--to", "0,0,300,0,90", "--port", "sim:lab"]);
             let mut growing = grow.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
@@ -143,13 +155,20 @@ fn state_of(lab: &Lab) -> String {
 
 /// Returns a lab whose robot `sim:lab` is on, and whose service runs if it is the owner.
 fn lab_of(owner: PortOwner) -> Lab {
+    lab_with_robot(owner, "growbot-a2")
+}
+
+/// Like [`lab_of`], with another robot.
+fn lab_with_robot(owner: PortOwner, robot: &str) -> Lab {
     // Fast enough to be quick, and slow enough that a growth is stopped before its end.
-    let mut lab = Lab::new(60.0);
+    let mut lab = Lab::configured(&format!(
+        "robot = \"{robot}\"\nport = \"sim:lab\"\n[robots.lab]\nport = \"sim:lab\"\nrobot = \"{robot}\"\npace = 60.0\n"
+    ));
     lab.wait_until_ready();
     if owner == PortOwner::Command {
         lab.kill();
         let _ = lab.run(&["power", "off", "--port", "sim:lab"]);
-        let on = ["power", "on", "--port", "sim:lab", "--robot", "growbot-a2", "--pace", "60"];
+        let on = ["power", "on", "--port", "sim:lab", "--robot", robot, "--pace", "60"];
         assert_eq!(lab.run(&on).0, Some(0));
     }
     lab
@@ -160,19 +179,44 @@ fn each_command_has_the_same_result_through_either_owner_of_the_port() {
     for owner in [PortOwner::Service, PortOwner::Command] {
         let lab = lab_of(owner);
         for (state, rows) in STATES {
-            bring_into(&lab, state, owner);
-            for Row { args, code, message, after } in rows.iter().chain(&EVERYWHERE) {
-                if state_of(&lab) != state {
-                    bring_into(&lab, state, owner);
-                }
-                let (ended, text) = lab.run(&[args, &["--port", "sim:lab"][..]].concat());
-                let text = in_lines(&text).split_whitespace().collect::<Vec<_>>().join(" ");
-                assert!(text.contains(message), "{owner:?}, {state}, {args:?}: {text}");
-                assert_eq!(ended, Some(*code), "{owner:?}, {state}, {args:?}: {text}");
-                let found = state_of(&lab);
-                assert_eq!(found, after.unwrap_or(state), "{owner:?}, {state}, {args:?}: {text}");
-            }
+            check_rows(&lab, state, rows, owner);
         }
+    }
+}
+
+/// The nozzle of this robot heats too slowly, so each growth ends with a fault.
+#[test]
+fn each_command_has_the_same_result_while_a_fault_is_latched() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("slow.toml");
+    let described = include_str!("../../robots/growbot-a2.toml");
+    let slow: String = described
+        .lines()
+        .map(|line| match line.starts_with("heating_timeout_s = ") {
+            true => "heating_timeout_s = 10.0\n".to_owned(),
+            false => format!("{line}\n"),
+        })
+        .collect();
+    assert_ne!(slow, described);
+    fs::write(&file, slow).unwrap();
+    for owner in [PortOwner::Service, PortOwner::Command] {
+        check_rows(&lab_with_robot(owner, file.to_str().unwrap()), "fault", &FAULT, owner);
+    }
+}
+
+/// Checks the result of each row in a state.
+fn check_rows(lab: &Lab, state: &str, rows: &[Row], owner: PortOwner) {
+    bring_into(lab, state, owner);
+    for Row { args, code, message, after } in rows.iter().chain(&EVERYWHERE) {
+        if state_of(lab) != state {
+            bring_into(lab, state, owner);
+        }
+        let (ended, text) = lab.run(&[args, &["--port", "sim:lab"][..]].concat());
+        let text = in_lines(&text).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(text.contains(message), "{owner:?}, {state}, {args:?}: {text}");
+        assert_eq!(ended, Some(*code), "{owner:?}, {state}, {args:?}: {text}");
+        let found = state_of(lab);
+        assert_eq!(found, after.unwrap_or(state), "{owner:?}, {state}, {args:?}: {text}");
     }
 }
 
