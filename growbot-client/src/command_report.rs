@@ -1,7 +1,8 @@
 //! Reports of commands to a robot, as JSON.
 
+use growbot_core::link::message::{Gains, Tuned};
 use growbot_plan::robot_kind::RobotKind;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Report of a command to a robot, such as a stop or a pause.
 #[derive(Debug, Serialize)]
@@ -23,7 +24,7 @@ impl CommandReport {
 }
 
 /// Report of the tuning of a heater.
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct TuningReport {
     /// Proportional gain, 1/C.
@@ -38,6 +39,24 @@ pub struct TuningReport {
     pub amplitude_c: f64,
     /// True for a simulated robot.
     pub simulated: bool,
+}
+
+impl TuningReport {
+    /// Returns the report of the gains that the board of a robot has found.
+    pub fn new(&Tuned { gains: Gains { kp, ki, kd }, period_s, amplitude_c }: &Tuned, robot: RobotKind) -> Self {
+        Self { kp, ki, kd, period_s, amplitude_c, simulated: robot.is_simulated() }
+    }
+
+    /// Returns the gains as the section of a robot file, with a caution for those of a simulated robot.
+    pub fn robot_file_section(&self) -> String {
+        let Self { kp, ki, kd, .. } = self;
+        let caution = if self.simulated {
+            "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"
+        } else {
+            ""
+        };
+        format!("{caution}[heater]\nkp = {kp:.5}\nki = {ki:.6}\nkd = {kd:.4}\n")
+    }
 }
 
 /// Report of the configuration of a board.

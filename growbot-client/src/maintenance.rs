@@ -63,7 +63,7 @@ pub enum MaintenanceError {
 }
 
 /// Maintenance commands: name, arguments and description of each.
-pub const COMMANDS: [(&str, &str, &str); 8] = [
+pub const COMMANDS: [(&str, &str, &str); 9] = [
     ("preheat", "[C|MATERIAL]", "heat the nozzle, by default to the temperature of growth"),
     ("cooldown", "", "end maintenance: heater and steppers off"),
     ("load", "[MM|MATERIAL]", "push filament in, by default 60 mm"),
@@ -72,6 +72,7 @@ pub const COMMANDS: [(&str, &str, &str); 8] = [
     ("home", "", "turn the head to its index mark"),
     ("rotate", "DEGREES", "turn the head by an angle of -360 to 360 degrees"),
     ("jog", "MM", "move filament forwards, or backwards if MM is negative"),
+    ("dry-run", "", "let head and feed move with the heater off, to check them"),
 ];
 
 impl MaterialPresets {
@@ -116,6 +117,7 @@ impl MaterialPresets {
         match word {
             "preheat" => self.temperature(rest, robot),
             "cooldown" => alone(MaintenanceTask::CoolDown),
+            "dry-run" => alone(MaintenanceTask::DryRun),
             "home" => alone(MaintenanceTask::Home),
             "load" => of_preset(|preset| preset.load_mm).map(feed),
             "unload" => of_preset(|preset| preset.unload_mm).map(|mm| feed(-mm)),
@@ -219,7 +221,7 @@ mod tests {
             task("dance")
                 .unwrap_err()
                 .to_string()
-                .contains("preheat, cooldown, load, unload, purge, home, rotate, jog")
+                .contains("preheat, cooldown, load, unload, purge, home, rotate, jog, dry-run")
         );
     }
 

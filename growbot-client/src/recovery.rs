@@ -1,6 +1,8 @@
-//! Guided sequences: the steps by which a person brings a robot out of a state that needs a person.
+//! Guided sequences: the steps by which a person brings a robot out of a state that needs a person, and the steps of
+//! calibration and commissioning.
 //!
-//! A sequence follows from the status of the robot alone. A program that has begun it requests the status again after
+//! A sequence follows from the status of the robot alone, except for calibration and commissioning, which a person
+//! begins. A program that has begun it requests the status again after
 //! each step, and gives it up for a situation that interrupts it. A person can leave it after any step: the robot then
 //! stays in the state that its board reports.
 
@@ -35,8 +37,12 @@ pub enum Situation {
     NoFilament,
     /// The board stores a body that is not complete, and no growth is active.
     Unfinished,
-    /// The nozzle is hot for maintenance.
+    /// The nozzle is hot for maintenance, or the motors may move in a dry run.
     Maintenance,
+    /// A person calibrates the robot.
+    Calibration,
+    /// A person commissions the robot.
+    Commissioning,
 }
 
 impl Situation {
@@ -66,6 +72,9 @@ impl Situation {
             Self::Unfinished => "Heater and motors are off.",
             Self::NoFilament => "The nozzle may be hot from maintenance. Nothing moves by itself.",
             Self::Maintenance => "The nozzle may be hot. It goes off 10 minutes after the latest task.",
+            Self::Calibration | Self::Commissioning => {
+                "Heater and motors are off until a step switches them on. They go off 10 minutes after the latest task."
+            }
         }
     }
 }
@@ -96,6 +105,14 @@ pub enum RecoveryAction {
     Purge,
     /// Switch the heater off after maintenance.
     Cooldown,
+    /// Let head and feed move with the heater off.
+    DryRun,
+    /// Turn the head to its index mark.
+    Home,
+    /// Move a short length of filament.
+    Jog,
+    /// Find the gains of the heater's control loop.
+    Tune,
 }
 
 impl RecoveryAction {
@@ -112,8 +129,8 @@ impl RecoveryAction {
         match self {
             Self::ClearFault | Self::Stop | Self::Cooldown => StepEffect::Safe,
             Self::Continue | Self::Resume => StepEffect::HeatsAndMoves,
-            Self::Preheat => StepEffect::Heats,
-            Self::Load | Self::Purge => StepEffect::Moves,
+            Self::Preheat | Self::Tune => StepEffect::Heats,
+            Self::Load | Self::Purge | Self::DryRun | Self::Home | Self::Jog => StepEffect::Moves,
             Self::Cancel => StepEffect::Discards,
             Self::WithdrawStop => StepEffect::MayStayOn,
         }
@@ -132,6 +149,18 @@ impl RecoveryAction {
             Self::Load => "Push the new filament in.",
             Self::Purge => "Push filament through the nozzle, until it comes out clean.",
             Self::Cooldown => "Switch the heater off.",
+            Self::DryRun => "Switch the motors on, with the heater off.",
+            Self::Home => "Turn the head. It must stop at its index mark.",
+            Self::Jog => "Push 10 mm of filament in. It must move by that length.",
+            Self::Tune => "Tune the heater. The temperature swings around that of a growth for some minutes.",
+        }
+    }
+
+    /// Returns the value of the maintenance task with this name. Empty if the task has its default value.
+    pub const fn value(self) -> &'static str {
+        match self {
+            Self::Jog => "10",
+            _ => "",
         }
     }
 }
@@ -163,20 +192,27 @@ pub struct RecoveryStep {
     pub text: String,
     /// Action of the program. Null if the person acts.
     pub action: Option<RecoveryAction>,
+    /// Value of the maintenance task that the action runs. Empty if it has its default value.
+    pub value: &'static str,
     /// Effect on the robot.
     pub effect: StepEffect,
 }
 
 impl From<RecoveryAction> for RecoveryStep {
     fn from(action: RecoveryAction) -> Self {
-        Self { text: action.instruction().to_owned(), action: Some(action), effect: action.effect() }
+        Self {
+            text: action.instruction().to_owned(),
+            action: Some(action),
+            value: action.value(),
+            effect: action.effect(),
+        }
     }
 }
 
 impl From<String> for RecoveryStep {
     /// Returns a step in which the person acts.
     fn from(text: String) -> Self {
-        Self { text, action: None, effect: StepEffect::Safe }
+        Self { text, action: None, value: "", effect: StepEffect::Safe }
     }
 }
 
@@ -216,6 +252,47 @@ impl RecoverySequence {
             steps: steps(situation, status),
             alternative: alternative(situation, status).map(RecoveryStep::from),
         })
+    }
+}
+
+impl RecoverySequence {
+    /// Returns the sequences that a person begins: calibration and commissioning.
+    pub fn procedures() -> [Self; 2] {
+        use RecoveryAction::{Cooldown, DryRun, Home, Jog, Preheat, Tune};
+        let calibration: Vec<RecoveryStep> = vec![
+            Tune.into(),
+            "Wait until the gains are shown. Then write them to the robot file, and configure the board with it."
+                .into(),
+        ];
+        let commissioning: Vec<RecoveryStep> = vec![
+            "Disconnect the heater. The status must name the description of this robot.".into(),
+            "Compare the temperature of the nozzle with that of the room. They must be within 5 C.".into(),
+            "Press the emergency stop button, release it, and press Clear fault.".into(),
+            DryRun.into(),
+            Home.into(),
+            Jog.into(),
+            Cooldown.into(),
+            "Connect the heater, with nothing near the nozzle that can burn.".into(),
+            Preheat.into(),
+            "Compare the temperature with its target. It must have risen without a break, and hold.".into(),
+            Cooldown.into(),
+        ];
+        let of = |situation: Situation, cause: &str, steps| Self {
+            situation,
+            interrupts: false,
+            cause: cause.to_owned(),
+            safety: situation.safety(),
+            steps,
+            alternative: None,
+        };
+        [
+            of(Situation::Calibration, "the heater is new, or its nozzle, sensor or supply", calibration),
+            of(
+                Situation::Commissioning,
+                "the robot or its wiring is new; growbot doctor has these steps with a report, at the robot",
+                commissioning,
+            ),
+        ]
     }
 }
 
@@ -265,7 +342,9 @@ fn cause(situation: Situation, status: &RobotStatus) -> String {
         Situation::Parked => format!("a long pause: {}", text(&status.pause_explanation)),
         Situation::NoFilament => "the filament switch sees no filament".to_owned(),
         Situation::Unfinished => format!("{} of {} layers of the body are laid", status.laid, status.layers),
-        Situation::Maintenance => "a maintenance task has heated the nozzle".to_owned(),
+        Situation::Maintenance => "a maintenance task has switched the heater or the motors on".to_owned(),
+        // They do not follow from a status.
+        Situation::Calibration | Situation::Commissioning => String::new(),
     }
 }
 
@@ -295,6 +374,7 @@ fn steps(situation: Situation, status: &RobotStatus) -> Vec<RecoveryStep> {
         Situation::NoFilament => vec![spool(), Preheat.into(), Load.into(), Purge.into(), Cooldown.into()],
         Situation::Unfinished => vec![inspect(), Resume.into()],
         Situation::Maintenance => vec![Cooldown.into()],
+        Situation::Calibration | Situation::Commissioning => Vec::new(),
     }
 }
 
@@ -366,8 +446,10 @@ mod tests {
             assert_eq!(sequence.situation, *situation);
             assert!(!sequence.steps.is_empty() && !sequence.cause.is_empty(), "{sequence:?}");
         }
+        let begun = RecoverySequence::procedures().map(|sequence| sequence.situation);
         for situation in Situation::ALL {
-            assert!(found.iter().any(|(other, _)| other == situation), "{}", situation.code());
+            let follows = found.iter().any(|(other, _)| other == situation);
+            assert!(follows != begun.contains(situation), "{}", situation.code());
         }
     }
 

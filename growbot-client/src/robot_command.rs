@@ -94,6 +94,11 @@ pub enum CommandOutcome {
     Ordered(Command),
     /// The board runs this task.
     Task(MaintenanceTask),
+    /// The board tunes its heater at this temperature, degrees Celsius.
+    TuningStarted {
+        /// Target temperature, degrees Celsius.
+        target_c: f64,
+    },
     /// A growth has begun.
     Started,
     /// The board has reported its details.
@@ -124,6 +129,10 @@ impl CommandOutcome {
             Self::Ordered(command) => format!("the {kind}robot was ordered to {}", command.name()),
             Self::Task(task) if robot.is_simulated() => format!("simulated robot: {}", task_message(task)),
             Self::Task(task) => task_message(task),
+            Self::TuningStarted { target_c } => format!(
+                "the {kind}robot tunes its heater at {target_c} C, which takes some minutes: the nozzle gets hot, and no \
+                 motor moves"
+            ),
             // No command has these outcomes.
             Self::Started | Self::Reported | Self::PortReleased => format!("the {kind}robot has responded"),
         }

@@ -17,6 +17,7 @@ use serde::{Deserialize, Serialize};
 use time::OffsetDateTime;
 
 use crate::client::{Client, ClientError};
+use crate::command_report::TuningReport;
 use crate::stop_signal::StopLevel;
 
 /// Age of the board's latest status beyond which the status is stale.
@@ -114,6 +115,8 @@ pub struct RobotStatus {
     /// Stop that the board has not confirmed. It is sent before anything else, also after a restart of the service.
     /// Null if there is none.
     pub pending_stop: Option<StopLevel>,
+    /// Gains that the latest tuning of the heater in the service has found. Null if there is none.
+    pub tuning: Option<TuningReport>,
     /// Readings of the sensors.
     pub sensors: Option<SensorStatus>,
     /// Check of the firmware's image at the start of the board.

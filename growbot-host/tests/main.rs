@@ -46,6 +46,7 @@ mod serve_queue;
 mod serve_roles;
 mod serve_scenes;
 mod serve_stops;
+mod serve_tuning;
 mod settings;
 mod settings_of_others;
 mod simulate_command;

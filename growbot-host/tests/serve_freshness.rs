@@ -110,6 +110,7 @@ fn late_orders_are_refused_unless_they_stop_or_pause() {
     };
     refused("/robots/lab/jobs", &grow);
     refused("/robots/lab/maintenance", &preheat);
+    refused("/robots/lab/tuning", "{}");
     for name in ["continue", "clear-fault", "cancel", "withdraw-stop"] {
         refused(commands, &command(name));
     }

@@ -83,6 +83,7 @@ fn a_stop_voids_the_orders_that_arrived_before_it() {
     let orders = [
         ("/robots/lab/jobs", json!({ "to": GOAL }).to_string()),
         ("/robots/lab/maintenance", json!({ "task": "preheat", "value": "200" }).to_string()),
+        ("/robots/lab/tuning", json!({ "target_c": 200.0 }).to_string()),
     ];
     for stop in ["stop", "emergency-stop", "cancel"] {
         for (path, body) in &orders {

@@ -174,6 +174,7 @@ fn the_robot_of_the_growth_is_all_that_is_shown() {
         ("POST", "/robots/growbot-a/jobs"),
         ("POST", "/robots/growbot-a/commands"),
         ("POST", "/robots/growbot-a/maintenance"),
+        ("POST", "/robots/growbot-a/tuning"),
         ("POST", "/robots/growbot-a/port-lease"),
         ("POST", "/plans"),
         ("POST", "/scenes"),

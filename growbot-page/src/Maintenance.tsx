@@ -1,11 +1,26 @@
 // Maintenance of a robot: a task is chosen first, and then run.
 
 import { useId, useState } from "preact/hooks";
+import type { TuningReport } from "./api_types";
 import { GuardedButton } from "./GuardedButton";
 import { TASKS } from "./maintenance_tasks";
 import type { Robot } from "./page_state";
+import { beginProcedure, PROCEDURES } from "./recovery";
 import { runTask } from "./robot_commands";
 import { maintenanceBlockedBy } from "./robot_texts";
+
+/** Gains of the heater that the latest tuning has found. */
+function TunedGains({ tuning: { kp, ki, kd, simulated } }: { tuning: TuningReport }) {
+  const gains: [string, string][] = [["kp", kp.toFixed(5)], ["ki", ki.toFixed(6)], ["kd", kd.toFixed(4)]];
+  return (
+    <div role="status" aria-label="Gains of the heater">
+      <p class="note">
+        Gains for <code>[heater]</code> of the robot file{simulated && ", of a simulated robot: not for a real one"}
+      </p>
+      <dl>{gains.map(([name, gain]) => <div key={name}><dt>{name}</dt><dd>{gain}</dd></div>)}</dl>
+    </div>
+  );
+}
 
 export function Maintenance({ robot }: { robot: Robot }) {
   const { status } = robot;
@@ -53,6 +68,18 @@ export function Maintenance({ robot }: { robot: Robot }) {
             : <GuardedButton robot={status.name} {...shared} onPress={start}>{label}</GuardedButton>}
         </form>
       )}
+      <h3>Guided</h3>
+      <div class="row" role="group" aria-label="Guided">
+        {PROCEDURES.map(([situation, text]) => (
+          <button
+            key={situation} type="button" disabled={Boolean(blockedBy || status.job)}
+            onClick={() => void beginProcedure(status.name, situation, text)}
+          >
+            {text}
+          </button>
+        ))}
+      </div>
+      {status.tuning && <TunedGains tuning={status.tuning} />}
     </section>
   );
 }

@@ -7,7 +7,7 @@ import { GuardedButton } from "./GuardedButton";
 import { canControl, isServiceSilent } from "./page_state";
 import type { Robot } from "./page_state";
 import {
-  ACTION_LABELS, doAlternative, doStep, leaveRecovery, pendingSteps, recoveryOf, stepBlockedBy,
+  ACTION_LABELS, doAlternative, doStep, isLeavable, leaveRecovery, pendingSteps, recoveryOf, stepBlockedBy,
 } from "./recovery";
 
 interface StepButtonProps {
@@ -58,7 +58,7 @@ export function PersonNeeded({ robot }: { robot: Robot }) {
                 onPress={() => void doStep(robot, progress)}
               />
             )}
-            {done > 0 && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
+            {isLeavable(progress) && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
           </div>
         )}
       </div>

@@ -25,6 +25,16 @@ export interface RobotStatus {
   finish_utc: string | null;
   command_error: string | null;
   pending_stop: string | null;
+  /** Gains that the latest tuning of the heater in the service has found. */
+  tuning: TuningReport | null;
+}
+
+/** Gains of the heater that a tuning has found. */
+export interface TuningReport {
+  kp: number;
+  ki: number;
+  kd: number;
+  simulated: boolean;
 }
 
 /** Response to a command: its result as text, and the robot's status after it. */
@@ -121,12 +131,14 @@ export interface NewLibraryEntry {
 /** Action of the page in a step of a guided sequence. */
 export type RecoveryAction =
   | "clear-fault" | "continue" | "resume" | "stop" | "cancel" | "withdraw-stop" | "preheat" | "load" | "purge"
-  | "cooldown";
+  | "cooldown" | "dry-run" | "home" | "jog" | "tune";
 
 /** A step of a guided sequence. The person acts if it has no action. */
 export interface RecoveryStep {
   text: string;
   action: RecoveryAction | null;
+  /** Value of the maintenance task that the action runs. */
+  value: string;
   effect: "safe" | "heats" | "moves" | "heats-and-moves" | "discards" | "may-stay-on";
 }
 

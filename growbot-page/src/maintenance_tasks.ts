@@ -30,5 +30,6 @@ export const TASKS: MaintenanceTask[] = [
   { name: "home", label: "Home", effect: "Turns the head to its index mark." },
   { name: "rotate", label: "Rotate head", value: "Angle in degrees", effect: "Turns the head." },
   { name: "jog", label: "Jog feed", value: "Length in mm, negative to retract", effect: "Moves filament." },
+  { name: "dry-run", label: "Dry run", effect: "Switches the motors on, with the heater off." },
   { name: "cooldown", label: "Cool down", effect: "Switches heater and motors off." },
 ];

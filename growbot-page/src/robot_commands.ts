@@ -38,6 +38,12 @@ export function runTask({ name }: RobotStatus, task: string, value: string): Pro
   });
 }
 
+/** Tunes the heater at the temperature of growth. Returns whether the board has begun. */
+export function tune({ name }: RobotStatus): Promise<boolean> {
+  return runAction(name, "Tune heater", async () =>
+    takeResponse(await sendOrder<CommandResponse>(`Tune the heater of ${name}`, `${robotPath(name)}/tuning`, {})));
+}
+
 /** Questions before commands that destroy something. */
 const questions: Partial<Record<CommandName, (robot: RobotStatus) => Question>> = {
   cancel: ({ name, laid, layers }) => ({

@@ -42,6 +42,7 @@ export function growthBlockedBy(robot: Robot): string {
   if (isStale(robot)) return "The state of the robot is not known.";
   if (status.job) return "A body grows now. The next one can be previewed and queued already.";
   if (status.fault || status.state === "emergency-stop") return "The robot is latched off: press Clear fault first.";
+  if (status.state === "tuning") return "The heater is being tuned: wait for its end, or press Stop.";
   return "";
 }
 
@@ -52,6 +53,7 @@ export function maintenanceBlockedBy(robot: Robot): string {
   if (status.connection === "disconnected") return "The robot is not connected.";
   if (isStale(robot)) return "The state of the robot is not known.";
   if (status.state === "paused" && status.job) return "";
+  if (status.state === "tuning") return "The heater is being tuned: wait for its end, or press Stop.";
   if (status.state === "parked") return "The robot is parked: press Continue, or Stop and then load filament.";
   if (status.job) return "A body grows: press Pause to change the filament, or Stop.";
   if (status.fault) return "A fault is latched: press Clear fault first.";

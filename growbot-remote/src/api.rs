@@ -42,6 +42,17 @@ pub struct MaintenanceRequest {
     pub value: String,
 }
 
+/// Request to tune the heater of a robot.
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+#[cfg_attr(feature = "schema", schemars(example = serde_json::json!({ "target_c": 210.0 })))]
+pub struct TuningRequest {
+    /// Target temperature, degrees Celsius. The default is that of a growth.
+    #[serde(default)]
+    pub target_c: Option<f64>,
+}
+
 /// Request for a lease of a robot's port.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]

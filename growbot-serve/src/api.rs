@@ -15,7 +15,9 @@ use serde_json::json;
 use super::access::Access;
 use super::audit::CommandSource;
 use super::camera_routes;
-use super::command_routes::{CommandOrder, command_robot, get_full_status, maintain, robot_commands, send_command};
+use super::command_routes::{
+    CommandOrder, command_robot, get_full_status, maintain, robot_commands, send_command, tune,
+};
 use super::handler::{ApiResult, ServiceState, find_robot};
 use super::job_routes::{job, job_log, job_log_lines, job_view, jobs, new_job, resume};
 use super::library_routes;
@@ -97,6 +99,25 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
                 operation.with(describe("maintain", words)).with(with_order_time)
             }),
         )
+        .api_route(
+            "/robots/{robot}/tuning",
+            post_with(tune, |operation| {
+                let words = "Find the gains of the heater, as `growbot tune` does. The nozzle gets hot for some minutes. \
+                             The status of the robot then has the gains.";
+                operation.with(describe("tuneHeater", words)).with(with_order_time)
+            }),
+        )
+        .api_route(
+            "/procedures",
+            get_with(
+                procedures,
+                describe(
+                    "listProcedures",
+                    "The steps of calibration and commissioning, which a person begins. Each step that is not safe needs \
+                     a confirmation.",
+                ),
+            ),
+        )
         .api_route("/plans", post_with(new_plan, describe("planPath", "Plan a path; nothing is heated or moved.")))
         .api_route(
             "/scenes",
@@ -163,6 +184,10 @@ async fn addresses(State(service): ServiceState, Extension(access): Extension<Ac
         Access::Control(CommandSource::Socket) => Ok(Json(service.addresses.get().cloned().unwrap_or_default())),
         _ => Err(Problem::forbidden("only commands on the service's machine may read the URLs")),
     }
+}
+
+async fn procedures() -> Json<Vec<RecoverySequence>> {
+    Json(RecoverySequence::procedures().into())
 }
 
 async fn recovery(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<Option<RecoverySequence>> {

@@ -10,7 +10,7 @@ use axum::{Extension, Json};
 use growbot_client::robot_command::{CommandOutcome, RobotCommand};
 use growbot_client::status::RobotStatus;
 use growbot_plan::job::Command;
-use growbot_remote::api::{CommandRequest, CommandResponse, MaintenanceRequest};
+use growbot_remote::api::{CommandRequest, CommandResponse, MaintenanceRequest, TuningRequest};
 use serde_json::Value;
 
 use super::access::{Access, require_control};
@@ -102,6 +102,26 @@ pub async fn maintain(
             None => keeper.request(RobotRequest::Task(understood, permit), COMMAND_TIMEOUT),
         };
         service.shared.audit.note(by, &name, &task, &outcome);
+        respond(&keeper, outcome?)
+    })
+    .await
+}
+
+pub async fn tune(
+    (State(service), Extension(access), Extension(permits), Path(name)): CommandOrder,
+    Json(TuningRequest { target_c }): Json<TuningRequest>,
+) -> ApiResult<CommandResponse> {
+    let by = require_control(access)?;
+    let keeper = Arc::clone(find_robot(&service, &name)?);
+    let permit = permits.recent(&name)?.clone();
+    run_blocking(move || {
+        let growth_c = keeper.description().map_err(Problem::conflict)?.description().heater.target_c;
+        let target_c = target_c.unwrap_or(growth_c);
+        let outcome = match keeper.status().job {
+            Some(_) => Err(RobotRequestError::MaintenanceDuringJob { robot: name.clone() }),
+            None => keeper.request(RobotRequest::Tune(target_c, permit), COMMAND_TIMEOUT),
+        };
+        service.shared.audit.note(by, &name, "tune", &outcome);
         respond(&keeper, outcome?)
     })
     .await

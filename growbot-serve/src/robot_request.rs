@@ -60,6 +60,8 @@ pub enum RobotRequest {
     Cancel,
     ClearFault(Permit),
     Task(MaintenanceTask, Permit),
+    /// Tune the heater at this temperature, degrees Celsius.
+    Tune(f64, Permit),
     /// Read what the board reports beside its status, and send it on this channel.
     ReadDetails(Sender<BoardDetails>),
     /// Wake the thread, because a stop was raised that it has to deliver.

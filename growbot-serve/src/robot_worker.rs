@@ -8,13 +8,14 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use growbot_client::client::{Client, ClientError};
+use growbot_client::command_report::TuningReport;
 use growbot_client::growth::CommandQueue;
 use growbot_client::maintenance::MaterialPresets;
 use growbot_client::port::time_since_boot;
 use growbot_client::robot_command::{CommandOutcome, StopOutcome};
 use growbot_client::status::{BoardDetails, ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{BoardInfo, State, Status};
+use growbot_core::link::message::{BoardInfo, Message, State, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file::{self, RobotFileError};
@@ -85,6 +86,8 @@ pub struct WorkerState {
     /// Expected date and time of the last layer of the active growth.
     pub finish: Option<OffsetDateTime>,
     pub command_error: Option<String>,
+    /// Gains that the latest tuning of the heater has found.
+    pub tuning: Option<TuningReport>,
     /// Way in which the board has confirmed the latest stop.
     pub latest_stop: StopOutcome,
     /// True if the board may not have received an order to pause its growth, because the connection was lost or the
@@ -234,6 +237,7 @@ impl RobotWorker {
             job: known.job.clone(),
             command_error: known.command_error.clone(),
             pending_stop: self.signal.level(),
+            tuning: known.tuning.clone(),
             ..RobotStatus::default()
         };
         view.set_age(age_s);
@@ -470,8 +474,10 @@ impl RobotWorker {
                 },
                 Err(error) => return LinkState::lost(error),
             }
-            // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests.
-            let next = match is_virtual {
+            // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests,
+            // except while the board tunes.
+            let waits = is_virtual && self.lock_state().status.as_ref().is_none_or(|now| now.state != State::Tuning);
+            let next = match waits {
                 true if self.has_kept() => requests.recv_timeout(RETRY_INTERVAL).ok(),
                 true => requests.recv().ok(),
                 false => requests.try_recv().ok(),
@@ -480,7 +486,7 @@ impl RobotWorker {
             let done = match next {
                 Some(pending) if pending.claim.take() => self.handle_request(&mut connection, pending),
                 Some(_) => LinkState::Ready,
-                None if is_virtual => LinkState::Ready,
+                None if waits => LinkState::Ready,
                 None => self.poll_status(&mut connection.client),
             };
             if !matches!(done, LinkState::Ready) {
@@ -493,7 +499,13 @@ impl RobotWorker {
     /// board's status.
     fn poll_status(&self, client: &mut Client) -> LinkState {
         let wait = STATUS_POLL_INTERVAL.mul_f64(self.pace().unwrap_or(1.0).max(1.0));
-        let looked = client.event(wait).and_then(|_| client.status());
+        let looked = client.event(wait).and_then(|event| {
+            if let Some(Message::Tuned(tuned)) = event {
+                let report = TuningReport::new(&tuned, self.is_simulated().into());
+                self.update_state(|known| known.tuning = Some(report));
+            }
+            client.status()
+        });
         match looked {
             Ok(status) => {
                 self.record_if_new(&status);
@@ -530,6 +542,9 @@ impl RobotWorker {
             RobotRequest::Cancel => client.cancel(),
             RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
+            RobotRequest::Tune(target_c, permit) => client.tune(target_c, &permit).inspect(|_| {
+                self.update_state(|known| known.tuning = None);
+            }),
             RobotRequest::ReadDetails(details) => BoardDetails::read(client).and_then(|read| {
                 // The details must not be newer than the status.
                 self.record_if_new(&client.status()?);

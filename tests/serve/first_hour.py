@@ -236,6 +236,15 @@ call("maintain", "lab", body=example("maintain"))
 call("maintain", "lab", body={"task": "cooldown"})
 wait_for("lab", "idle")
 
+# The heater is calibrated.
+calibration, commissioning = call("listProcedures")
+assert calibration.steps[0].action == "tune" and commissioning.steps[-1].action == "cooldown"
+call("tuneHeater", "lab", body=example("tuneHeater"))
+wait_for("lab", "tuning")
+gains = wait("the gains are found", lambda: call("getRobot", "lab").tuning)
+assert gains.kp > 0 and gains.simulated
+wait_for("lab", "idle")
+
 # The other robot has a fault, and recovers.
 call("startJob", "cold", body={"to": "0,0,20,0,90"})
 assert wait_for("cold", "fault").fault == "heating-too-slow"

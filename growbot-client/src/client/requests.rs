@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use growbot_core::link::message::{
     BootReport, Cancel, Empty, EnergizingRequest, FaultRecord, LatestFault, Maintain, MaintenanceTask, Message,
-    PassiveRequest, ReadLayers, Refusal, SensorReadings, State, Status,
+    PassiveRequest, ReadLayers, Refusal, SensorReadings, State, Status, Tune,
 };
 use growbot_plan::clock_drift::ClockDrift;
 
@@ -119,6 +119,17 @@ impl Client {
             task => self.energize(what, &EnergizingRequest::Maintain(Maintain { task }), permit),
         }
         .map(|_| CommandOutcome::Task(task))
+    }
+
+    /// Starts the tuning of the heater at a temperature, degrees Celsius. The board reports the gains with the event
+    /// [`Message::Tuned`].
+    ///
+    /// # Errors
+    /// Like [`Client::energize`].
+    pub fn tune(&mut self, target_c: f64, permit: &Permit) -> Result<CommandOutcome, ClientError> {
+        let request = EnergizingRequest::Tune(Tune { target_centi_c: (target_c * 100.0).round() as i32 });
+        self.energize("the request to tune", &request, permit)?;
+        Ok(CommandOutcome::TuningStarted { target_c })
     }
 
     /// Discards the body that the board stores, and switches heater and steppers off.

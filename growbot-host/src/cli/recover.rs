@@ -188,7 +188,13 @@ fn carry_out(action: RecoveryAction, robot: &dyn RobotHandle) -> Result<(), Fail
             print(&format!("{}\n", robot.maintain(action.code(), "")?))?;
             return wait_until_hot(robot);
         }
-        RecoveryAction::Load | RecoveryAction::Purge | RecoveryAction::Cooldown => robot.maintain(action.code(), "")?,
+        RecoveryAction::Load
+        | RecoveryAction::Purge
+        | RecoveryAction::Cooldown
+        | RecoveryAction::DryRun
+        | RecoveryAction::Home
+        | RecoveryAction::Jog => robot.maintain(action.code(), action.value())?,
+        RecoveryAction::Tune => return Err(Failure::bad_input("tune the heater: `growbot tune`")),
     };
     Ok(print(&format!("{message}\n"))?)
 }

@@ -6,7 +6,7 @@ use clap::Args;
 use growbot_client::client::{Client, ClientError};
 use growbot_client::command_report::TuningReport;
 use growbot_client::growth::CommandQueue;
-use growbot_core::link::message::{EnergizingRequest, Message, State, Tune, Tuned};
+use growbot_core::link::message::{Message, State};
 use growbot_host::output::print;
 use growbot_plan::pose_text::parse_temperature;
 use growbot_plan::robot_kind::RobotKind;
@@ -60,38 +60,25 @@ pub fn run(args: &TuneArgs) -> Result<(), Failure> {
     // From here on Ctrl-C stops the board. Nothing heats before this line.
     let orders = stop_on_interrupt(&mut client, &port);
     let tuned = tune(&mut client, &orders, target, port.kind())?;
-    let gains = &tuned.gains;
     print(&if args.json {
-        json_line(&TuningReport {
-            kp: gains.kp,
-            ki: gains.ki,
-            kd: gains.kd,
-            period_s: tuned.period_s,
-            amplitude_c: tuned.amplitude_c,
-            simulated: port.kind().is_simulated(),
-        })
+        json_line(&tuned)
     } else {
-        let caution = if port.kind().is_simulated() {
-            "# These gains are for a simulated robot. Tune a real robot itself, and do not use these gains for it.\n"
-        } else {
-            ""
-        };
         format!(
-            "{caution}# the temperature swung by {:.2} C to either side of {target} C, with a period of {:.1} \
-             s\n[heater]\nkp = {:.5}\nki = {:.6}\nkd = {:.4}\n",
-            tuned.amplitude_c, tuned.period_s, gains.kp, gains.ki, gains.kd
+            "# the temperature swung by {:.2} C to either side of {target} C, with a period of {:.1} s\n{}",
+            tuned.amplitude_c,
+            tuned.period_s,
+            tuned.robot_file_section()
         )
     })?;
     Ok(())
 }
 
 /// Tunes on the board, unless a stop was requested before.
-fn tune(client: &mut Client, orders: &CommandQueue, target: f64, robot: RobotKind) -> Result<Tuned, Failure> {
+fn tune(client: &mut Client, orders: &CommandQueue, target: f64, robot: RobotKind) -> Result<TuningReport, Failure> {
     if orders.stop_requested() {
         return Err(Failure::request_failed("tuning was stopped before anything was heated"));
     }
-    let request = EnergizingRequest::Tune(Tune { target_centi_c: (target * 100.0) as i32 });
-    client.energize("the request to tune", &request, &orders.permit()).map_err(lost)?;
+    client.tune(target, &orders.permit()).map_err(lost)?;
     growbot_host::note!("tuning the heater at {target} C, which takes some minutes");
     follow(client, orders, robot)
 }
@@ -108,7 +95,7 @@ fn lost(error: ClientError) -> Failure {
     }
 }
 
-fn follow(client: &mut Client, orders: &CommandQueue, robot: RobotKind) -> Result<Tuned, Failure> {
+fn follow(client: &mut Client, orders: &CommandQueue, robot: RobotKind) -> Result<TuningReport, Failure> {
     loop {
         if orders.stop_requested() {
             return Err(Failure::request_failed(remedies::stop_message(client.stop()?, robot)));
@@ -117,7 +104,7 @@ fn follow(client: &mut Client, orders: &CommandQueue, robot: RobotKind) -> Resul
             return Err(clock_drift_failure(&drift, robot));
         }
         match client.event(QUIET).map_err(lost)? {
-            Some(Message::Tuned(tuned)) => return Ok(tuned),
+            Some(Message::Tuned(tuned)) => return Ok(TuningReport::new(&tuned, robot)),
             Some(_) => {}
             None => {
                 let status = client.status().map_err(lost)?;
@@ -177,8 +164,7 @@ mod tests {
     fn an_interrupt_during_tuning_stops_it() {
         let (sim, mut client) = board();
         let orders = CommandQueue::default();
-        let request = EnergizingRequest::Tune(Tune { target_centi_c: 20_000 });
-        client.energize("the request to tune", &request, &orders.permit()).unwrap();
+        client.tune(200.0, &orders.permit()).unwrap();
         client.wait(Duration::from_secs(5)).unwrap();
         assert_eq!(sim.borrow().state(), State::Tuning);
         orders.interrupt();
