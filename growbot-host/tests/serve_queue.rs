@@ -78,4 +78,9 @@ fn a_body_is_queued_and_removed_under_the_rules_of_a_job() {
     let (status, left) = lab.ask("POST", &path(1), "");
     assert_eq!((status, left.as_array().unwrap().len(), &left[1]), (200, 49, &bodies[2]));
     assert_eq!(lab.ask("POST", &path(1), "").0, 404);
+    let front = path(5).replace("remove", "front");
+    let (status, moved) = lab.ask("POST", &front, "");
+    assert_eq!((status, moved.as_array().unwrap().len(), &moved[0]), (200, 49, &bodies[5]));
+    assert_eq!((&moved[1], queue(&lab)), (&bodies[0], moved.clone()));
+    assert_eq!(lab.ask("POST", &path(1).replace("remove", "front"), "").0, 404);
 }

@@ -12,6 +12,11 @@ const FILE_TYPES = ".json,.toml,.stl,.obj,.ply,.glb,.pcd";
 
 function Entry({ robot, entry }: { robot: string; entry: LibraryEntry }) {
   const { kind, name, summary } = entry;
+  /** Removes the entry, and moves the focus to the library, because the focused button is then gone. */
+  const remove = async (button: HTMLElement) => {
+    const section = button.closest<HTMLElement>("section");
+    if (await removeEntry(robot, entry)) section?.focus();
+  };
   return (
     <li>
       {kind !== "robot" && <img src={thumbnailUrl(entry)} alt="" loading="lazy" width="48" height="48" />}
@@ -23,7 +28,8 @@ function Entry({ robot, entry }: { robot: string; entry: LibraryEntry }) {
         <a href={fileUrl(entry)} download={fileName(entry)} aria-label={`Download ${name}`}>File</a>
         {canControl.value === true && (
           <button
-            type="button" aria-label={`Remove ${name} from the library`} onClick={() => void removeEntry(robot, entry)}
+            type="button" aria-label={`Remove ${name} from the library`}
+            onClick={({ currentTarget }) => void remove(currentTarget)}
           >
             Remove
           </button>
@@ -60,7 +66,7 @@ export function Library({ robot }: { robot: string }) {
   const words = search.trim().toLowerCase();
   const shown = all.filter(({ kind, name, summary }) => `${kind} ${name} ${summary}`.toLowerCase().includes(words));
   return (
-    <section class="library" aria-label="Library">
+    <section class="library" aria-label="Library" tabIndex={-1}>
       <h3>Library</h3>
       <p class="message error" role="status" aria-label="Problem of the library">{libraryProblem.value}</p>
       {all.length > 0 && (

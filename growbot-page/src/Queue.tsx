@@ -5,7 +5,9 @@ import { formatDuration } from "./format";
 import { GuardedButton } from "./GuardedButton";
 import { canControl } from "./page_state";
 import type { Robot } from "./page_state";
-import { growQueued, optionsText, queueProblem, queues, refreshQueue, removeQueued } from "./queued_bodies";
+import {
+  growQueued, moveQueuedToFront, optionsText, queueProblem, queues, refreshQueue, removeQueued,
+} from "./queued_bodies";
 import { growthBlockedBy } from "./robot_texts";
 
 const REFRESH_MS = 10_000;
@@ -38,9 +40,16 @@ export function Queue({ robot }: { robot: Robot }) {
             </span>
             {canControl.value === true && (
               <span class="row">
-                {index === 0 && (
+                {index === 0 ? (
                   <button type="button" disabled={isBlocked} onClick={() => void growQueued(name, body)}>
                     Grow next
+                  </button>
+                ) : (
+                  <button
+                    type="button" aria-label={`Move ${body.name} to the front`}
+                    onClick={() => void moveQueuedToFront(name, body)}
+                  >
+                    To front
                   </button>
                 )}
                 <GuardedButton

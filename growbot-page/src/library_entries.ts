@@ -68,13 +68,13 @@ export function useEntry(robot: string, entry: LibraryEntry): Promise<boolean> {
   });
 }
 
-/** Removes an entry, after a question. */
-export async function removeEntry(robot: string, entry: LibraryEntry): Promise<void> {
+/** Removes an entry after a question. Returns whether it is removed. */
+export async function removeEntry(robot: string, entry: LibraryEntry): Promise<boolean> {
   const { id, name } = entry;
   const text = "Growing and queued bodies keep what they use of it. It cannot be brought back from here.";
   const question = { title: `Remove ${name} from the library?`, text, action: "Remove", destroys: true };
-  if (!await ask(question)) return;
-  await runAction(robot, "Remove from library", async () => {
+  if (!await ask(question)) return false;
+  return runAction(robot, "Remove from library", async () => {
     library.value = await request<LibraryEntry[]>(`library/${id}/remove`, {});
     return `${name} is removed from the library`;
   });

@@ -55,6 +55,13 @@ export function enqueue(robot: string, form: NextBodyForm): Promise<boolean> {
   });
 }
 
+export function moveQueuedToFront(robot: string, body: QueuedBody): Promise<boolean> {
+  return runAction(robot, "To front", async () => {
+    setQueue(robot, await request<QueuedBody[]>(`${queuePath(robot)}/${body.id}/front`, {}));
+    return `${body.name} is the next body of the queue`;
+  });
+}
+
 export function removeQueued(robot: string, body: QueuedBody): Promise<boolean> {
   return runAction(robot, "Remove", async () => {
     setQueue(robot, await request<QueuedBody[]>(`${queuePath(robot)}/${body.id}/remove`, {}));

@@ -23,7 +23,7 @@ use super::limits::RoleLimits;
 use super::openapi::{describe, describe_creation, with_order_time};
 use super::page_source::ArrivalPermits;
 use super::problem::Problem;
-use super::queue_store::QueueError;
+use super::queue_store::{QueueError, QueueStore};
 use super::service::Service;
 
 /// Returns the routes of the queues.
@@ -46,6 +46,16 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
                 let words = "Start a job from a queued body, after a person has removed the last body from the robot.";
                 operation.with(describe_creation::<Job>("growQueuedBody", words)).with(with_order_time)
             }),
+        )
+        .api_route(
+            "/robots/{robot}/queue/{queued}/front",
+            post_with(
+                move_to_front,
+                describe(
+                    "moveQueuedBodyToFront",
+                    "Move a body to the front of the queue. The response has the bodies that wait.",
+                ),
+            ),
         )
         .api_route(
             "/robots/{robot}/queue/{queued}/remove",
@@ -138,16 +148,28 @@ async fn grow(
     start_job(order, move |service, start| service.shared.queue.start(&robot, &id, |wanted| start(&wanted))).await
 }
 
-async fn remove(
-    State(service): ServiceState,
-    Extension(access): Extension<Access>,
-    Path((robot, id)): Path<(String, String)>,
+/// Parts of a request that changes the queue.
+type QueueChange = (ServiceState, Extension<Access>, Path<(String, String)>);
+
+async fn remove(change: QueueChange) -> ApiResult<Vec<QueuedBody>> {
+    change_queue(change, "remove from the queue", QueueStore::remove).await
+}
+
+async fn move_to_front(change: QueueChange) -> ApiResult<Vec<QueuedBody>> {
+    change_queue(change, "move to the front of the queue", QueueStore::move_to_front).await
+}
+
+/// Changes a queue, and records that as `order`. Returns the bodies that wait.
+async fn change_queue(
+    (State(service), Extension(access), Path((robot, id))): QueueChange,
+    order: &'static str,
+    change: fn(&QueueStore, &str, &str) -> Result<Vec<QueuedBody>, QueueError>,
 ) -> ApiResult<Vec<QueuedBody>> {
     let by = require_control(access)?;
     find_robot(&service, &robot)?;
     run_blocking(move || {
-        let left = service.shared.queue.remove(&robot, &id);
-        service.shared.audit.note(by, &robot, "remove from the queue", &left);
+        let left = change(&service.shared.queue, &robot, &id);
+        service.shared.audit.note(by, &robot, order, &left);
         Ok(Json(left?))
     })
     .await

@@ -133,13 +133,26 @@ impl QueueStore {
 
     /// Removes a body from the queue. Returns the bodies that still wait.
     pub fn remove(&self, robot: &str, id: &str) -> Result<Vec<QueuedBody>, QueueError> {
+        self.change(robot, id, |_, _| ())
+    }
+
+    /// Moves a body to the front of the queue. Returns the bodies that wait.
+    pub fn move_to_front(&self, robot: &str, id: &str) -> Result<Vec<QueuedBody>, QueueError> {
+        self.change(robot, id, |all, body| all.insert(0, body))
+    }
+
+    /// Takes a body from the queue, and changes the queue of the others with `change`. Returns the bodies that wait.
+    fn change(
+        &self,
+        robot: &str,
+        id: &str,
+        change: impl FnOnce(&mut Vec<StoredBody>, StoredBody),
+    ) -> Result<Vec<QueuedBody>, QueueError> {
         let _lock = self.lock();
         let mut all = self.read(robot)?;
-        let count = all.len();
-        all.retain(|stored| stored.body.id != id);
-        if all.len() == count {
-            return Err(QueueError::NotFound(id.to_owned()));
-        }
+        let at = all.iter().position(|stored| stored.body.id == id);
+        let body = all.remove(at.ok_or_else(|| QueueError::NotFound(id.to_owned()))?);
+        change(&mut all, body);
         self.write(robot, &all)?;
         Ok(all.into_iter().map(|stored| stored.body).collect())
     }

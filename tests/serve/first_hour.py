@@ -219,7 +219,10 @@ assert layers and read("getSnapshot", job=job.id, layer=layers[-1]).content == p
 subprocess.run([growbot, "power", "new-spool", "--port", "sim:lab"], check=True, stdout=subprocess.DEVNULL)
 queued = [call("queueBody", "lab", body={"to": f"0,0,{length},0,90"}) for length in (20, 25, 30)]
 assert [body.id for body in call("removeQueuedBody", "lab", queued[0].id)] == [body.id for body in queued[1:]]
-for body in queued[1:]:
+queued = call("moveQueuedBodyToFront", "lab", queued[2].id)
+assert [body.name for body in queued] == ["0,0,30,0,90", "0,0,25,0,90"]
+queued = call("moveQueuedBodyToFront", "lab", queued[1].id)
+for body in queued:
     grown = call("growQueuedBody", "lab", body.id, body=example("growQueuedBody"))
     wait_for_job(grown.id, "done")
 assert call("listQueue", "lab") == []

@@ -80,7 +80,8 @@ const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-
 /// Returns the list of commands as text, without the command that shows it.
 pub fn help() -> String {
     let line = |name: &str, argument: &str, help: &str| format!("{:<21}{help}\n", format!("{name} {argument}"));
-    let own = COMMANDS.iter().filter(|entry| entry.name != "help").map(|entry| line(entry.name, entry.argument, entry.help));
+    let own =
+        COMMANDS.iter().filter(|entry| entry.name != "help").map(|entry| line(entry.name, entry.argument, entry.help));
     let maintaining = maintenance::COMMANDS.iter().map(|(name, argument, help)| line(name, argument, help));
     own.chain(maintaining).collect()
 }
