@@ -23,6 +23,7 @@ pub mod ground_truth;
 pub mod growth;
 pub mod maintenance;
 pub mod port;
+pub mod procedure;
 pub mod recovery;
 pub mod robot_command;
 pub mod status;

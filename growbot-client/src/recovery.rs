@@ -1,8 +1,6 @@
-//! Guided sequences: the steps by which a person brings a robot out of a state that needs a person, and the steps of
-//! calibration and commissioning.
+//! Guided sequences: the steps by which a person brings a robot out of a state that needs a person.
 //!
-//! A sequence follows from the status of the robot alone, except for calibration and commissioning, which a person
-//! begins. A program that has begun it requests the status again after
+//! A sequence follows from the status of the robot alone. A program that has begun it requests the status again after
 //! each step, and gives it up for a situation that interrupts it. A person can leave it after any step: the robot then
 //! stays in the state that its board reports.
 
@@ -39,10 +37,8 @@ pub enum Situation {
     Unfinished,
     /// The nozzle is hot for maintenance, or the motors may move in a dry run.
     Maintenance,
-    /// A person calibrates the robot.
-    Calibration,
-    /// A person commissions the robot.
-    Commissioning,
+    /// The heater is being tuned.
+    Tuning,
 }
 
 impl Situation {
@@ -72,9 +68,7 @@ impl Situation {
             Self::Unfinished => "Heater and motors are off.",
             Self::NoFilament => "The nozzle may be hot from maintenance. Nothing moves by itself.",
             Self::Maintenance => "The nozzle may be hot. It goes off 10 minutes after the latest task.",
-            Self::Calibration | Self::Commissioning => {
-                "Heater and motors are off until a step switches them on. They go off 10 minutes after the latest task."
-            }
+            Self::Tuning => "The nozzle is hot. Nothing moves. The heater goes off when the gains are found.",
         }
     }
 }
@@ -142,7 +136,7 @@ impl RecoveryAction {
             Self::ClearFault => "Clear it.",
             Self::Continue => "Continue the growth.",
             Self::Resume => "Resume the body at its first layer that is not laid.",
-            Self::Stop => "Stop the job, so that filament can be loaded. The body can be resumed.",
+            Self::Stop => "Switch heater and motors off. A body can be resumed.",
             Self::Cancel => "Discard the body. It cannot be resumed after that.",
             Self::WithdrawStop => "Withdraw the stop, if you have seen that the robot is off.",
             Self::Preheat => "Heat the nozzle, and wait until it is hot.",
@@ -255,47 +249,6 @@ impl RecoverySequence {
     }
 }
 
-impl RecoverySequence {
-    /// Returns the sequences that a person begins: calibration and commissioning.
-    pub fn procedures() -> [Self; 2] {
-        use RecoveryAction::{Cooldown, DryRun, Home, Jog, Preheat, Tune};
-        let calibration: Vec<RecoveryStep> = vec![
-            Tune.into(),
-            "Wait until the gains are shown. Then write them to the robot file, and configure the board with it."
-                .into(),
-        ];
-        let commissioning: Vec<RecoveryStep> = vec![
-            "Disconnect the heater. The status must name the description of this robot.".into(),
-            "Compare the temperature of the nozzle with that of the room. They must be within 5 C.".into(),
-            "Press the emergency stop button, release it, and press Clear fault.".into(),
-            DryRun.into(),
-            Home.into(),
-            Jog.into(),
-            Cooldown.into(),
-            "Connect the heater, with nothing near the nozzle that can burn.".into(),
-            Preheat.into(),
-            "Compare the temperature with its target. It must have risen without a break, and hold.".into(),
-            Cooldown.into(),
-        ];
-        let of = |situation: Situation, cause: &str, steps| Self {
-            situation,
-            interrupts: false,
-            cause: cause.to_owned(),
-            safety: situation.safety(),
-            steps,
-            alternative: None,
-        };
-        [
-            of(Situation::Calibration, "the heater is new, or its nozzle, sensor or supply", calibration),
-            of(
-                Situation::Commissioning,
-                "the robot or its wiring is new; growbot doctor has these steps with a report, at the robot",
-                commissioning,
-            ),
-        ]
-    }
-}
-
 /// Returns the situation of a robot. `None` if the robot needs no person.
 fn situation(status: &RobotStatus) -> Option<Situation> {
     if status.pending_stop.is_some() {
@@ -315,6 +268,7 @@ fn situation(status: &RobotStatus) -> Option<Situation> {
         State::Paused if !pauses_for(PauseCause::LayersExhausted) => Some(Situation::Paused),
         State::Maintenance if has_filament(status) => Some(Situation::Maintenance),
         State::Maintenance => Some(Situation::NoFilament),
+        State::Tuning => Some(Situation::Tuning),
         State::Idle | State::Stopped | State::Done if status.job.is_none() => match has_filament(status) {
             false => Some(Situation::NoFilament),
             true => is_unfinished.then_some(Situation::Unfinished),
@@ -343,8 +297,7 @@ fn cause(situation: Situation, status: &RobotStatus) -> String {
         Situation::NoFilament => "the filament switch sees no filament".to_owned(),
         Situation::Unfinished => format!("{} of {} layers of the body are laid", status.laid, status.layers),
         Situation::Maintenance => "a maintenance task has switched the heater or the motors on".to_owned(),
-        // They do not follow from a status.
-        Situation::Calibration | Situation::Commissioning => String::new(),
+        Situation::Tuning => "the heater is being tuned".to_owned(),
     }
 }
 
@@ -374,14 +327,14 @@ fn steps(situation: Situation, status: &RobotStatus) -> Vec<RecoveryStep> {
         Situation::NoFilament => vec![spool(), Preheat.into(), Load.into(), Purge.into(), Cooldown.into()],
         Situation::Unfinished => vec![inspect(), Resume.into()],
         Situation::Maintenance => vec![Cooldown.into()],
-        Situation::Calibration | Situation::Commissioning => Vec::new(),
+        Situation::Tuning => vec!["Wait until the gains are found. That takes some minutes.".into()],
     }
 }
 
 fn alternative(situation: Situation, status: &RobotStatus) -> Option<RecoveryAction> {
     match situation {
         Situation::UnconfirmedStop => Some(RecoveryAction::WithdrawStop),
-        Situation::FilamentOut | Situation::Paused => Some(RecoveryAction::Stop),
+        Situation::FilamentOut | Situation::Paused | Situation::Tuning => Some(RecoveryAction::Stop),
         // The body of an active job is discarded only after a stop.
         Situation::Parked if status.job.is_some() => Some(RecoveryAction::Stop),
         Situation::Parked | Situation::Unfinished => Some(RecoveryAction::Cancel),
@@ -435,6 +388,7 @@ mod tests {
             (Situation::NoFilament, with_filament(false, status(State::Stopped))),
             (Situation::Unfinished, unfinished),
             (Situation::Maintenance, status(State::Maintenance)),
+            (Situation::Tuning, status(State::Tuning)),
         ]
     }
 
@@ -446,10 +400,8 @@ mod tests {
             assert_eq!(sequence.situation, *situation);
             assert!(!sequence.steps.is_empty() && !sequence.cause.is_empty(), "{sequence:?}");
         }
-        let begun = RecoverySequence::procedures().map(|sequence| sequence.situation);
         for situation in Situation::ALL {
-            let follows = found.iter().any(|(other, _)| other == situation);
-            assert!(follows != begun.contains(situation), "{}", situation.code());
+            assert!(found.iter().any(|(other, _)| other == situation), "{}", situation.code());
         }
     }
 

@@ -42,6 +42,22 @@ fn a_body_continues_in_the_frame_of_the_tip() {
     assert!(second.start.roll().abs() > 0.1, "{:?}", second.start);
     assert_eq!(second.existing_layers, first.commanded().collect::<Vec<_>>());
     let log = grow_logged(directory.path(), "second.jsonl", &[&file]);
+    let replayed = growbot(&["replay", &log, "--json"]);
+    let replayed: Value = serde_json::from_str(&replayed.out).unwrap();
+    assert!(replayed["position_error_mm"].as_f64().unwrap() < 0.1, "{replayed}");
+    // Each planner begins in that frame, around obstacles and with feedback, too.
+    let scene = directory.path().join("room.toml").display().to_string();
+    std::fs::write(&scene, "format = \"growbot-scene/1\"\n[[ball]]\ncenter_mm = [100, 450, 560]\nradius_mm = 30\n")
+        .unwrap();
+    for more in [&["--planner", "two-plane"][..], &["--scene", &scene], &["--via", "60,480,560"]] {
+        let given = ["plan", "--continue", &log, "--to", "100,500,700,100,60", "-o", &file];
+        let ran = growbot(&[&given, more].concat());
+        assert_eq!(ran.code, Some(0), "{more:?}: {}", ran.err);
+        let grow = ["grow", &file, "--json", "--feedback", "--bias", "2"];
+        let grown = growbot(&[&grow[..], if more[0] == "--scene" { more } else { &[] }].concat());
+        let grown: Value = serde_json::from_str(&grown.out).unwrap_or_else(|_| panic!("{more:?}: {}", grown.err));
+        assert!(grown["position_error_mm"].as_f64().unwrap() < 2.0, "{more:?}: {grown}");
+    }
     let (_, third) = plan_on(directory.path(), &log, "100,500,700,100,60");
     assert_eq!(third.existing_layers.len(), second.existing_layers.len() + second.requirements.layers);
     let robot = first.own_robot().unwrap();
@@ -59,17 +75,20 @@ fn a_path_that_runs_into_the_existing_body_has_a_warning_in_every_form() {
     let log = grow_logged(directory.path(), "rod.jsonl", &["--to", "0,0,500,0,90"]);
     let through = "100,10,130,0,30";
     let (file, plan) = plan_on(directory.path(), &log, through);
-    assert_eq!(plan.warnings.iter().map(|warning| warning.code.as_str()).collect::<Vec<_>>(), ["self-collision"]);
+    let codes: Vec<&str> = plan.warnings.iter().map(|warning| warning.code.as_str()).collect();
+    assert_eq!(codes, ["continues-body", "self-collision"]);
+    assert!(plan.warnings[1].message.contains("runs into the existing body: at"), "{:?}", plan.warnings);
     // A path around the body is longer.
     let around = growbot(&["plan", "--continue", &log, "--to", through, "--avoid-self-collision", "--json"]);
     let around: Value = serde_json::from_str(&around.out).unwrap();
-    assert_eq!(around["warnings"], json!([]));
+    assert_eq!(around["warnings"][0]["code"], "continues-body");
+    assert_eq!(around["warnings"].as_array().unwrap().len(), 1);
     assert!(around["length_mm"].as_f64().unwrap() > plan.requirements.length);
     // The warning is found again if it is removed from the file.
     let mut written: Value = serde_json::from_str(&std::fs::read_to_string(&file).unwrap()).unwrap();
     written["warnings"] = json!([]);
     let read = read_in_scene(&written.to_string(), "the plan", None, None).unwrap();
-    assert_eq!(read.plan.warnings, plan.warnings);
+    assert_eq!(read.plan.warnings.len(), plan.warnings.len());
     written["existing_layers"] = json!("0");
     let refused = read_in_scene(&written.to_string(), "the plan", None, None);
     assert!(refused.is_err_and(|error| error.to_string().contains("not layers")));
@@ -86,8 +105,14 @@ fn nothing_continues_a_body_whose_tip_is_not_known() {
         assert_eq!(ran.code, Some(2), "{}", ran.out);
         ran.err
     };
+    let (all, _) = lines.trim_end().rsplit_once('\n').unwrap();
+    assert!(refused(all, &[]).contains("the outcome of the growth is unfinished"));
+    let lost_board = lines.replace("\"outcome\":\"done\"", "\"outcome\":\"lost\"");
+    assert!(refused(&lost_board, &[]).contains("the outcome of the growth is lost"));
     let header = lines.lines().next().unwrap();
-    assert!(refused(header, &[]).contains("no layer of the body is laid"));
+    let end = lines.lines().last().unwrap();
+    let nothing = refused(&format!("{header}\n{end}\n"), &[]);
+    assert!(nothing.contains("no layer of the body is laid"), "{nothing}");
     let lost: String =
         lines.lines().filter(|line| !line.contains("\"layer\":7,")).map(|line| format!("{line}\n")).collect();
     assert!(refused(&lost, &[]).contains("nothing is known of 1 layers"), "{}", refused(&lost, &[]));
@@ -101,18 +126,20 @@ fn nothing_continues_a_body_whose_tip_is_not_known() {
 fn the_service_grows_on_only_from_the_last_body() {
     let lab = Lab::new(300.0);
     lab.wait_until_ready();
-    let on = |goal: &str| json!({ "to": goal, "from": "last-tip", "name": goal });
+    let on = |goal: &str, job: &Value| {
+        let from = format!("tip:{}", job["id"].as_str().unwrap_or_default());
+        json!({ "to": goal, "from": from, "name": goal })
+    };
     let plan = |wanted: &Value| lab.ask("POST", "/plans?robot=lab", &wanted.to_string());
     let grow = |wanted: &Value| lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
-    let (status, problem) = plan(&on("0,0,60,0,90"));
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("grown no body yet"), "{problem}");
+    assert_eq!(plan(&on("0,0,60,0,90", &Value::Null)).0, 404);
     let ended = |job: &Value| lab.wait_for_end(job["id"].as_str().unwrap())["state"].clone();
     let (status, first) = grow(&json!({ "to": "0,0,30,0,90" }));
     assert_eq!((status, ended(&first)), (201, json!("done")), "{first}");
-    let (status, planned) = plan(&on("0,0,60,0,90"));
+    let (status, planned) = plan(&on("0,0,60,0,90", &first));
     assert_eq!(status, 200, "{planned}");
     assert!((planned["plan"]["start"]["z_mm"].as_f64().unwrap() - 30.0).abs() < 0.01, "{planned}");
-    let (status, problem) = lab.ask("POST", "/robots/lab/queue", &on("0,0,60,0,90").to_string());
+    let (status, problem) = lab.ask("POST", "/robots/lab/queue", &on("0,0,60,0,90", &first).to_string());
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("cannot wait"), "{problem}");
     let given = json!({ "plan": planned["plan"] });
     let (status, second) = grow(&given);
@@ -120,9 +147,22 @@ fn the_service_grows_on_only_from_the_last_body() {
     // Another body has been grown since, which is the second half of it.
     let (status, problem) = grow(&given);
     assert!(status == 409 && problem["detail"].as_str().unwrap().contains("not the last one"), "{problem}");
-    let (status, third) = grow(&on("0,0,90,0,90"));
+    let (status, problem) = grow(&on("0,0,90,0,90", &first));
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("does not have the body"), "{problem}");
+    // A service that was restarted knows the body, too.
+    let mut lab = lab;
+    lab.kill();
+    lab.start();
+    lab.wait_until_ready();
+    let grow = |wanted: &Value| lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
+    let ended = |job: &Value| lab.wait_for_end(job["id"].as_str().unwrap())["state"].clone();
+    let (status, third) = grow(&on("0,0,90,0,90", &second));
     assert_eq!((status, ended(&third)), (201, json!("done")), "{third}");
     let log = RecordedRun::open(&lab.log(third["id"].as_str().unwrap())).unwrap();
     let laid = [&first, &second].map(|job| job["layers"].as_u64().unwrap()).iter().sum::<u64>();
     assert_eq!(log.plan.existing_layers.len() as u64, laid);
+    // Once the board has discarded the body, nothing begins at its tip.
+    assert_eq!(lab.run(&["cancel", "--port", "sim:lab"]).0, Some(0));
+    let (status, problem) = grow(&on("0,0,120,0,90", &third));
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("does not have the body"), "{problem}");
 }

@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::lab::{Lab, wait_for};
+use crate::running::in_lines;
 
 fn tune(lab: &Lab, body: &Value) -> (u16, Value) {
     lab.ask("POST", "/robots/lab/tuning", &body.to_string())
@@ -26,7 +27,9 @@ fn the_service_tunes_and_shows_the_gains() {
     lab.wait_for_state("tuning");
     // Nothing else begins meanwhile.
     let (status, problem) = lab.ask("POST", "/robots/lab/jobs", r#"{"to":"0,0,60,0,90"}"#);
-    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("state tuning"), "{problem}");
+    assert!(status == 409 && problem["detail"].as_str().unwrap().contains("robot lab tunes its heater"), "{problem}");
+    let (code, text) = lab.run(&["tune", "--port", "sim:lab"]);
+    assert!(code == Some(1) && in_lines(&text).contains("tunes its heater"), "{text}");
     let found = wait_for("the gains", || Some(robot(&lab)["tuning"].clone()).filter(|tuning| !tuning.is_null()));
     assert!(found["kp"].as_f64().unwrap() > 0.0 && found["simulated"] == true, "{found}");
     lab.wait_for_state("idle");
@@ -39,6 +42,22 @@ fn the_service_tunes_and_shows_the_gains() {
     assert_eq!(by_command.as_object().unwrap().keys().len(), found.as_object().unwrap().keys().len());
     let ratio = by_command["kp"].as_f64().unwrap() / found["kp"].as_f64().unwrap();
     assert!((0.5..2.0).contains(&ratio), "{by_command} {found}");
+}
+
+/// The time of this robot passes only while the service waits for it.
+#[test]
+fn each_tuning_of_a_robot_with_a_virtual_clock_has_its_own_gains() {
+    let lab = Lab::configured("[robots.lab]\nport = \"sim\"\nrobot = \"growbot-a2\"\n");
+    lab.wait_until_ready();
+    let mut found = Vec::new();
+    for target_c in [200.0, 150.0] {
+        let (status, response) = tune(&lab, &json!({ "target_c": target_c }));
+        assert_eq!(status, 200, "{response}");
+        assert_eq!(response["tuning"], Value::Null, "the gains of an earlier tuning are not those of this one");
+        found.push(wait_for("the gains", || Some(robot(&lab)["tuning"].clone()).filter(|tuning| !tuning.is_null())));
+        assert_eq!(robot(&lab)["state"], "idle");
+    }
+    assert_ne!(found[0], found[1]);
 }
 
 #[test]

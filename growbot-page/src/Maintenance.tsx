@@ -70,10 +70,10 @@ export function Maintenance({ robot }: { robot: Robot }) {
       )}
       <h3>Guided</h3>
       <div class="row" role="group" aria-label="Guided">
-        {PROCEDURES.map(([situation, text]) => (
+        {PROCEDURES.map(([procedure, text]) => (
           <button
-            key={situation} type="button" disabled={Boolean(blockedBy || status.job)}
-            onClick={() => void beginProcedure(status.name, situation, text)}
+            key={procedure} type="button" disabled={Boolean(blockedBy || status.job)}
+            onClick={() => void beginProcedure(status.name, procedure, text)}
           >
             {text}
           </button>

@@ -68,7 +68,7 @@ export function NextBody({ robot }: { robot: Robot }) {
       </div>
       <form onSubmit={(event) => { event.preventDefault(); void preview(name); }}>
         {form.source === "goal" ? (
-          <PathFields robot={name} form={form} />
+          <PathFields status={status} form={form} />
         ) : (
           <>
             {form.given && <p class="note">Plan: {form.given.name}</p>}

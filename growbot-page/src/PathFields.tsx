@@ -1,19 +1,21 @@
 // The path of the next body: waypoints, and the goal.
 
 import { useRef } from "preact/hooks";
+import type { RobotStatus } from "./api_types";
 import { EMPTY_WAYPOINT } from "./goal";
 import type { Target } from "./goal";
 import { GoalFields } from "./GoalFields";
-import { lastBody } from "./job_list";
+import { continuableJob } from "./job_list";
 import { enter } from "./next_body";
 import type { NextBodyForm } from "./next_body";
 
 /** Maximum number of waypoints that the service takes. */
 const MAX_WAYPOINTS = 100;
 
-export function PathFields({ robot, form }: { robot: string; form: NextBodyForm }) {
-  const { target, waypoints, problem } = form;
-  const last = lastBody(robot);
+export function PathFields({ status, form }: { status: RobotStatus; form: NextBodyForm }) {
+  const { target, waypoints, problem, continued } = form;
+  const robot = status.name;
+  const last = continuableJob(status);
   const list = useRef<HTMLDivElement>(null);
   const change = (index: number, changed: Target[]) =>
     enter(robot, { waypoints: [...waypoints.slice(0, index), ...changed, ...waypoints.slice(index + 1)] });
@@ -24,13 +26,13 @@ export function PathFields({ robot, form }: { robot: string; form: NextBodyForm 
     problem && problem.field !== "scene" && problem.waypoint === number ? problem : null;
   return (
     <div class="path" ref={list}>
-      {(last || form.startsAtLastTip) && (
+      {(last || continued) && (
         <label class="check">
           <input
-            type="checkbox" checked={form.startsAtLastTip}
-            onChange={({ currentTarget }) => enter(robot, { startsAtLastTip: currentTarget.checked })}
+            type="checkbox" checked={continued !== null}
+            onChange={({ currentTarget }) => enter(robot, { continued: (currentTarget.checked && last?.id) || null })}
           />
-          Start at the tip of the last body, {last?.name ?? "which is unknown"}
+          Start at the tip of the last body{last && `, ${last.name}`}
         </label>
       )}
       {waypoints.map((waypoint, index) => (

@@ -52,13 +52,13 @@ export function PersonNeeded({ robot }: { robot: Robot }) {
                 onPress={() => { if (alternative.action) void doAlternative(robot, alternative.action); }}
               />
             )}
-            {(step.action || !isLast) && !blockedBy && (
+            {(step.action || !isLast || progress.procedure) && !blockedBy && (
               <StepButton
                 key={done} robot={robot} step={step} describedBy={id} isMain
                 onPress={() => void doStep(robot, progress)}
               />
             )}
-            {isLeavable(progress) && <button type="button" onClick={() => leaveRecovery(name)}>Leave</button>}
+            {isLeavable(progress) && <button type="button" onClick={() => leaveRecovery(name, progress)}>Leave</button>}
           </div>
         )}
       </div>

@@ -25,6 +25,8 @@ export interface RobotStatus {
   finish_utc: string | null;
   command_error: string | null;
   pending_stop: string | null;
+  /** The interrupted layer of the body. */
+  interrupted: object | null;
   /** Gains that the latest tuning of the heater in the service has found. */
   tuning: TuningReport | null;
 }
@@ -99,7 +101,7 @@ export interface PlanResponse {
 /** A request to grow or to plan: either a goal `to`, or a plan. */
 export interface GrowRequest {
   to?: string;
-  /** Start pose, or `last-tip` for the tip of the last body. */
+  /** Start pose, or `tip:` and the identifier of the job of the last body. */
   from?: string;
   via?: string[];
   plan?: unknown;
@@ -151,6 +153,14 @@ export interface RecoverySequence {
   safety: string;
   steps: RecoveryStep[];
   alternative: RecoveryStep | null;
+}
+
+/** Steps that a person begins. */
+export interface Procedure {
+  name: "calibration" | "commissioning";
+  cause: string;
+  safety: string;
+  steps: RecoveryStep[];
 }
 
 /** Names of the commands to a robot. */

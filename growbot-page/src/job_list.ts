@@ -1,6 +1,6 @@
 // The list of jobs of the service.
 
-import type { Job } from "./api_types";
+import type { Job, RobotStatus } from "./api_types";
 import { isExpired, jobs, jobsProblem } from "./page_state";
 import { request } from "./service";
 
@@ -21,10 +21,11 @@ export async function refreshJobs(): Promise<void> {
   }
 }
 
-/** Returns the job of the last body of a robot. `undefined` if there is none, or if it still grows. */
-export function lastBody(robot: string): Job | undefined {
-  const last = jobs.value?.find((job) => job.robot === robot && job.laid > 0);
-  return last?.state === "active" ? undefined : last;
+/** Returns the job of the last body of a robot, if a body can begin at its tip: the board has it, and it is at rest. */
+export function continuableJob({ name, plan_id, laid, interrupted }: RobotStatus): Job | undefined {
+  const last = jobs.value?.find((job) => job.robot === name && job.laid > 0);
+  const isOnBoard = plan_id !== null && last?.laid === laid && interrupted === null;
+  return isOnBoard && last?.state !== "active" ? last : undefined;
 }
 
 /** Returns the plan with which a job was grown, and whether feedback was on. Reads the first line of its run log. */

@@ -31,8 +31,8 @@ export interface Problem {
 
 export interface NextBodyForm {
   source: "goal" | "plan";
-  /** True if the body begins at the tip of the last body, which stays in place. */
-  startsAtLastTip: boolean;
+  /** Job of the last body, if the body begins at its tip. Null if it begins at the base. */
+  continued: string | null;
   waypoints: Target[];
   target: Target;
   given: GivenPlan | null;
@@ -50,7 +50,7 @@ export interface NextBodyForm {
 }
 
 export const EMPTY_FORM: NextBodyForm = {
-  source: "goal", startsAtLastTip: false, waypoints: [], target: EMPTY_TARGET, given: null, scene: null,
+  source: "goal", continued: null, waypoints: [], target: EMPTY_TARGET, given: null, scene: null,
   feedback: false, force: false, ignoreScene: false, problem: null, plan: null, isPlanning: false, revision: 0,
 };
 
@@ -94,24 +94,14 @@ export async function storeScene(file: ChosenScene): Promise<string> {
 
 /** Returns the request to grow or to plan what is entered. */
 export async function requestOf(form: NextBodyForm): Promise<GrowRequest> {
-  const { source, startsAtLastTip, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
+  const { source, continued, waypoints, target, given, scene, feedback, force, ignoreScene } = form;
   const options: GrowRequest = { feedback, force, ignore_scene: ignoreScene };
   if (scene) options.scene = await storeScene(scene);
   if (source === "goal") {
-    const from = startsAtLastTip ? "last-tip" : undefined;
+    const from = continued === null ? undefined : `tip:${continued}`;
     return { ...options, from, via: waypoints.map(targetText), to: targetText(target) };
   }
   return { scene: given?.scene, ...options, plan: given?.plan, name: given?.name };
-}
-
-/**
- * Returns the request to grow what is entered. A body that begins at the last tip is sent as it was planned, so that
- * the service refuses it if another body has been grown since.
- */
-async function growRequestOf(form: NextBodyForm): Promise<GrowRequest> {
-  const wanted = await requestOf(form);
-  if (wanted.from === undefined) return wanted;
-  return { ...wanted, from: undefined, via: [], to: undefined, plan: form.plan, name: wanted.to };
 }
 
 /** Returns whether the goal that is entered is that of the preview. */
@@ -175,9 +165,10 @@ export async function preview(robot: string): Promise<boolean> {
 export async function grow(robot: string, form: NextBodyForm): Promise<void> {
   const timeMs = clock.now();
   await runAction(robot, "Grow", async () => {
-    const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await growRequestOf(form), timeMs);
+    const job = await sendOrder<Job>(`Grow on ${robot}`, `${robotPath(robot)}/jobs`, await requestOf(form), timeMs);
     chooseBody(robot, null);
-    if (form.startsAtLastTip) enter(robot, { startsAtLastTip: false });
+    // That body is not the last one any more.
+    if (form.continued !== null) enter(robot, { continued: null });
     void refreshJobs();
     return `Job ${job.id} started`;
   });
@@ -187,6 +178,9 @@ export async function grow(robot: string, form: NextBodyForm): Promise<void> {
 export function growAgain(job: Job): void {
   void runAction(job.robot, "Grow again", async () => {
     const { plan, feedback, ignoreScene } = await readJobPlan(job);
+    if ((plan as Plan).existing_layers) {
+      throw new Error(`${job.name} began at the tip of another body: plan its goal again from the last one`);
+    }
     const file = (plan as Plan).scene?.file;
     const given = { name: job.name, plan, scene: file?.split("/").at(-1) };
     enter(job.robot, { source: "plan", given, feedback, ignoreScene, force: false, scene: null });

@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { CONFIRM_MS } from "../../growbot-pictures/viewer/src/connection.js";
-import type { RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
+import type { Procedure, RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
 import { canControl, isStale, now, recoveries, robots } from "./page_state";
 import type { Robot } from "./page_state";
 import { giveCommand, resumableJob, resume, runAction, runTask, tune } from "./robot_commands";
@@ -19,24 +19,38 @@ export const ACTION_LABELS: Record<RecoveryAction, string> = {
   tune: "Tune heater",
 };
 
-/** Sequences that a person begins, by their situations, with the labels of their buttons. */
-export const PROCEDURES: [string, string][] = [["calibration", "Calibrate"], ["commissioning", "Commission"]];
-const isProcedure = (situation: string) => PROCEDURES.some(([name]) => name === situation);
+/** Procedures that a person begins, with the labels of their buttons. */
+export const PROCEDURES: [Procedure["name"], string][] = [
+  ["calibration", "Calibrate"], ["commissioning", "Commission"],
+];
 
 /** A sequence and the number of its steps that are done. */
 export interface RecoveryProgress {
   sequence: RecoverySequence;
   done: number;
+  /** The procedure whose sequence it is. `undefined` if the sequence follows from the state of the robot. */
+  procedure?: Procedure;
 }
 
 /** Sequences of which a step is done, by the names of the robots. */
 const begun = signal<ReadonlyMap<string, RecoveryProgress>>(new Map());
 
-function setProgress(name: string, progress: RecoveryProgress | null): void {
-  const next = new Map(begun.value);
-  if (progress) next.set(name, progress);
+/** Procedures that a person has begun, by the names of the robots. */
+const procedures = signal<ReadonlyMap<string, { procedure: Procedure; done: number }>>(new Map());
+
+function withEntry<T>(map: ReadonlyMap<string, T>, name: string, entry: T | null): ReadonlyMap<string, T> {
+  const next = new Map(map);
+  if (entry) next.set(name, entry);
   else next.delete(name);
-  begun.value = next;
+  return next;
+}
+
+function setProgress(name: string, progress: RecoveryProgress | null): void {
+  begun.value = withEntry(begun.value, name, progress);
+}
+
+function setProcedure(name: string, procedure: Procedure | null, done = 0): void {
+  procedures.value = withEntry(procedures.value, name, procedure && { procedure, done });
 }
 
 /** Situations to which the steps of another situation lead. */
@@ -44,13 +58,16 @@ const LATER_SITUATIONS: Record<string, (string | undefined)[]> = {
   "no-filament": [undefined, "maintenance", "unfinished"],
 };
 
-/** Ends the sequences of robots whose situation or its cause has changed otherwise than by a step. */
+/**
+ * Ends the sequences of robots whose situation or its cause has changed otherwise than by a step, and the procedures of
+ * robots that grow or are not connected.
+ */
 export function endRecoveries(): void {
+  for (const name of procedures.value.keys()) {
+    const isLost = recoveries.value[name]?.situation === "disconnected";
+    if (isLost || robots.value.get(name)?.status.job) setProcedure(name, null);
+  }
   for (const [name, { sequence }] of begun.value) {
-    if (isProcedure(sequence.situation)) {
-      if (robots.value.get(name)?.status.job) setProgress(name, null);
-      continue;
-    }
     const reported = recoveries.value[name];
     const isSame = reported?.situation === sequence.situation && reported.cause === sequence.cause;
     if (!isSame && !LATER_SITUATIONS[sequence.situation]?.includes(reported?.situation)) setProgress(name, null);
@@ -61,10 +78,14 @@ export function endRecoveries(): void {
 export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgress | null {
   const reported = recoveries.value[status.name];
   const own = begun.value.get(status.name);
-  const isPaused = own && reported?.interrupts && isProcedure(own.sequence.situation);
-  if (own && !isPaused) {
-    const { sequence } = own;
-    return { ...own, sequence: { ...sequence, safety: reported?.safety ?? sequence.safety } };
+  if (own) return { ...own, sequence: { ...own.sequence, safety: reported?.safety ?? own.sequence.safety } };
+  const begunProcedure = procedures.value.get(status.name);
+  // What needs a person first comes before the procedure, which then goes on.
+  if (begunProcedure && !reported?.interrupts && reported?.situation !== "tuning") {
+    const { procedure, done } = begunProcedure;
+    const { name: situation, cause, safety, steps } = procedure;
+    const shared = { situation, cause, steps, interrupts: false, alternative: null };
+    return { procedure, done, sequence: { ...shared, safety: reported?.safety ?? safety } };
   }
   // Every stop is unconfirmed for a moment.
   const isNew = stopPendingSince === null || now.value - stopPendingSince < CONFIRM_MS;
@@ -73,20 +94,22 @@ export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgres
 }
 
 /** Begins calibration or commissioning. Its steps are those of the service. */
-export async function beginProcedure(robot: string, situation: string, label: string): Promise<void> {
+export async function beginProcedure(robot: string, name: Procedure["name"], label: string): Promise<void> {
   await runAction(robot, label, async () => {
-    const sequences = await request<RecoverySequence[]>("procedures");
-    const sequence = sequences.find((procedure) => procedure.situation === situation);
-    if (sequence) setProgress(robot, { sequence, done: 0 });
+    const all = await request<Procedure[]>("procedures");
+    setProcedure(robot, all.find((procedure) => procedure.name === name) ?? null);
     return "Nothing is switched on yet: follow the steps above";
   });
 }
 
 /** Returns whether a person can leave a sequence before its end. */
-export const isLeavable = ({ sequence, done }: RecoveryProgress) => done > 0 || isProcedure(sequence.situation);
+export const isLeavable = ({ procedure, done }: RecoveryProgress) => done > 0 || procedure !== undefined;
 
 /** Ends the sequence of a robot before its end. */
-export const leaveRecovery = (name: string) => setProgress(name, null);
+export function leaveRecovery(name: string, { procedure }: RecoveryProgress): void {
+  if (procedure) setProcedure(name, null);
+  else setProgress(name, null);
+}
 
 /** Returns the reason why a step cannot be done now, empty if it can. */
 export function stepBlockedBy(robot: Robot, { action, effect }: RecoveryStep): string {
@@ -138,17 +161,22 @@ async function carryOutOnce(robot: Robot, action: RecoveryAction, value = ""): P
 }
 
 /** Carries out the next step of a sequence. The sequence goes on once the robot has accepted it. */
-export async function doStep(robot: Robot, { sequence, done }: RecoveryProgress): Promise<void> {
+export async function doStep(robot: Robot, progress: RecoveryProgress): Promise<void> {
+  const { sequence, done, procedure } = progress;
   const { name } = robot.status;
   const { action, value } = sequence.steps[done];
-  const before = begun.value.get(name);
+  const [begunBefore, procedureBefore] = [begun.value.get(name), procedures.value.get(name)];
   if (action && !await carryOutOnce(robot, action, value)) return;
+  const isEnd = done + 1 === sequence.steps.length;
   // The sequence may have ended meanwhile.
-  if (begun.value.get(name) !== before) return;
-  setProgress(name, done + 1 < sequence.steps.length ? { sequence, done: done + 1 } : null);
+  if (procedure) {
+    if (procedures.value.get(name) === procedureBefore) setProcedure(name, isEnd ? null : procedure, done + 1);
+  } else if (begun.value.get(name) === begunBefore) {
+    setProgress(name, isEnd ? null : { sequence, done: done + 1 });
+  }
 }
 
 /** Carries out the step that replaces all others. */
 export async function doAlternative(robot: Robot, action: RecoveryAction): Promise<void> {
-  if (await carryOutOnce(robot, action)) leaveRecovery(robot.status.name);
+  if (await carryOutOnce(robot, action)) setProgress(robot.status.name, null);
 }

@@ -6,10 +6,16 @@ use growbot_core::path::Segment;
 use growbot_core::pose::{Frame, Pose};
 
 use crate::job::Job;
-use crate::plan::{ExistingBody, segments};
+use crate::plan::{ExistingBody, Plan, segments};
 use crate::plan_file::PlanFileError;
 use crate::replayed_body::ReplayedBody;
-use crate::run_log::RecordedRun;
+use crate::run_log::{OutcomeKind, RecordedRun};
+
+/// Maximum number of layers of a body at whose tip a plan begins, with those of the body before it.
+pub const MAX_LAYERS: usize = 100_000;
+/// Maximum difference between the frames of a tip and of the start of a plan, mm and radians: the rounding of angles in
+/// files.
+const AT_THE_TIP: f64 = 1e-6;
 
 /// Reason why no body can begin at the tip of another one.
 #[derive(Debug, thiserror::Error)]
@@ -27,6 +33,18 @@ pub enum UnknownTipError {
     #[error("nothing is known of {count} layers of the body, so its tip is not known: begin a new body")]
     UnknownLayers {
         /// Number of the layers.
+        count: usize,
+    },
+    /// Nothing is known of the end of the growth.
+    #[error("the outcome of the growth is {outcome}, so the tip of the body is not known: begin a new body")]
+    UnknownEnd {
+        /// Outcome of the growth.
+        outcome: OutcomeKind,
+    },
+    /// The body has too many layers.
+    #[error("the body has {count} layers, and a plan can begin at a body of {MAX_LAYERS}: begin a new body")]
+    TooManyLayers {
+        /// Number of the layers, with those of the body at whose tip it began.
         count: usize,
     },
     /// The plan of the body is not valid.
@@ -52,6 +70,14 @@ impl ContinuedBody {
     /// If the tip of the body is not known.
     pub fn of(record: &RecordedRun) -> Result<Self, UnknownTipError> {
         let body = ReplayedBody::of(record);
+        match record.outcome() {
+            OutcomeKind::Done
+            | OutcomeKind::Stopped
+            | OutcomeKind::ClockDrift
+            | OutcomeKind::Fault
+            | OutcomeKind::Parked => {}
+            outcome => return Err(UnknownTipError::UnknownEnd { outcome }),
+        }
         if let Some(interrupted) = record.result.as_ref().and_then(|result| result.interrupted) {
             return Err(UnknownTipError::Interrupted { layer: interrupted.layer });
         }
@@ -69,7 +95,16 @@ impl ContinuedBody {
         };
         let base_from_tip = estimated.unwrap_or_else(|| grow(&plan.start.frame(), body.body().iter().copied()));
         let layers: Vec<LayerBytes> = plan.existing_layers.iter().copied().chain(record.commanded()).collect();
+        if layers.len() > MAX_LAYERS {
+            return Err(UnknownTipError::TooManyLayers { count: layers.len() });
+        }
         Ok(Self { segments: segments(&layers), layers, base_from_tip })
+    }
+
+    /// Reports whether a plan begins at the tip of this body.
+    pub fn is_continued_by(&self, plan: &Plan) -> bool {
+        let off = self.base_from_tip.to_homogeneous() - plan.start.frame().to_homogeneous();
+        plan.existing_layers == self.layers && off.amax() <= AT_THE_TIP
     }
 
     /// Returns the pose of the tip, with its roll.

@@ -15,7 +15,7 @@ use growbot_core::to_position::{self, PositionPlan};
 use nalgebra::Vector3;
 
 use crate::self_collision::closest_self_approach;
-use crate::warning::{SELF_COLLISION, Warning, self_collision, warnings};
+use crate::warning::{SELF_COLLISION, Warning, continues_body, self_collision, warnings};
 
 /// A plan for one robot: a path that ends at its goal, with its properties. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
@@ -220,9 +220,12 @@ impl Plan {
         }
     }
 
-    /// Returns the plan as one whose path begins at the tip of a body with these layers.
-    pub(crate) fn after_layers(mut self, layers: Vec<LayerBytes>, robot: &Robot) -> Self {
+    /// Returns the plan as one whose path begins at the tip of a body with these layers. It has a warning that this body
+    /// must be in place, and one if the path runs into it.
+    #[must_use]
+    pub fn after_layers(mut self, layers: Vec<LayerBytes>, robot: &Robot) -> Self {
         if !layers.is_empty() {
+            self.warnings.push(continues_body(layers.len()));
             let mut body = segments(&layers);
             let existing = path::length(&body);
             body.extend(&self.path);

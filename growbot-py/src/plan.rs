@@ -242,7 +242,7 @@ pub fn plan(
             Ok(scene_planning::plan(&robot, &start, &goals, &search, &through)?)
         }
     })?;
-    plan.existing_layers = continued.map(|body| body.layers).unwrap_or_default();
+    plan = plan.after_layers(continued.map(|body| body.layers).unwrap_or_default(), &robot);
     Ok(PyPlan { inner: Arc::new(plan), robot })
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pickle
 import signal
@@ -11,6 +12,7 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import growbot
@@ -221,3 +223,25 @@ def test_bodies_among_obstacles_are_kept_clear(tmp_path: Path) -> None:
             board.grow(through)
         with pytest.warns(RuntimeWarning, match="ignore_scene"):
             assert board.grow(through, ignore_scene=True).wait()["outcome"] == "done"
+
+
+def test_a_body_begins_at_the_tip_of_a_run_log(tmp_path: Path) -> None:
+    log = tmp_path / "run.jsonl"
+    with growbot.connect("sim") as board:
+        board.grow(PLAN, log=log).wait()
+    run, goal = growbot.RunLog(log), PLAN.goal
+    beyond = growbot.Pose(goal.x_mm + 20, goal.y_mm, goal.z_mm + 200, goal.heading_deg, goal.pitch_deg)
+    plan = growbot.plan(run, beyond, robot=PLAN.robot)
+    assert [warning.code for warning in plan.warnings] == ["continues-body"]
+    assert math.dist(plan.start.position_mm, goal.position_mm) < 0.1
+    assert np.allclose(plan.start.direction, goal.direction, atol=1e-3)
+    assert pickle.loads(pickle.dumps(plan)) == plan and pickle.loads(pickle.dumps(plan.start)) == plan.start
+    turned = growbot.Pose(1, 2, 3, 40, 50, roll_deg=60)
+    assert turned.roll_deg == 60 and repr(turned).endswith("roll_deg=60.0)")
+    assert turned != growbot.Pose(1, 2, 3, 40, 50) and pickle.loads(pickle.dumps(turned)) == turned
+    assert np.allclose(turned.matrix[:3, 2], growbot.Pose(1, 2, 3, 40, 50).matrix[:3, 2])
+    with growbot.connect("sim") as board:
+        assert board.grow(plan).wait()["outcome"] == "done"
+    other = growbot.Robot("growbot-b")
+    with pytest.raises(growbot.InputError, match="pass the robot of the body"):
+        growbot.plan(run, beyond, robot=other)

@@ -73,8 +73,8 @@ pub struct GrowRequest {
     pub plan: Option<Box<RawValue>>,
     /// Goal: X,Y,Z,HEADING,PITCH, or X,Y,Z for any direction.
     pub to: Option<String>,
-    /// Start pose, or `last-tip` to begin at the tip of the last body of the robot, which stays in place. The default is
-    /// `0,0,0,0,90`.
+    /// Start pose, or `tip:JOB` to begin at the tip of the body of this job. It must be the last body of the robot, and
+    /// stays in place. The default is `0,0,0,0,90`.
     pub from: Option<String>,
     /// Poses or positions that the path passes through, in order.
     #[serde(default)]

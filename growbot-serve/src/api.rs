@@ -7,6 +7,7 @@ use aide::axum::routing::{get_with, post_with};
 use axum::extract::{Path, State};
 use axum::routing::{get, post};
 use axum::{Extension, Json};
+use growbot_client::procedure::Procedure;
 use growbot_client::recovery::RecoverySequence;
 use growbot_client::robot_command::RobotCommand;
 use growbot_remote::api::{Job, PageUrls};
@@ -186,8 +187,8 @@ async fn addresses(State(service): ServiceState, Extension(access): Extension<Ac
     }
 }
 
-async fn procedures() -> Json<Vec<RecoverySequence>> {
-    Json(RecoverySequence::procedures().into())
+async fn procedures() -> Json<Vec<Procedure>> {
+    Json(Procedure::all().into())
 }
 
 async fn recovery(State(service): ServiceState, Path(name): Path<String>) -> ApiResult<Option<RecoverySequence>> {

@@ -1,6 +1,7 @@
 //! Planning of the path of a request for a job or a plan.
 
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use growbot_client::growth::GrowthRefusal;
 use growbot_core::hash::Hasher;
@@ -22,7 +23,7 @@ use serde_json::value::RawValue;
 
 use super::access::Access;
 use super::audit::CommandSource;
-use super::last_body::{LAST_TIP, last_body};
+use super::last_body::TIP_OF_JOB;
 use super::limits::Computation;
 use super::paths::ServicePaths;
 use super::problem::Problem;
@@ -74,11 +75,11 @@ pub fn request_hash(request: &GrowRequest) -> String {
 }
 
 /// Returns the plan that the request contains, or plans a path to the goal of the request. `robot` is the robot that
-/// will grow the plan, and `name` its name in the service.
+/// will grow the plan. `last_body` returns the last body of the robot, which a job has grown.
 pub fn resolve_request(
     request: &GrowRequest,
     robot: &Robot,
-    name: &str,
+    last_body: &dyn Fn(&str) -> Result<Arc<ContinuedBody>, Problem>,
     places: &ServicePaths,
     access: Access,
     computation: &Computation,
@@ -99,13 +100,11 @@ pub fn resolve_request(
         }
         (Some(plan), None) => given(request, plan, robot, scene.as_deref())?,
         (None, Some(goal)) => {
-            let existing = match request.from.as_deref() {
-                Some(LAST_TIP) => Some(last_body(places, name)?),
-                _ => None,
-            };
-            let mut planned = to_goal(request, goal, robot, existing.as_ref(), scene.as_deref(), computation)?;
-            planned.plan.existing_layers = existing.map(|body| body.layers).unwrap_or_default();
-            planned
+            let job = request.from.as_deref().and_then(|from| from.strip_prefix(TIP_OF_JOB));
+            let existing = job.map(last_body).transpose()?;
+            let planned = to_goal(request, goal, robot, existing.as_deref(), scene.as_deref(), computation)?;
+            let layers = existing.map(|body| body.layers.clone()).unwrap_or_default();
+            PlanInScene { plan: planned.plan.after_layers(layers, robot), ..planned }
         }
     };
     ensure_storable(resolved.plan.requirements.layers as u64)?;
@@ -250,7 +249,6 @@ fn min_layers(robot: &Robot, start: &Pose, goals: &[Goal]) -> u64 {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
     use std::sync::atomic::AtomicBool;
 
     use growbot_plan::robot_file;
@@ -264,9 +262,10 @@ mod tests {
         let places = ServicePaths::in_dir(directory.path().to_path_buf());
         let robot = robot_file::load(robot_file::DEFAULT.as_ref()).unwrap();
         let computation = Computation::new(&Arc::new(AtomicBool::new(true)));
+        let no_body = |_: &str| unreachable!();
         let detail_of = |goal: &str| {
             let request = GrowRequest { to: Some(goal.to_owned()), ..GrowRequest::default() };
-            let resolved = resolve_request(&request, &robot, "lab", &places, Access::View, &computation);
+            let resolved = resolve_request(&request, &robot, &no_body, &places, Access::View, &computation);
             resolved.err().map(|problem| problem.detail).unwrap_or_default()
         };
         assert!(detail_of("0,0,8000,0,90").contains("layers, but a board can store"));

@@ -29,7 +29,6 @@ use super::grow_request::{PlanInScene, request_hash, resolve_request};
 use super::handler::{ApiResult, ServiceState, find_robot, found_job, run_blocking};
 use super::job_pages::page_of;
 use super::json_body::JsonBody;
-use super::last_body::ensure_at_last_tip;
 use super::limits::{RoleLimits, holding};
 use super::page_source::ArrivalPermits;
 use super::problem::Problem;
@@ -69,7 +68,10 @@ pub(super) async fn start_job(
     let key = headers.get("idempotency-key").and_then(|key| key.to_str().ok()).map(str::to_owned);
     let made = limits.compute(move |computation| {
         begin(&service, &|wanted| {
-            let plan = |robot: &Robot| resolve_request(wanted, robot, &name, service.places(), access, computation);
+            let plan = |robot: &Robot| {
+                let last_body = |job: &str| keeper.last_body(job);
+                resolve_request(wanted, robot, &last_body, service.places(), access, computation)
+            };
             let order = Order { permit: permit.clone(), claim: claim.clone() };
             let made = make_job(&service, &keeper, wanted, plan, order, key.as_deref());
             let order = if wanted.ignore_scene { "grow, ignoring the scene" } else { "grow" };
@@ -134,7 +136,7 @@ pub(super) fn make_job(
         return Ok((StatusCode::OK, Json(job)));
     }
     keeper.ensure_idle().and_then(|()| order.claim.check())?;
-    ensure_at_last_tip(&body.plan, service.places(), &keeper.name)?;
+    keeper.ensure_at_last_tip(&body.plan)?;
     let id = service.shared.jobs().new_id(&keeper.name);
     let job = Job {
         robot: keeper.name.clone(),
@@ -348,7 +350,14 @@ mod tests {
         let (claim, computation) = (Claim::default(), Computation::new(&Arc::default()));
         let order = Order { permit: case.worker.signal().permit(), claim: claim.clone() };
         let plan = |robot: &Robot| {
-            let planned = resolve_request(&wanted, robot, "lab", service.places(), access, &computation);
+            let planned = resolve_request(
+                &wanted,
+                robot,
+                &|job| case.worker.last_body(job),
+                service.places(),
+                access,
+                &computation,
+            );
             drop(Requester(claim.clone()));
             planned
         };

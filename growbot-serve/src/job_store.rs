@@ -20,8 +20,6 @@ pub(super) const BUSY_TIMEOUT: Duration = Duration::from_secs(2);
 /// Maximum number of changes that are kept until they can be written. If there are more, the oldest changes are
 /// dropped.
 const MAX_KEPT: usize = 1000;
-/// Maximum number of the latest jobs among which the last body of a robot is sought.
-const MAX_LATEST: u32 = 100;
 /// Version of the tables, which the database stores as `PRAGMA user_version`. It rises with each change of [`TABLES`].
 const VERSION: i64 = 5;
 
@@ -275,12 +273,10 @@ impl JobStore {
         Ok(rows.collect::<Result<_, _>>()?)
     }
 
-    /// Returns the latest jobs of a robot, newest first.
-    pub fn latest_of(&self, robot: &str) -> Result<Vec<Job>, JobStoreError> {
-        let query = format!("SELECT {COLUMNS} FROM job WHERE robot = ?1 ORDER BY rowid DESC LIMIT {MAX_LATEST}");
-        let mut statement = self.database.prepare(&query)?;
-        let rows = statement.query_map([robot], of_row)?;
-        Ok(rows.collect::<Result<_, _>>()?)
+    /// Returns the latest job of a robot that has laid a layer. `None` if there is none.
+    pub fn latest_body(&self, robot: &str) -> Result<Option<Job>, JobStoreError> {
+        let query = format!("SELECT {COLUMNS} FROM job WHERE robot = ?1 AND laid > 0 ORDER BY rowid DESC LIMIT 1");
+        Ok(self.database.query_row(&query, [robot], of_row).optional()?)
     }
 }
 

@@ -80,7 +80,7 @@ pub async fn new_plan(
     let computed = limits.compute(move |computation| {
         let robot = keeper.description().map_err(Problem::conflict)?;
         let PlanInScene { plan, scene } =
-            resolve_request(&wanted, &robot, &keeper.name, service.places(), access, computation)?;
+            resolve_request(&wanted, &robot, &|job| keeper.last_body(job), service.places(), access, computation)?;
         let view_path = match plan_page {
             PlanPage::None => None,
             PlanPage::Kept => {

@@ -100,7 +100,7 @@ async fn push(
         // A page can start the body later, and a page names only scenes that the service stores.
         let of_page = Access::Control(CommandSource::Web);
         let body = check_body(&keeper, &wanted, |of| {
-            resolve_request(&wanted, of, &robot, service.places(), of_page, computation)
+            resolve_request(&wanted, of, &|job| keeper.last_body(job), service.places(), of_page, computation)
         })?;
         if !body.plan.existing_layers.is_empty() {
             return Err(Problem::conflict(

@@ -78,6 +78,8 @@ pub enum RobotRequestError {
     NotFinished { robot: String, limit: Duration },
     #[error("robot {robot} has an active job, {job}: wait until the job ends, or stop the job")]
     Busy { robot: String, job: String },
+    #[error("robot {robot} tunes its heater: wait for its end, or stop the robot")]
+    Tuning { robot: String },
     #[error("robot {robot} has an active job: stop the job first")]
     CancelDuringJob { robot: String },
     #[error(

@@ -29,6 +29,7 @@ use time::OffsetDateTime;
 use super::alert::LastAlerts;
 use super::config::RobotEntry;
 use super::connector::{BoardConnection, ConfiguredPort, Connector};
+use super::last_body::LastBody;
 use super::paths::ServicePaths;
 use super::robot_error::{ConnectionError, RobotRequestError};
 use super::robot_request::{Claim, PendingRequest, PortLease, Reply, RobotRequest};
@@ -41,6 +42,8 @@ use crate::watch::live_growth::LiveGrowth;
 /// Time between two status requests to a board without a job. A request to the robot's thread waits at most this time
 /// before it is handled.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
+/// Number of status requests after a tuning within which the gains must have been reported.
+const MAX_POLLS_AFTER_TUNING: u32 = 20;
 /// Interval at which the idle thread of a robot with a virtual clock repeats failed writes to the list of jobs and to
 /// run logs.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
@@ -61,6 +64,7 @@ pub struct RobotWorker {
     /// Number of stops whose callers wait for the board's confirmation.
     pub(super) stops_in_progress: AtomicU32,
     last_alerts: Mutex<LastAlerts>,
+    last_body: Mutex<Option<LastBody>>,
     /// Run logs of ended jobs that have lines that could not be written yet, each with the identifier of its job.
     pub(super) kept_logs: Mutex<Vec<(String, RunLog)>>,
     /// Lock that is held from the check that the robot has no active job until a new job has started.
@@ -88,6 +92,9 @@ pub struct WorkerState {
     pub command_error: Option<String>,
     /// Gains that the latest tuning of the heater has found.
     pub tuning: Option<TuningReport>,
+    /// While the board tunes its heater, and until it has reported the gains: number of polls since its state is
+    /// another one.
+    pub polls_after_tuning: Option<u32>,
     /// Way in which the board has confirmed the latest stop.
     pub latest_stop: StopOutcome,
     /// True if the board may not have received an order to pause its growth, because the connection was lost or the
@@ -171,6 +178,7 @@ impl RobotWorker {
             stopper,
             stops_in_progress: AtomicU32::new(0),
             last_alerts: Mutex::default(),
+            last_body: Mutex::default(),
             kept_logs: Mutex::default(),
             job_start: Mutex::default(),
         });
@@ -194,6 +202,10 @@ impl RobotWorker {
 
     pub(super) fn lock_last_alerts(&self) -> MutexGuard<'_, LastAlerts> {
         self.last_alerts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn lock_last_body(&self) -> MutexGuard<'_, Option<LastBody>> {
+        self.last_body.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Returns the time since the board's latest report, s. `None` before the first report.
@@ -313,10 +325,16 @@ impl RobotWorker {
         self.job_start.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns an error if the robot has an active job. The latest known state may still contain a job that has just
+    /// Returns an error if the robot has an active job, or tunes its heater. The latest known state may still contain a job that has just
     /// ended, so the job's state is read from the list of jobs.
     pub(super) fn ensure_idle(&self) -> Result<(), RobotRequestError> {
-        let job = self.lock_state().job.clone();
+        let (job, is_tuning) = {
+            let known = self.lock_state();
+            (known.job.clone(), known.polls_after_tuning.is_some())
+        };
+        if is_tuning {
+            return Err(RobotRequestError::Tuning { robot: self.name.clone() });
+        }
         let is_active = |id: &String| {
             let job = self.shared.jobs_to_read().get(id);
             job.is_ok_and(|job| job.is_some_and(|job| job.state == JobState::Active))
@@ -448,6 +466,8 @@ impl RobotWorker {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
             known.connection_error = None;
+            // The service may have been started again meanwhile.
+            known.polls_after_tuning = (connection.hello.status.state == State::Tuning).then_some(0);
             known.robot = Some(connection.robot.clone());
             known.job = active.as_ref().map(|job| job.id.clone());
         });
@@ -476,7 +496,7 @@ impl RobotWorker {
             }
             // The time of a virtual clock passes only while this thread waits for the board, so it waits for requests,
             // except while the board tunes.
-            let waits = is_virtual && self.lock_state().status.as_ref().is_none_or(|now| now.state != State::Tuning);
+            let waits = is_virtual && self.lock_state().polls_after_tuning.is_none();
             let next = match waits {
                 true if self.has_kept() => requests.recv_timeout(RETRY_INTERVAL).ok(),
                 true => requests.recv().ok(),
@@ -500,18 +520,47 @@ impl RobotWorker {
     fn poll_status(&self, client: &mut Client) -> LinkState {
         let wait = STATUS_POLL_INTERVAL.mul_f64(self.pace().unwrap_or(1.0).max(1.0));
         let looked = client.event(wait).and_then(|event| {
-            if let Some(Message::Tuned(tuned)) = event {
-                let report = TuningReport::new(&tuned, self.is_simulated().into());
-                self.update_state(|known| known.tuning = Some(report));
-            }
-            client.status()
+            let status = client.status()?;
+            self.record_gains(client, event)?;
+            Ok(status)
         });
         match looked {
             Ok(status) => {
                 self.record_if_new(&status);
+                self.end_tuning(status.state);
                 LinkState::Ready
             }
             Err(error) => LinkState::lost(error),
+        }
+    }
+
+    /// Records the gains of a tuning, if they are among the events that the board has sent. `first` is the first one.
+    fn record_gains(&self, client: &mut Client, first: Option<Message>) -> Result<(), ClientError> {
+        let mut next = first.map_or_else(|| client.event(Duration::ZERO), |first| Ok(Some(first)))?;
+        while let Some(event) = next {
+            if let Message::Tuned(tuned) = event {
+                let report = TuningReport::new(&tuned, self.is_simulated().into());
+                self.update_state(|known| (known.tuning, known.polls_after_tuning) = (Some(report), None));
+            }
+            next = client.event(Duration::ZERO)?;
+        }
+        Ok(())
+    }
+
+    /// Ends a tuning whose gains have not been reported some time after the board has left its state. A stop or a fault
+    /// explains itself.
+    fn end_tuning(&self, state: State) {
+        let Some(polls) = self.lock_state().polls_after_tuning else { return };
+        match state {
+            State::Tuning => {}
+            State::Idle if polls < MAX_POLLS_AFTER_TUNING => {
+                self.lock_state().polls_after_tuning = Some(polls + 1);
+            }
+            State::Idle => self.update_state(|known| {
+                known.polls_after_tuning = None;
+                known.command_error = Some("the gains of the heater were lost: tune it again".to_owned());
+            }),
+            _ => self.update_state(|known| known.polls_after_tuning = None),
         }
     }
 
@@ -542,9 +591,12 @@ impl RobotWorker {
             RobotRequest::Cancel => client.cancel(),
             RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
-            RobotRequest::Tune(target_c, permit) => client.tune(target_c, &permit).inspect(|_| {
-                self.update_state(|known| known.tuning = None);
-            }),
+            // The gains of an earlier tuning may still be among the events.
+            RobotRequest::Tune(target_c, permit) => {
+                self.record_gains(client, None).and_then(|()| client.tune(target_c, &permit)).inspect(|_| {
+                    self.update_state(|known| (known.tuning, known.polls_after_tuning) = (None, Some(0)));
+                })
+            }
             RobotRequest::ReadDetails(details) => BoardDetails::read(client).and_then(|read| {
                 // The details must not be newer than the status.
                 self.record_if_new(&client.status()?);

@@ -248,7 +248,16 @@ impl<'a> Case<'a> {
         let access = Access::Control(CommandSource::Socket);
         let order = Order { permit, claim: Claim::default() };
         let computation = Computation::new(&Arc::default());
-        let plan = |robot: &Robot| resolve_request(wanted, robot, "lab", self.service.places(), access, &computation);
+        let plan = |robot: &Robot| {
+            resolve_request(
+                wanted,
+                robot,
+                &|job| self.worker.last_body(job),
+                self.service.places(),
+                access,
+                &computation,
+            )
+        };
         make_job(self.service, &self.worker, wanted, plan, order, None).map(drop)
     }
 
@@ -426,7 +435,7 @@ fn a_stop_reaches_a_growth_that_is_being_prepared() {
     let robot = worker.description().unwrap();
     let access = Access::Control(CommandSource::Socket);
     let computation = Computation::new(&Arc::default());
-    let plan = resolve_request(&wanted, &robot, "lab", &service.places, access, &computation)
+    let plan = resolve_request(&wanted, &robot, &|job| worker.last_body(job), &service.places, access, &computation)
         .unwrap_or_else(|_| panic!("no plan"))
         .plan;
     let job = Job {

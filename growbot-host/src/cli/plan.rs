@@ -122,7 +122,7 @@ fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failur
     if let Some(body) = &continued {
         start = body.tip();
     }
-    let mut plan = if let Some(scene) = &args.scene.scene {
+    let plan = if let Some(scene) = &args.scene.scene {
         let search = PlanOptions { existing, ..args.search.search(robot) };
         let loaded = args.scene.load(scene)?;
         let max_length = args.max_length.unwrap_or(MAX_LENGTH_MM);
@@ -135,8 +135,7 @@ fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failur
         let plan = Plan::through_waypoints(robot, &start, &goals, &goal, &search)?;
         check_length_limit(plan, args.max_length).map_err(|error| Failure::during_request(&error))?
     };
-    plan.existing_layers = continued.map(|body| body.layers).unwrap_or_default();
-    Ok(plan)
+    Ok(plan.after_layers(continued.map(|body| body.layers).unwrap_or_default(), robot))
 }
 
 /// Returns the body of a run log of this robot.

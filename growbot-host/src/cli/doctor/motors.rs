@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use growbot_client::commissioning_report::Finding;
+use growbot_client::procedure::FREE_FILAMENT;
 use growbot_core::link::message::MaintenanceTask;
 use growbot_sim::tip::manual_action::ManualAction;
 
@@ -91,10 +92,7 @@ pub fn head(session: &mut DoctorSession) -> Result<Finding, Failure> {
 
 /// Checks that the feed moves filament by the commanded length.
 pub fn feed(session: &mut DoctorSession) -> Result<Finding, Failure> {
-    let question = format!(
-        "Take the filament out of the nozzle, so that it moves freely, and mark it where it enters the feed. The feed \
-         will push {FEED_MM} mm."
-    );
+    let question = format!("{FREE_FILAMENT} The feed will push {FEED_MM} mm.");
     if !session.confirm(&question)? {
         return Ok(Finding::skipped());
     }
