@@ -6,13 +6,11 @@ use growbot_core::path::Segment;
 use growbot_core::pose::{Frame, Pose};
 
 use crate::job::Job;
-use crate::plan::{ExistingBody, Plan, segments};
+use crate::plan::{ExistingBody, MAX_EXISTING_LAYERS, Plan, segments};
 use crate::plan_file::PlanFileError;
 use crate::replayed_body::ReplayedBody;
 use crate::run_log::{OutcomeKind, RecordedRun};
 
-/// Maximum number of layers of a body at whose tip a plan begins, with those of the body before it.
-pub const MAX_LAYERS: usize = 100_000;
 /// Maximum difference between the frames of a tip and of the start of a plan, mm and radians: the rounding of angles in
 /// files.
 const AT_THE_TIP: f64 = 1e-6;
@@ -42,7 +40,7 @@ pub enum UnknownTipError {
         outcome: OutcomeKind,
     },
     /// The body has too many layers.
-    #[error("the body has {count} layers, and a plan can begin at a body of {MAX_LAYERS}: begin a new body")]
+    #[error("the body has {count} layers, and a plan can begin at a body of {MAX_EXISTING_LAYERS}: begin a new body")]
     TooManyLayers {
         /// Number of the layers, with those of the body at whose tip it began.
         count: usize,
@@ -95,7 +93,7 @@ impl ContinuedBody {
         };
         let base_from_tip = estimated.unwrap_or_else(|| grow(&plan.start.frame(), body.body().iter().copied()));
         let layers: Vec<LayerBytes> = plan.existing_layers.iter().copied().chain(record.commanded()).collect();
-        if layers.len() > MAX_LAYERS {
+        if layers.len() > MAX_EXISTING_LAYERS {
             return Err(UnknownTipError::TooManyLayers { count: layers.len() });
         }
         Ok(Self { segments: segments(&layers), layers, base_from_tip })

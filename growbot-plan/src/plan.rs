@@ -17,6 +17,9 @@ use nalgebra::Vector3;
 use crate::self_collision::closest_self_approach;
 use crate::warning::{SELF_COLLISION, Warning, continues_body, self_collision, warnings};
 
+/// Maximum number of layers of a body at whose tip a plan begins, with those of the body before it.
+pub const MAX_EXISTING_LAYERS: usize = 100_000;
+
 /// A plan for one robot: a path that ends at its goal, with its properties. Lengths in mm, angles in radians.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {

@@ -23,7 +23,7 @@ use serde_json::value::RawValue;
 
 use super::access::Access;
 use super::audit::CommandSource;
-use super::last_body::TIP_OF_JOB;
+use super::last_tip::TIP_OF_JOB;
 use super::limits::Computation;
 use super::paths::ServicePaths;
 use super::problem::Problem;

@@ -15,7 +15,7 @@ use growbot_client::port::time_since_boot;
 use growbot_client::robot_command::{CommandOutcome, StopOutcome};
 use growbot_client::status::{BoardDetails, ConnectionState, RobotStatus};
 use growbot_client::stop_signal::{Permit, StopSignal};
-use growbot_core::link::message::{BoardInfo, Message, State, Status};
+use growbot_core::link::message::{BoardInfo, State, Status};
 use growbot_core::robot::Robot;
 use growbot_plan::job::Command;
 use growbot_plan::robot_file::{self, RobotFileError};
@@ -42,8 +42,6 @@ use crate::watch::live_growth::LiveGrowth;
 /// Time between two status requests to a board without a job. A request to the robot's thread waits at most this time
 /// before it is handled.
 const STATUS_POLL_INTERVAL: Duration = Duration::from_millis(50);
-/// Number of status requests after a tuning within which the gains must have been reported.
-const MAX_POLLS_AFTER_TUNING: u32 = 20;
 /// Interval at which the idle thread of a robot with a virtual clock repeats failed writes to the list of jobs and to
 /// run logs.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
@@ -534,36 +532,6 @@ impl RobotWorker {
         }
     }
 
-    /// Records the gains of a tuning, if they are among the events that the board has sent. `first` is the first one.
-    fn record_gains(&self, client: &mut Client, first: Option<Message>) -> Result<(), ClientError> {
-        let mut next = first.map_or_else(|| client.event(Duration::ZERO), |first| Ok(Some(first)))?;
-        while let Some(event) = next {
-            if let Message::Tuned(tuned) = event {
-                let report = TuningReport::new(&tuned, self.is_simulated().into());
-                self.update_state(|known| (known.tuning, known.polls_after_tuning) = (Some(report), None));
-            }
-            next = client.event(Duration::ZERO)?;
-        }
-        Ok(())
-    }
-
-    /// Ends a tuning whose gains have not been reported some time after the board has left its state. A stop or a fault
-    /// explains itself.
-    fn end_tuning(&self, state: State) {
-        let Some(polls) = self.lock_state().polls_after_tuning else { return };
-        match state {
-            State::Tuning => {}
-            State::Idle if polls < MAX_POLLS_AFTER_TUNING => {
-                self.lock_state().polls_after_tuning = Some(polls + 1);
-            }
-            State::Idle => self.update_state(|known| {
-                known.polls_after_tuning = None;
-                known.command_error = Some("the gains of the heater were lost: tune it again".to_owned());
-            }),
-            _ => self.update_state(|known| known.polls_after_tuning = None),
-        }
-    }
-
     /// Records the status of a board without a job, unless it is the one that was recorded before.
     fn record_if_new(&self, status: &Status) {
         let last = {
@@ -591,12 +559,7 @@ impl RobotWorker {
             RobotRequest::Cancel => client.cancel(),
             RobotRequest::ClearFault(permit) => client.clear(&permit),
             RobotRequest::Task(task, permit) => client.maintain(task, &permit),
-            // The gains of an earlier tuning may still be among the events.
-            RobotRequest::Tune(target_c, permit) => {
-                self.record_gains(client, None).and_then(|()| client.tune(target_c, &permit)).inspect(|_| {
-                    self.update_state(|known| (known.tuning, known.polls_after_tuning) = (None, Some(0)));
-                })
-            }
+            RobotRequest::Tune(target_c, permit) => self.start_tuning(client, target_c, &permit),
             RobotRequest::ReadDetails(details) => BoardDetails::read(client).and_then(|read| {
                 // The details must not be newer than the status.
                 self.record_if_new(&client.status()?);

@@ -43,7 +43,7 @@ try {
     }, before);
   };
 
-  // A body from the base, and one on from its tip. The question does not ask to remove the first one.
+  // A body from the base, and one on from its tip. The question is not whether the first one is removed.
   await waitForState("idle");
   assert.equal(await lastTip.count(), 0, "there is no last body yet");
   await typeGoal("40,20,150,27,60");

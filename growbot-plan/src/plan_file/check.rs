@@ -15,9 +15,8 @@ use nalgebra::Vector3;
 
 use super::check_error::MAX_SEGMENTS;
 use super::{LegJson, PlanCheckError, PlanFile, PoseJson, SegmentJson, layer_rows};
-use crate::continued_body::MAX_LAYERS;
 use crate::hexadecimal::format_hash;
-use crate::plan::{Plan, PlanLegs, SearchSummary, path_type};
+use crate::plan::{MAX_EXISTING_LAYERS, Plan, PlanLegs, SearchSummary, path_type};
 use crate::pose_text::pose_of_numbers;
 use crate::warning::{THIN_LAYER, Warning};
 
@@ -58,7 +57,7 @@ impl PlanFile {
         let goal = pose_from_json("goal", &self.goal.pose())?;
         let path = self.path(robot, &start)?;
         let legs = self.legs(&start, &goal, &path)?;
-        range("the number of existing_layers", self.existing_layers.len() as f64, 0.0, MAX_LAYERS as f64)?;
+        range("the number of existing_layers", self.existing_layers.len() as f64, 0.0, MAX_EXISTING_LAYERS as f64)?;
         let plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
         let mut plan = plan.after_layers(self.existing_layers.clone(), robot);
         let stands = |warning: &&Warning| {
