@@ -46,7 +46,7 @@ export function Queue({ robot }: { robot: Robot }) {
                   </button>
                 ) : (
                   <button
-                    type="button" aria-label={`Move ${body.name} to the front`}
+                    type="button" aria-label={`To front: ${body.name}`}
                     onClick={() => void moveQueuedToFront(name, body)}
                   >
                     To front
