@@ -103,7 +103,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         .api_route(
             "/robots/{robot}/tuning",
             post_with(tune, |operation| {
-                let words = "Find the gains of the heater, as `growbot tune` does. The nozzle gets hot for some minutes. \
+                let words = "Find the gains of the heater. The nozzle gets hot for some minutes, and no motor moves. \
                              The status of the robot then has the gains.";
                 operation.with(describe("tuneHeater", words)).with(with_order_time)
             }),
