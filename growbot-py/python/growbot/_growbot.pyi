@@ -48,7 +48,14 @@ class Robot:
 @final
 class Pose:
     def __new__(
-        cls, x_mm: float, y_mm: float, z_mm: float, heading_deg: float, pitch_deg: float, *, roll_deg: float = ...
+        cls,
+        x_mm: float,
+        y_mm: float,
+        z_mm: float,
+        heading_deg: float,
+        pitch_deg: float,
+        *,
+        roll_deg: Optional[float] = None,
     ) -> Pose: ...
     @classmethod
     def from_matrix(cls, matrix: _Rows) -> Pose: ...
