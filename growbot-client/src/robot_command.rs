@@ -130,8 +130,8 @@ impl CommandOutcome {
             Self::Task(task) if robot.is_simulated() => format!("simulated robot: {}", task_message(task)),
             Self::Task(task) => task_message(task),
             Self::TuningStarted { target_c } => format!(
-                "the {kind}robot tunes its heater at {target_c} C, which takes some minutes: the nozzle gets hot, and no \
-                 motor moves"
+                "the {kind}robot tunes its heater at {target_c} C, which takes some minutes: the nozzle gets hot, and \
+                 no motor moves"
             ),
             // No command has these outcomes.
             Self::Started | Self::Reported | Self::PortReleased => format!("the {kind}robot has responded"),

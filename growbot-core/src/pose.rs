@@ -4,8 +4,8 @@
 //! pitch `gamma` is `(cos gamma cos theta, cos gamma sin theta, sin gamma)`.
 //!
 //! A [`Frame`] is the robot's form, `base_from_tip`. Its z axis is the direction of growth, and its x and y axes span
-//! the deposition plane. The frame of a pose is `Rz(heading) * Ry(90 deg - pitch) * Rz(roll)`. A pose that a user gives has
-//! roll 0. Growth never rolls the tip about its own z, so from there on the frame is carried along the body without
+//! the deposition plane. The frame of a pose is `Rz(heading) * Ry(90 deg - pitch) * Rz(roll)`. A pose that a user gives
+//! has roll 0. Growth never rolls the tip about its own z, so from there on the frame is carried along the body without
 //! twist. A body that begins at the tip of another one therefore has a start with roll.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};

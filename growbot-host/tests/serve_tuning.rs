@@ -21,8 +21,8 @@ fn the_service_tunes_and_shows_the_gains() {
     assert_eq!(robot(&lab)["tuning"], Value::Null);
     let (status, response) = tune(&lab, &json!({ "target_c": 210.0 }));
     assert_eq!(status, 200, "{response}");
-    let message = "the simulated robot tunes its heater at 210 C, which takes some minutes: the nozzle gets hot, and no \
-                   motor moves";
+    let message = "the simulated robot tunes its heater at 210 C, which takes some minutes: the nozzle gets hot, and \
+                   no motor moves";
     assert_eq!(response["message"], message);
     lab.wait_for_state("tuning");
     // Nothing else begins meanwhile.

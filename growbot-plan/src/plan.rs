@@ -223,8 +223,8 @@ impl Plan {
         }
     }
 
-    /// Returns the plan as one whose path begins at the tip of a body with these layers. It has a warning that this body
-    /// must be in place, and one if the path runs into it.
+    /// Returns the plan as one whose path begins at the tip of a body with these layers. It has a warning that this
+    /// body must be in place, and one if the path runs into it.
     #[must_use]
     pub fn after_layers(mut self, layers: Vec<LayerBytes>, robot: &Robot) -> Self {
         if !layers.is_empty() {

@@ -16,7 +16,8 @@ use crate::self_collision::{Collision, closest_self_approach};
 #[serde(deny_unknown_fields)]
 pub struct Warning {
     /// Kind of the warning, for scripts: `thin-layer`, `self-collision`, `filament-short`, `layer-limit`,
-    /// `near-obstacle`, `continues-body`. After a growth: `far-from-plan`, `touches-obstacle`. After a simulation: `root-fails`.
+    /// `near-obstacle`, `continues-body`. After a growth: `far-from-plan`, `touches-obstacle`. After a simulation:
+    /// `root-fails`.
     pub code: String,
     /// Message for users.
     pub message: String,
@@ -35,8 +36,8 @@ pub const SELF_COLLISION: &str = "self-collision";
 /// Code of the warning for a body that needs more filament than the spool holds. Value and limit are
 /// lengths, mm.
 pub const FILAMENT_SHORT: &str = "filament-short";
-/// Code of the warning for a body that begins at the tip of another one, which must be in place. The value is the number
-/// of layers of that body.
+/// Code of the warning for a body that begins at the tip of another one, which must be in place. The value is the
+/// number of layers of that body.
 pub const CONTINUES_BODY: &str = "continues-body";
 /// Code of the warning for layers that the robot cannot lay. The units of value and limit depend on the reason: too
 /// high (mm), too tilted (degrees), without material at a point (mm, the limit is 0), or too much acceleration of a
@@ -94,7 +95,8 @@ pub(crate) fn self_collision(path: &[Segment], robot: &Robot, since: f64) -> Opt
 /// Returns the warning for a plan that begins at the tip of a body with this number of layers.
 pub(crate) fn continues_body(layers: usize) -> Warning {
     let message = format!(
-        "the body begins at the tip of another one of {layers} layers: leave that one in place, with the robot at its tip"
+        "the body begins at the tip of another one of {layers} layers: leave that one in place, with the robot at its \
+         tip"
     );
     Warning { code: CONTINUES_BODY.to_owned(), message, value: layers as f64, limit: 0.0 }
 }

@@ -21,8 +21,8 @@ type LegState = (Numbers, usize, Option<(usize, usize, f64)>, bool);
 type SceneState = (String, u64, f64, f64);
 /// State of a warning: code, message, value and limit.
 type WarningState = (String, String, f64, f64);
-/// State of a plan: true for the planner `shortest`, radius (mm), start, legs, numbers of each segment, scene, warnings,
-/// and the layers of the existing body as hexadecimal digits.
+/// State of a plan: true for the planner `shortest`, radius (mm), start, legs, numbers of each segment, scene,
+/// warnings, and the layers of the existing body as hexadecimal digits.
 pub type PlanState = (bool, f64, Numbers, Vec<LegState>, Vec<Vec<f64>>, Option<SceneState>, Vec<WarningState>, String);
 
 /// Returns the state of a plan.

@@ -194,10 +194,11 @@ fn scene_search_options(
 /// Plans the shortest path from a start to a goal that the planner finds.
 ///
 /// start and goal are poses: growbot.Pose, or (x_mm, y_mm, z_mm, heading_deg, pitch_deg). A growbot.RunLog as the start
-/// is the tip of its body, which stays in place. A goal (x_mm, y_mm, z_mm) may be reached in any direction. via are poses or positions on the way, in order. radius_mm is that of the bends
-/// [default: the robot's planning_radius_mm]. planner is "shortest" or "two-plane". With avoid_self_collision, the path
-/// is the shortest that does not run into the body. Through a scene, effort limits the work of the search (about 0.1 s
-/// per unit), with the same result on every machine. time_limit_s limits its time.
+/// is the tip of its body, which stays in place. A goal (x_mm, y_mm, z_mm) may be reached in any direction. via are
+/// poses or positions on the way, in order. radius_mm is that of the bends [default: the robot's planning_radius_mm].
+/// planner is "shortest" or "two-plane". With avoid_self_collision, the path is the shortest that does not run into the
+/// body. Through a scene, effort limits the work of the search (about 0.1 s per unit), with the same result on every
+/// machine. time_limit_s limits its time.
 ///
 /// Raises InputError for a wrong argument (a radius below R_min, for example), and NoPathError if no path is found.
 #[pyfunction]

@@ -114,8 +114,8 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
                 procedures,
                 describe(
                     "listProcedures",
-                    "The steps of calibration and commissioning, which a person begins. Each step that is not safe needs \
-                     a confirmation.",
+                    "The steps of calibration and commissioning, which a person begins. Each step that is not safe \
+                     needs a confirmation.",
                 ),
             ),
         )

@@ -92,9 +92,8 @@ try {
   await step("Clear fault");
   await need.filter({ hasText: "Commissioning:" }).waitFor();
   await waitForState("idle");
-  for (const name of ["Done", "Done", "Motors on", "Turn head", "Push filament", "Cool nozzle", "Done", "Heat nozzle"]) {
-    await step(name);
-  }
+  const steps = ["Done", "Done", "Motors on", "Turn head", "Push filament", "Cool nozzle", "Done", "Heat nozzle"];
+  for (const name of steps) await step(name);
   await lab.waitForRobot("lab", ({ state, target_c: target }) => state === "maintenance" && target === 200, "hot");
   await page.setViewportSize({ width: 390, height: 844 });
   await checkTargets(page);

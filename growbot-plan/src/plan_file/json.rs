@@ -159,8 +159,8 @@ pub struct PoseJson {
     pub heading_deg: f64,
     /// Pitch, degrees.
     pub pitch_deg: f64,
-    /// Roll of the tip about its direction, degrees. Omitted if 0, as for every pose but the start at the tip of another
-    /// body.
+    /// Roll of the tip about its direction, degrees. Omitted if 0, as for every pose but the start at the tip of
+    /// another body.
     #[serde(default, skip_serializing_if = "is_no_angle")]
     pub roll_deg: f64,
 }
