@@ -77,13 +77,17 @@ const COMMANDS: [CommandEntry; 12] = [
 /// Poses that completion offers: straight up, to the side, and bent in both planes.
 const POSES: [&str; 3] = ["0,0,100,0,90", "200,100,600,0,45", "550,345,610,120,-25"];
 
-/// Returns the list of commands as text, without the command that shows it.
+/// Returns the list of commands as text.
 pub fn help() -> String {
     let line = |name: &str, argument: &str, help: &str| format!("{:<21}{help}\n", format!("{name} {argument}"));
-    let own =
-        COMMANDS.iter().filter(|entry| entry.name != "help").map(|entry| line(entry.name, entry.argument, entry.help));
+    let own = COMMANDS.iter().map(|entry| line(entry.name, entry.argument, entry.help));
     let maintaining = maintenance::COMMANDS.iter().map(|(name, argument, help)| line(name, argument, help));
     own.chain(maintaining).collect()
+}
+
+/// Returns the list of commands for a screen of 80 by 24, without the command that shows it.
+pub fn screen_help() -> String {
+    help().lines().filter(|line| !line.starts_with("help ")).map(|line| format!("{line}\n")).collect()
 }
 
 /// Parses a line.

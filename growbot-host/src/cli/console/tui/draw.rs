@@ -363,7 +363,7 @@ mod tests {
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
-    use super::super::super::commands::help;
+    use super::super::super::commands::screen_help;
     use super::super::prompt::Prompt;
     use super::super::testing::{laid, model, status};
     use super::*;
@@ -495,9 +495,9 @@ mod tests {
     #[test]
     fn the_help_fits_on_a_screen_of_80_by_24() {
         let mut model = growing();
-        model.popup = Some(help());
+        model.popup = Some(screen_help());
         let lines = drawn(&model, 80, 24);
-        for (row, line) in help().lines().enumerate() {
+        for (row, line) in screen_help().lines().enumerate() {
             assert!(lines[3 + row].contains(line), "{line}: {lines:?}");
         }
         assert!(lines[1].starts_with("GROWING") && lines[23].contains("any key"), "{lines:?}");

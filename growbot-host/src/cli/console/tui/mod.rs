@@ -43,7 +43,7 @@ use prompt::{Prompt, PromptAction};
 use ratatui::DefaultTerminal;
 
 use super::board_requests::{refusal_text, send};
-use super::commands::{BoardRequest, ConsoleCommand, help, parse};
+use super::commands::{BoardRequest, ConsoleCommand, parse, screen_help};
 use super::script::{is_active, still_active_text};
 use crate::cli::failure::Failure;
 use crate::cli::port_arg::SelectedPort;
@@ -234,7 +234,7 @@ impl TuiApp {
                 self.model
                     .log("`wait` has no effect here, where time passes by itself: + and - change its speed on sim");
             }
-            Ok(ConsoleCommand::Help) => self.model.popup = Some(help()),
+            Ok(ConsoleCommand::Help) => self.model.popup = Some(screen_help()),
             Ok(ConsoleCommand::Quit) => self.quit = true,
         }
     }
