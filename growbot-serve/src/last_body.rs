@@ -28,6 +28,8 @@ pub struct LastBody {
     /// Plan id of the job after its latest amendment, 16 hexadecimal digits.
     plan_id: String,
     laid: u32,
+    /// Hash of the description of the robot that has grown the body.
+    pub robot_hash: u64,
     /// The body.
     pub body: Arc<ContinuedBody>,
 }
@@ -45,6 +47,7 @@ impl LastBody {
             log_length,
             plan_id: format_hash(record.plan_id),
             laid: u32::try_from(record.as_built.len()).unwrap_or(u32::MAX),
+            robot_hash: record.robot.hash,
             body: Arc::new(ContinuedBody::of(&record)?),
         })
     }

@@ -31,6 +31,11 @@ impl RobotWorker {
             Problem::conflict(format!("no body can begin at the tip of job {job}: {error}; or give a start pose"))
         })?;
         let read = last.insert(read);
+        if read.robot_hash != self.description().map_err(Problem::conflict)?.hash() {
+            return Err(Problem::conflict(format!(
+                "the body of job {job} was grown with another description of robot {robot}: give a start pose"
+            )));
+        }
         if !read.is_on_board(&self.status()) {
             return Err(Problem::conflict(format!(
                 "the board of robot {robot} does not have the body of job {job} any more: give a start pose"

@@ -323,8 +323,8 @@ impl RobotWorker {
         self.job_start.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Returns an error if the robot has an active job, or tunes its heater. The latest known state may still contain a job that has just
-    /// ended, so the job's state is read from the list of jobs.
+    /// Returns an error if the robot has an active job, or tunes its heater. The latest known state may still contain a
+    /// job that has just ended, so the job's state is read from the list of jobs.
     pub(super) fn ensure_idle(&self) -> Result<(), RobotRequestError> {
         let (job, is_tuning) = {
             let known = self.lock_state();

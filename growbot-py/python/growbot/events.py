@@ -38,7 +38,8 @@ class StateChanged(Event):
 class Status(Event):
     """Status of the board.
 
-    Temperatures are in C, and None without a reading or with the heater off. pause_cause is None unless the board pauses.
+    Temperatures are in C, and None without a reading or with the heater off. pause_cause is None unless the board
+    pauses.
     """
 
     state: Optional[str]
