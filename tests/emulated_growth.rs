@@ -1,9 +1,11 @@
 //! The firmware in the emulator grows a body with the same steps as the controller in a simulation on the desktop.
 
+use std::time::Duration;
+
 use growbot_client::client::Client;
 use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, grow_job};
-use growbot_client::port::Port;
+use growbot_client::port::{Port, PortError};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end, length};
 use growbot_core::pose::{Pose, angle_between};
@@ -65,4 +67,17 @@ fn the_emulated_board_lays_the_same_layers_as_the_simulation() {
     // The remaining error is the resolution of 200 head steps and 178 feed steps a layer.
     assert!(emulated.arrival.normalized_position_error < 0.001, "{:?}", emulated.arrival);
     println!("{} layers, {apart:.6} mm between emulator and simulation", emulated.body.len());
+}
+
+#[test]
+fn a_port_reports_that_its_emulator_has_ended() {
+    let robot = robot_file::load("growbot-a2".as_ref()).unwrap();
+    let mut emulator = Emulator::start(&robot, Some(&firmware("an386"))).unwrap();
+    emulator.board().qemu().kill();
+    let error = loop {
+        if let Err(error) = emulator.receive(&mut [0; 64], Duration::from_millis(100)) {
+            break error;
+        }
+    };
+    assert!(matches!(error, PortError::EmulatorEnded("qemu-system-arm", ..)), "{error}");
 }

@@ -40,6 +40,8 @@ fn files_are_complete_and_results_go_to_standard_output() {
     let all = ["figure7.svg", "growths.csv", "paths.csv", "report.html", "summary.csv", "table1.csv", "tests.csv"];
     assert_eq!(names(output.as_ref()), all);
     let before = fs::read(Path::new(output).join("report.html")).unwrap();
+    let page = String::from_utf8_lossy(&before);
+    assert!(page.contains("growbot reproduce --table 1 --figure 7 --repeat 2 --seed 5 -o DIR"), "{page}");
     // A second run overwrites the files.
     assert_eq!(growbot(&[&run[..], &["--pdf"]].concat()).out, ran.out);
     assert!(fs::read(Path::new(output).join("figure7.pdf")).unwrap().starts_with(b"%PDF-"));

@@ -41,8 +41,9 @@ pub use reproduction::{Reproduction, ResultFile};
 pub use request::{FIGURES, REPEATS, ReproduceRequest, SEED, TABLES};
 
 impl Reproduction {
-    /// Returns all files: the numbers as CSV, the figures, and the page.
-    pub fn files(&self) -> Vec<ResultFile> {
+    /// Returns all files: the numbers as CSV, the figures, and the page. The page states `command`, a command line that
+    /// makes these files again.
+    pub fn files(&self, command: &str) -> Vec<ResultFile> {
         let figures = figures::all(self);
         let mut files = tables::files(self);
         files.extend(
@@ -51,7 +52,7 @@ impl Reproduction {
                 contents: figure.svg.clone(),
             }),
         );
-        files.push(ResultFile { name: "report.html".to_owned(), contents: page::html(self, &figures) });
+        files.push(ResultFile { name: "report.html".to_owned(), contents: page::html(self, &figures, command) });
         files
     }
 }

@@ -10,7 +10,6 @@ use super::experiments::{ErrorQuantity, GrowthSet, NOISE_OF_FEEDBACK};
 use super::figures::Figure;
 use super::paper::{self, GROUPS, MeanSd, ROBOTS};
 use super::reproduction::Reproduction;
-use super::request::ReproduceRequest;
 use super::slicing_rule::SlicingRule;
 use super::statistics::{SampleSummary, TestResult};
 use super::summary::error_text;
@@ -22,15 +21,15 @@ const STYLE: &str = include_str!("page.css");
 
 // Writing to a String cannot fail, so the results of `writeln!` are ignored.
 
-/// Returns the page as HTML.
-pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
+/// Returns the page as HTML. `command` is a command line that makes it again.
+pub fn html(of: &Reproduction, figures: &[Figure], command: &str) -> String {
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
          <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
          <title>Growing from the tip: the paper&#8217;s experiments, done \
          again</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n"
     );
-    introduction(&mut page, of);
+    introduction(&mut page, of, command);
     differences(&mut page, of);
     for table in [1, 3].into_iter().filter(|table| of.request.has_table(*table)) {
         robots(&mut page, of, table);
@@ -54,15 +53,14 @@ pub fn html(of: &Reproduction, figures: &[Figure]) -> String {
     page
 }
 
-fn introduction(page: &mut String, of: &Reproduction) {
+fn introduction(page: &mut String, of: &Reproduction, command: &str) {
     let request = &of.request;
-    let options = options(request);
     let _ = writeln!(
         page,
         "<h1>Growing from the tip: the paper&#8217;s experiments, done again</h1>\n\
          <p class=\"soft\">Del Dottore, Mondini, Sadeghi, Mazzolai: Characterization of the Growing From the Tip as \
          Robot Locomotion Strategy. Front. Robot. AI 6:45, 2019, doi 10.3389/frobt.2019.00045. By growbot {}, seed {}: \
-         <code>growbot reproduce{options} -o DIR</code> gives this page again, to the byte.</p>",
+         <code>{command}</code> gives this page again, to the byte.</p>",
         env!("CARGO_PKG_VERSION"),
         request.seed
     );
@@ -100,23 +98,6 @@ fn introduction(page: &mut String, of: &Reproduction) {
              rad. What the paper reports as the error of the model is caused by rounding up the number of steps.</p>"
         );
     }
-}
-
-/// Returns the options of a command line that makes this page, without `-o`.
-fn options(request: &ReproduceRequest) -> String {
-    let usual = ReproduceRequest::default();
-    let mut options = String::new();
-    if (&request.tables, &request.figures) != (&usual.tables, &usual.figures) {
-        request.tables.iter().for_each(|table| options += &format!(" --table {table}"));
-        request.figures.iter().for_each(|figure| options += &format!(" --figure {figure}"));
-    }
-    if (request.repeat, request.repeat_noise) != (usual.repeat, usual.repeat_noise) {
-        options += &format!(" --repeat {}", request.repeat);
-    }
-    if request.seed != usual.seed {
-        options += &format!(" --seed {}", request.seed);
-    }
-    options
 }
 
 fn differences(page: &mut String, of: &Reproduction) {

@@ -6,6 +6,8 @@ use table2::Verdicts;
 
 use super::*;
 
+const COMMAND: &str = "growbot reproduce -o DIR";
+
 fn run(request: ReproduceRequest, threads: usize) -> Reproduction {
     Reproduction::run(request, threads, |_, _| ()).unwrap()
 }
@@ -69,7 +71,7 @@ fn table_2_has_the_expected_differing_and_equivalent_means() {
     assert_eq!(found, (36, 9, 4, 29));
     let by_table = Verdicts::of(&done.comparison.table2, Planner::TwoPlane, slicing_rule::SlicingRule::Table);
     assert_eq!((by_table.cells, by_table.differ, by_table.equivalent), (36, 36, 0));
-    let files = done.files();
+    let files = done.files(COMMAND);
     let page = &files.iter().find(|file| file.name == "report.html").unwrap().contents;
     assert!(
         page.contains("9 of 36 means differ by Welch's test at 5 %, 4 after Holm's correction, and 29 are"),
@@ -80,7 +82,7 @@ fn table_2_has_the_expected_differing_and_equivalent_means() {
 #[test]
 fn growth_rows_contain_start_and_goal() {
     let done = run(ReproduceRequest { tables: vec![], figures: vec![7], ..small() }, 2);
-    let files = done.files();
+    let files = done.files(COMMAND);
     let file = files.iter().find(|file| file.name == "growths.csv").unwrap();
     let mut reader = csv::Reader::from_reader(file.contents.as_bytes());
     let names = reader.headers().unwrap().clone();
@@ -123,18 +125,18 @@ fn feedback_reduces_the_goal_error_with_noise() {
 
 #[test]
 fn the_same_seed_gives_the_same_bytes_on_any_number_of_threads() {
-    let [one, three] = [1, 3].map(|threads| run(small(), threads).files());
+    let [one, three] = [1, 3].map(|threads| run(small(), threads).files(COMMAND));
     for (a, b) in one.iter().zip(&three) {
         assert!(a == b, "{} differs", a.name);
     }
-    let other = run(ReproduceRequest { seed: 7, ..small() }, 2).files();
+    let other = run(ReproduceRequest { seed: 7, ..small() }, 2).files(COMMAND);
     assert!(one.iter().zip(&other).any(|(a, b)| a != b));
 }
 
 #[test]
 fn every_table_and_figure_exists_and_is_readable() {
     let done = run(ReproduceRequest { repeat: 5, ..small() }, 2);
-    let files = done.files();
+    let files = done.files(COMMAND);
     let names: Vec<&str> = files.iter().map(|file| file.name.as_str()).collect();
     assert_eq!(
         names,
@@ -192,7 +194,7 @@ fn the_summary_fits_a_terminal_and_has_only_requested_parts() {
     }
     let parameters = run(ReproduceRequest { tables: vec![3], figures: vec![], ..small() }, 2);
     assert!(parameters.experiments.sets.is_empty());
-    let names: Vec<String> = parameters.files().into_iter().map(|file| file.name).collect();
+    let names: Vec<String> = parameters.files(COMMAND).into_iter().map(|file| file.name).collect();
     assert_eq!(names, ["table3.csv", "report.html"]);
     let paths = run(ReproduceRequest { tables: vec![], figures: vec![7], ..small() }, 2);
     assert!(paths.experiments.sets.iter().all(|set| matches!(set.robot, paper::B | paper::C)));

@@ -96,7 +96,7 @@ pub fn routes() -> ApiRouter<Arc<Service>> {
         .api_route(
             "/robots/{robot}/maintenance",
             post_with(maintain, |operation| {
-                let words = "Heat, load, unload, purge, home, rotate or jog, as `growbot maintain` does.";
+                let words = "Heat, load, unload, purge, home, rotate or jog.";
                 operation.with(describe("maintain", words)).with(with_order_time)
             }),
         )

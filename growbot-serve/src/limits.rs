@@ -97,7 +97,7 @@ impl RoleLimits {
         };
         thread::Builder::new().name("computation".to_owned()).spawn(run).map_err(Problem::internal)?;
         computed.await.unwrap_or_else(|_| {
-            Err(Problem::internal("a computation of the service has failed: see the messages of `growbot serve`"))
+            Err(Problem::internal("a computation of the service has failed: see the messages of the service"))
         })
     }
 }
@@ -127,8 +127,8 @@ impl Computation {
         }
         if Instant::now() >= self.deadline {
             return Err(Problem::bad(format!(
-                "no plan was found and checked within {} s: give fewer waypoints or a simpler scene, or plan with \
-                 `growbot plan` and send the plan",
+                "no plan was found and checked within {} s: give fewer waypoints or a simpler scene, or send a finished \
+                 plan",
                 COMPUTATION_TIME.as_secs()
             )));
         }

@@ -113,7 +113,7 @@ pub fn documented<S: Clone + Send + Sync + 'static>(api: ApiRouter<S>) -> (Route
             title: "growbot serve".to_owned(),
             description: Some(
                 "Robots, their jobs, and commands to them. Lengths are in mm, angles in degrees, temperatures in C: \
-                 names carry the unit. Requests carry the access token of the URLs that `growbot serve` prints, as \
+                 names carry the unit. Requests carry the access token of the URLs that the service prints, as \
                  `Authorization: Bearer TOKEN`; requests on the Unix socket in the user's runtime directory need none."
                     .to_owned(),
             ),

@@ -36,8 +36,8 @@ pub fn store(places: &ServicePaths, name: &str, bytes: &[u8]) -> Result<(String,
             || written.meshes.iter().map(|mesh| &mesh.file).chain(written.clouds.iter().map(|cloud| &cloud.file));
         if let Some(other) = files().next() {
             return Err(Problem::bad(format!(
-                "{name} refers to {other}, which was not sent: send a scene of a single file, or use `growbot grow \
-                 --scene` on the service's machine"
+                "{name} refers to {other}, which was not sent: send a scene of a single file, or a plan through this \
+                 scene"
             )));
         }
     }

@@ -8,7 +8,6 @@ pub mod serial;
 pub mod stream;
 
 use std::cell::RefCell;
-use std::error::Error;
 use std::io;
 use std::rc::Rc;
 use std::time::Duration;
@@ -119,7 +118,10 @@ pub enum PortError {
          are already laid are not lost"
     )]
     Lost(String, #[source] io::Error),
-    /// A simulated board has failed, for example because its time does not advance.
-    #[error(transparent)]
-    Simulated(Box<dyn Error + Send + Sync>),
+    /// The emulator of a board ended. The fields are its program, its message, and what to do.
+    #[error("{0} ended while the board was running: {1}; {2}")]
+    EmulatorEnded(&'static str, String, &'static str),
+    /// A file of the emulator of a board failed. The first field is the failed action.
+    #[error("cannot {0}: {1}")]
+    EmulatorFile(&'static str, #[source] io::Error),
 }

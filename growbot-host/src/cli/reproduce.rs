@@ -71,6 +71,23 @@ fn one_of(range: &RangeInclusive<u8>) -> RangedI64ValueParser<u8> {
     clap::value_parser!(u8).range(i64::from(*range.start())..=i64::from(*range.end()))
 }
 
+/// Returns the command line that gives the results of this request.
+fn command_of(request: &ReproduceRequest) -> String {
+    let usual = ReproduceRequest::default();
+    let mut command = "growbot reproduce".to_owned();
+    if (&request.tables, &request.figures) != (&usual.tables, &usual.figures) {
+        request.tables.iter().for_each(|table| command += &format!(" --table {table}"));
+        request.figures.iter().for_each(|figure| command += &format!(" --figure {figure}"));
+    }
+    if (request.repeat, request.repeat_noise) != (usual.repeat, usual.repeat_noise) {
+        command += &format!(" --repeat {}", request.repeat);
+    }
+    if request.seed != usual.seed {
+        command += &format!(" --seed {}", request.seed);
+    }
+    command + " -o DIR"
+}
+
 /// Runs the command.
 pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
     let repeat = args.repeat.unwrap_or(paper::REPEAT);
@@ -86,6 +103,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
         repeat,
         repeat_noise: args.repeat.unwrap_or(paper::REPEAT_NOISE),
     };
+    let command = command_of(&request);
     if let Some(directory) = &args.output {
         output_dir::check(directory)?;
     }
@@ -100,7 +118,7 @@ pub fn run(args: &ReproduceArgs) -> Result<(), Failure> {
     }
     let done = done.map_err(Failure::bad_input)?;
     if let Some(directory) = &args.output {
-        let files = done.files();
+        let files = done.files(&command);
         let mut written: Vec<(String, Vec<u8>)> =
             files.iter().map(|file| (file.name.clone(), file.contents.clone().into())).collect();
         for figure in files.iter().filter(|file| args.pdf && file.name.ends_with(FIGURE_ENDING)) {

@@ -16,7 +16,6 @@ use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_firmware::stepping::MotorDirection;
 
-use super::qemu::QemuError;
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::manual_action::ManualAction;
 use crate::tip::{IndexMark, TipModel, Variation, encoder_pitch};
@@ -283,7 +282,7 @@ pub(super) struct SharedFollowed(pub(super) Arc<Mutex<TipFollower>>);
 impl GroundTruth for SharedFollowed {
     fn laid(&mut self) -> Result<LaidBody, PortError> {
         let mut followed = locked(&self.0);
-        followed.sync().map_err(|error| QemuError::Io("read the tip's memory", error))?;
+        followed.sync().map_err(|error| PortError::EmulatorFile("read the tip's memory", error))?;
         if followed.lost_steps > 0 {
             let what = format!("{} steps were lost before the tip could read them", followed.lost_steps);
             return Err(PortError::Lost("the emulated tip".to_string(), io::Error::other(what)));

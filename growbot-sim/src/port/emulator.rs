@@ -29,7 +29,7 @@ use growbot_firmware::emulated_tip as table;
 use super::debugger::Debugger;
 use super::emulated_tip::{SharedFollowed, TipFollower, TipRegisters, TipThread, locked, tip_of};
 use super::open_error::OpenError;
-use super::qemu::{EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
+use super::qemu::{self, EmulatedBoard, QemuError, SharedMemoryFile, Time, doing};
 use crate::image_seal;
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::{IndexMark, TipFault, TipModel, encoder_pitch};
@@ -141,7 +141,7 @@ impl Emulator {
         self.board.qemu().kill();
         let mut flash = vec![0; table::FLASH_AREA_BYTES];
         let read = self.board.tip().file().read_exact_at(&mut flash, table::JOURNAL_FLASH as u64);
-        read.map_err(doing("read the journal's flash"))?;
+        read.map_err(|error| PortError::EmulatorFile("read the journal's flash", error))?;
         Ok(flash)
     }
 
@@ -164,7 +164,7 @@ impl Emulator {
     /// `broken`.
     fn explain_disconnect(&mut self, broken: PortError) -> PortError {
         match self.board.qemu().wait_for_exit(END) {
-            Some(output) => QemuError::ExitedWhileRunning(output).into(),
+            Some(output) => qemu::ended_while_running(&output),
             None => broken,
         }
     }

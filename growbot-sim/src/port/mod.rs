@@ -16,25 +16,18 @@ use std::rc::Rc;
 use std::str::FromStr;
 use std::time::Duration;
 
+use growbot_client::port::Port;
 use growbot_client::port::faulty::{FaultSpec, FaultyPort};
 use growbot_client::port::stream::Stream;
-use growbot_client::port::{Port, PortError};
 use growbot_core::robot::Robot;
 use growbot_plan::robot_kind::RobotKind;
 pub use open_error::OpenError;
 use paced::PacedSim;
-use qemu::QemuError;
 pub use tip_settings::TipSettings;
 
 use crate::sim_daemon::{DaemonPort, RemoteTip, StateDir};
 use crate::simulated_tip::SimulatedTip;
 use crate::tip::Variation;
-
-impl From<QemuError> for PortError {
-    fn from(error: QemuError) -> Self {
-        Self::Simulated(Box::new(error))
-    }
-}
 
 /// Name of a port, as given to `--port`.
 #[derive(Debug, Clone, PartialEq)]

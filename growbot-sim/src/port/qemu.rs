@@ -16,6 +16,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
+use growbot_client::port::PortError;
+
 use super::debugger::Debugger;
 
 /// Name of QEMU's program.
@@ -73,13 +75,6 @@ pub enum QemuError {
     /// QEMU ended before the board had started. The field is its output.
     #[error("{PROGRAM} ended while starting the board: {output}", output = or_nothing(.0))]
     ExitedAtStart(String),
-    /// QEMU ended after the board had started. The field is its output.
-    #[error(
-        "{PROGRAM} ended while the board was running: {output}; check that the image is growbot's firmware for the \
-         emulated board (`cargo build-an386`)",
-        output = first_line(.0)
-    )]
-    ExitedWhileRunning(String),
     /// QEMU did not connect in time. The fields are the connection and QEMU's output.
     #[error(
         "{PROGRAM} did not connect its {0} within {limit} s: {output}", limit = START.as_secs(), output = or_nothing(.1)
@@ -97,9 +92,11 @@ fn or_nothing(output: &str) -> &str {
     if output.trim().is_empty() { "the program printed nothing" } else { output.trim() }
 }
 
-/// Returns the first line of QEMU's output, without the dump of registers that may follow.
-fn first_line(output: &str) -> &str {
-    or_nothing(output).lines().next().unwrap_or_default().trim()
+/// Returns the error of a board whose QEMU has ended with this output, which may contain a dump of registers.
+pub fn ended_while_running(output: &str) -> PortError {
+    let first_line = or_nothing(output).lines().next().unwrap_or_default().trim().to_owned();
+    let remedy = "check that the image is growbot's firmware for the emulated board (`cargo build-an386`)";
+    PortError::EmulatorEnded(PROGRAM, first_line, remedy)
 }
 
 /// Returns a function that adds the failed action to an [`io::Error`].

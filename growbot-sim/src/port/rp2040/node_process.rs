@@ -47,20 +47,16 @@ pub enum Rp2040Error {
     #[error("{} not found: the port rp2040 works only in growbot's source directory", .0.display())]
     NoScript(PathBuf),
     /// The emulator `rp2040js` is not installed. The field is its expected path.
-    #[error("no emulator at {}: install it with `npm ci --prefix tests/rp2040`", .0.display())]
+    #[error("no emulator at {}: install it with `npm ci` in tests/rp2040", .0.display())]
     NoEmulator(PathBuf),
     /// Node cannot be run.
     #[error("cannot run `node` ({0}): install Node 18 or newer (package nodejs)")]
     NoNode(io::Error),
-    /// The emulation ended. The field is its error message.
-    #[error("the emulation of the board ended: {0}")]
-    Ended(String),
 }
 
-impl From<Rp2040Error> for PortError {
-    fn from(error: Rp2040Error) -> Self {
-        Self::Simulated(Box::new(error))
-    }
+/// Returns the error of a board whose Node has ended with this message.
+fn ended(message: &str) -> PortError {
+    PortError::EmulatorEnded("node", message.to_owned(), "check that the image is growbot's firmware for the Pico")
 }
 
 /// Limits of the board's next run, with the sensor readings during it.
@@ -190,12 +186,12 @@ impl NodeProcess {
         command.envs(figures.map(|file| (FIGURES, file)));
         let mut node = command.spawn().map_err(Rp2040Error::NoNode)?;
         let (Some(to), Some(from)) = (node.stdin.take(), node.stdout.take()) else {
-            return Err(Rp2040Error::Ended("the emulator has no standard input and output".to_owned()));
+            return Err(Rp2040Error::NoNode(io::ErrorKind::BrokenPipe.into()));
         };
         Ok(Self { node, to, from })
     }
 
-    pub fn run(&mut self, run: &Run, bytes: &[u8]) -> Result<RunResponse, Rp2040Error> {
+    pub fn run(&mut self, run: &Run, bytes: &[u8]) -> Result<RunResponse, PortError> {
         let mut request = vec![0];
         request.extend((run.until_ns as f64).to_le_bytes());
         request.extend(run.steps.iter().flat_map(|steps| steps.to_le_bytes()));
@@ -209,37 +205,36 @@ impl NodeProcess {
         self.request(&request)
     }
 
-    pub fn lose_power_after(&mut self, bytes: u32) -> Result<RunResponse, Rp2040Error> {
+    pub fn lose_power_after(&mut self, bytes: u32) -> Result<RunResponse, PortError> {
         let [a, b, c, d] = bytes.to_le_bytes();
         self.request(&[1, a, b, c, d])
     }
 
-    pub fn power_up(&mut self) -> Result<RunResponse, Rp2040Error> {
+    pub fn power_up(&mut self) -> Result<RunResponse, PortError> {
         self.request(&[2])
     }
 
-    pub fn slow_flash(&mut self, times: f64) -> Result<RunResponse, Rp2040Error> {
+    pub fn slow_flash(&mut self, times: f64) -> Result<RunResponse, PortError> {
         let mut request = vec![3];
         request.extend(times.to_le_bytes());
         self.request(&request)
     }
 
-    pub fn keep_flash(&mut self) -> Result<RunResponse, Rp2040Error> {
+    pub fn keep_flash(&mut self) -> Result<RunResponse, PortError> {
         self.request(&[5])
     }
 
-    pub fn restore_flash(&mut self) -> Result<RunResponse, Rp2040Error> {
+    pub fn restore_flash(&mut self) -> Result<RunResponse, PortError> {
         self.request(&[6])
     }
 
-    pub fn crash(&mut self, how: CrashMode) -> Result<RunResponse, Rp2040Error> {
+    pub fn crash(&mut self, how: CrashMode) -> Result<RunResponse, PortError> {
         self.request(&[4, how as u8])
     }
 
-    fn request(&mut self, request: &[u8]) -> Result<RunResponse, Rp2040Error> {
+    fn request(&mut self, request: &[u8]) -> Result<RunResponse, PortError> {
         let answer = self.exchange(request).map_err(|error| self.last_words(&error))?;
-        RunResponse::parse(&answer)
-            .ok_or_else(|| Rp2040Error::Ended("the emulator's response cannot be read".to_owned()))
+        RunResponse::parse(&answer).ok_or_else(|| ended("the emulator's response cannot be read"))
     }
 
     fn exchange(&mut self, request: &[u8]) -> io::Result<Vec<u8>> {
@@ -254,14 +249,14 @@ impl NodeProcess {
     }
 
     /// Returns an error with the message that Node printed when it ended.
-    fn last_words(&mut self, error: &io::Error) -> Rp2040Error {
+    fn last_words(&mut self, error: &io::Error) -> PortError {
         let mut output = String::new();
         if let Some(mut errors) = self.node.stderr.take() {
             let _ = errors.read_to_string(&mut output);
         }
         // The line with the error's message is above its stack.
         let message = output.lines().find(|line| line.contains("Error")).map(str::trim);
-        Rp2040Error::Ended(message.map_or_else(|| error.to_string(), str::to_owned))
+        ended(message.unwrap_or(&error.to_string()))
     }
 }
 
