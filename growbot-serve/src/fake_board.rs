@@ -226,6 +226,10 @@ impl FakeBoard {
                     self.state = State::Maintenance;
                 }
             }
+            (Message::Tune(_), State::Idle | State::Done | State::Stopped) => {
+                self.heat("tune");
+                self.state = State::Tuning;
+            }
             _ => return Err(refusal),
         }
         Ok(self.accepted())

@@ -66,6 +66,7 @@ pub(super) enum Step {
     Resume,
     Continue,
     Preheat,
+    Tune,
     Pause,
     Stop,
     EmergencyStop,
@@ -84,7 +85,11 @@ pub(super) enum Step {
 }
 
 impl Step {
-    const ALL: [Self; 20] = *Self::VARIANTS.as_array().unwrap();
+    const ALL: [Self; 21] = *Self::VARIANTS.as_array().unwrap();
+
+    fn is_heating_order(self) -> bool {
+        matches!(self, Self::Grow | Self::GrowQueued | Self::Resume | Self::Continue | Self::Preheat | Self::Tune)
+    }
 }
 
 /// State of the robot in which a test case begins.
@@ -142,7 +147,7 @@ impl Model {
             _ => self.continues,
         };
         match step {
-            Step::Grow | Step::GrowQueued | Step::Resume | Step::Continue | Step::Preheat if accepted => {
+            step if step.is_heating_order() && accepted => {
                 (self.may_heat, self.must_be_off) = (true, false);
             }
             Step::Stop | Step::EmergencyStop => (self.may_heat, self.must_be_off) = (false, true),
@@ -233,7 +238,7 @@ impl<'a> Case<'a> {
 
     pub(super) fn step(&mut self, step: Step) {
         let before = self.model.may_heat;
-        if matches!(step, Step::Grow | Step::GrowQueued | Step::Resume | Step::Continue | Step::Preheat) {
+        if step.is_heating_order() {
             self.line.board().may_heat = true;
         }
         let accepted = self.carry_out(step).is_ok();
@@ -284,6 +289,10 @@ impl<'a> Case<'a> {
                 self.worker.ensure_idle()?;
                 let task = MaintenanceTask::Preheat { target_centi_c: 20_000 };
                 return Ok(self.worker.request(RobotRequest::Task(task, permit), COMMAND_TIMEOUT).map(drop)?);
+            }
+            Step::Tune => {
+                self.worker.ensure_idle()?;
+                return Ok(self.worker.request(RobotRequest::Tune(200.0, permit), COMMAND_TIMEOUT).map(drop)?);
             }
             Step::Continue => return command(RobotCommand::Continue),
             Step::Pause => return command(RobotCommand::Pause),
