@@ -398,6 +398,8 @@ fn segment(layer: &Layer, systematic: &SystematicErrors) -> Segment {
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::PI;
+
     use growbot_core::plan::goal_error;
     use growbot_core::simulation::{
         DirectionSensor, Disturbance, GrowthTask, SimulatedSensors, grow_closed_loop_while,
@@ -407,6 +409,7 @@ mod tests {
     use growbot_scene::shapes::Shape;
 
     use super::*;
+    use crate::job::Job;
     use crate::pose_text::parse_pose;
     use crate::robot_file;
 
@@ -520,6 +523,52 @@ mod tests {
         assert!(missed.distance < 3.0 && missed.angle < 0.03, "{missed:?}");
     }
 
+    /// Returns the tips of these segments, mm.
+    fn tips(segments: impl Iterator<Item = Segment>, base_from_tip: Frame) -> Vec<Vector3<f64>> {
+        let tips = segments.scan(base_from_tip, |tip, segment| {
+            *tip = path::end(&[segment], tip);
+            Some(tip.translation.vector)
+        });
+        tips.collect()
+    }
+
+    #[test]
+    fn a_detour_avoids_the_existing_body() {
+        let robot = robot();
+        let plan = plan(&robot);
+        // The ball leaves the side of the existing body free. That body comes down at x = -55 mm, turns below the start
+        // and ends there.
+        let loaded = balls(&[[40.0, 0.0, 300.0]]);
+        let turn = |alpha: f64, bend: f64| Segment::Arc { alpha, bend, length: 100.0 * bend };
+        let body = [
+            Segment::Straight { length: 110.0 },
+            turn(PI, 1.292),
+            turn(0.0, 1.292),
+            Segment::Straight { length: 100.0 },
+            turn(0.0, PI),
+        ];
+        let existing = Job::new(&robot, &plan.start, &plan.start, &body).layers;
+        let tip_from_base = path::end(&body, &Frame::identity()).inverse();
+        let base = plan.start.frame() * tip_from_base;
+        let corners = tips(body.into_iter(), base);
+        assert!((corners[0] - Vector3::new(-55.0, 0.0, 292.0)).norm() < 2.0, "{corners:?}");
+        let existing_tips = tips(segments(&existing).into_iter(), base);
+        for (layers, is_clear) in [(&[][..], false), (&existing, true)] {
+            let around = SceneContext::new(&robot, &loaded, 100.0).after_layers(layers);
+            let mut tracker = tracker(&robot, &plan);
+            ClearanceGuard::new(&around, SEEN).ensure_clear(&mut tracker, &[]).unwrap().expect("a detour");
+            let detour = tips(tracker.remaining_layers().map(|layer| Segment::from(&layer)), plan.start.frame());
+            // Both bodies meet at the start.
+            let upper = |point: &&Vector3<f64>| point.z > 200.0;
+            let distances = detour
+                .iter()
+                .filter(upper)
+                .flat_map(|point| existing_tips.iter().filter(upper).map(move |other| (point - other).norm()));
+            let least = distances.fold(f64::INFINITY, f64::min);
+            assert_eq!(least > robot.outer_diameter(), is_clear, "{} layers: {least} mm", layers.len());
+        }
+    }
+
     #[test]
     fn growth_pauses_with_a_reason_if_there_is_no_detour() {
         // The goal itself is too near.
@@ -546,11 +595,8 @@ mod tests {
             let disturbance = Disturbance { tilt_noise, ..Disturbance::default() };
             for seed in 0..12 {
                 let (end, _, paused, least) = grow(&loaded, &disturbance, seed);
-                println!(
-                    "{tilt_noise} {seed}: {least:.2} mm, at {:.0} mm, paused {}",
-                    end.translation.z,
-                    paused.is_some()
-                );
+                let z = end.translation.z;
+                assert!(paused.is_some() && least > 0.0, "{tilt_noise} {seed}: {least} mm, {paused:?} at {z} mm");
             }
         }
     }
