@@ -20,7 +20,7 @@ const SECOND_CLICK_MS = 800;
 const errors = [];
 const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
-const lab = await startLab(growbot, ["lab"], 30);
+const lab = await startLab(growbot, ["lab"], 8);
 const executablePath = process.env.CHROMIUM ?? "/usr/bin/chromium";
 const browser = await chromium.launch({ executablePath, args: ["--no-sandbox"] });
 

@@ -84,6 +84,12 @@ export async function startLab(growbot, robots, pace, robot = "growbot-a2", desc
     robot: async (name) => (await lab.ask("GET", `/robots/${name}`)).json,
     command: (name, command) => lab.ask("POST", `/robots/${name}/commands`, { command }),
 
+    /** Clears the emergency stop of a robot, once its job has ended. */
+    async clearFault(name) {
+      await lab.waitForRobot(name, ({ job }) => job === null, "the job does not end");
+      return lab.command(name, "clear-fault");
+    },
+
     /** Puts a full spool on a robot, as a person would. */
     changeSpool: (name) => spawnSync(growbot, ["power", "new-spool", "--port", `sim:${name}`], spawnOptions),
 
@@ -107,7 +113,7 @@ export async function startLab(growbot, robots, pace, robot = "growbot-a2", desc
     async remove() {
       await service.end();
       for (const name of robots) spawnSync(growbot, ["power", "off", "--port", `sim:${name}`], spawnOptions);
-      await rm(directory, { recursive: true });
+      await rm(directory, { recursive: true, maxRetries: 5 });
     },
   };
   await lab.start();

@@ -71,8 +71,9 @@ export async function checkAccessibility(page, axe, what) {
 
 /** Checks that nothing scrolls sideways. */
 export async function checkWidth(page, what) {
-  const fits = await page.evaluate(() => document.documentElement.scrollWidth <= window.innerWidth);
-  assert.ok(fits, `${what} scrolls sideways`);
+  // The page takes its new width some time after the window.
+  const fits = page.waitForFunction(() => document.documentElement.scrollWidth <= window.innerWidth);
+  await fits.catch(() => assert.fail(`${what} scrolls sideways`));
 }
 
 /** Checks that each control can be hit by a finger: it is at least 44 px high. */

@@ -60,7 +60,7 @@ for (const path of Object.values(directories)) await mkdir(path, { mode: 0o700 }
 const proxyPort = await freePort();
 const origin = `https://${HOST}:${proxyPort}`;
 const settings = replaceAll(await blockOf("toml"), [[`https://${HOST}`, origin]]);
-await writeFile(at("growbot.toml"), `[robots.lab]\nport = "sim:lab"\nrobot = "growbot-a2"\npace = 60.0\n${settings}`);
+await writeFile(at("growbot.toml"), `[robots.lab]\nport = "sim:lab"\nrobot = "growbot-a2"\npace = 10.0\n${settings}`);
 const spawnOptions = { env: { ...environment, ...directories }, cwd: directory };
 const service = new Service(growbot, spawnOptions);
 let [nginx, browser] = [];
@@ -109,7 +109,7 @@ try {
   // The card of the robot follows its state, and the stop reaches the robot.
   const { button, confirm, nextBody, stop, typeGoal, waitForState } = partsOf(page, "lab");
   await waitForState("idle");
-  await typeGoal("0,0,400,0,90");
+  await typeGoal("0,0,1500,0,90");
   await nextBody.getByRole("button", { name: "Grow", exact: true }).click();
   await confirm("Heat and grow");
   await waitForState("growing");
@@ -129,5 +129,5 @@ try {
   if (nginx?.kill("SIGTERM")) await once(nginx, "exit");
   await service.end();
   spawnSync(growbot, ["power", "off", "--port", "sim:lab"], spawnOptions);
-  await rm(directory, { recursive: true });
+  await rm(directory, { recursive: true, maxRetries: 5 });
 }

@@ -64,6 +64,8 @@ try {
   await practice.drawnLayers.waitFor();
   await checkShowsPipe();
   await picture("growing");
+  // A click this soon after another one moves nothing.
+  await page.waitForTimeout(1_000);
   await press("Continue");
   await waitForState("growing");
   await press("Stop");
