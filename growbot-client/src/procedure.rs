@@ -1,8 +1,9 @@
 //! Procedures: the steps of calibration and commissioning, which a person begins. On a terminal at the robot, they are
 //! `growbot tune` and `growbot doctor`.
 //!
-//! A program that shows a procedure shows a sequence of recovery first, and continues the procedure after it. It ends
-//! the procedure when the connection to the robot is lost, because nothing is known of the steps before then.
+//! A program that shows a procedure shows a sequence of recovery that interrupts first, and continues the procedure
+//! after it. It begins a procedure only while heater and motors are off. It ends the procedure when the connection to
+//! the robot is lost, because nothing is known of the steps before then.
 
 use serde::Serialize;
 use strum::IntoStaticStr;

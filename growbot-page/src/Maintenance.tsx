@@ -73,7 +73,7 @@ export function Maintenance({ robot }: { robot: Robot }) {
         {PROCEDURES.map(([procedure, text]) => (
           <button
             key={procedure} type="button" disabled={Boolean(blockedBy || status.job)}
-            onClick={() => void beginProcedure(status.name, procedure, text)}
+            onClick={() => void beginProcedure(status, procedure, text)}
           >
             {text}
           </button>

@@ -16,6 +16,7 @@ export function PathFields({ status, form }: { status: RobotStatus; form: NextBo
   const { target, waypoints, problem, continued } = form;
   const robot = status.name;
   const last = continuableJob(status);
+  const chosen = continued ?? last?.id;
   const list = useRef<HTMLDivElement>(null);
   const change = (index: number, changed: Target[]) =>
     enter(robot, { waypoints: [...waypoints.slice(0, index), ...changed, ...waypoints.slice(index + 1)] });
@@ -26,13 +27,15 @@ export function PathFields({ status, form }: { status: RobotStatus; form: NextBo
     problem && problem.field !== "scene" && problem.waypoint === number ? problem : null;
   return (
     <div class="path" ref={list}>
-      {(last || continued) && (
+      {chosen && (
         <label class="check">
           <input
             type="checkbox" checked={continued !== null}
-            onChange={({ currentTarget }) => enter(robot, { continued: (currentTarget.checked && last?.id) || null })}
+            onChange={({ currentTarget }) => enter(robot, { continued: currentTarget.checked ? chosen : null })}
           />
-          Start at the tip of the last body{last && `, ${last.name}`}
+          {chosen === last?.id
+            ? `Start at the tip of the last body, ${last.name}`
+            : "Start at the tip of a body that the board does not have any more: clear this box"}
         </label>
       )}
       {waypoints.map((waypoint, index) => (

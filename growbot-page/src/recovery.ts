@@ -2,7 +2,7 @@
 
 import { signal } from "@preact/signals";
 import { CONFIRM_MS } from "../../growbot-pictures/viewer/src/connection.js";
-import type { Procedure, RecoveryAction, RecoverySequence, RecoveryStep } from "./api_types";
+import type { Procedure, RecoveryAction, RecoverySequence, RecoveryStep, RobotStatus } from "./api_types";
 import { canControl, isStale, now, recoveries, robots } from "./page_state";
 import type { Robot } from "./page_state";
 import { giveCommand, resumableJob, resume, runAction, runTask, tune } from "./robot_commands";
@@ -74,6 +74,23 @@ export function endRecoveries(): void {
   }
 }
 
+/** Actions that switch on what a step needs that moves. */
+const SWITCHING_ON: (RecoveryAction | null | undefined)[] = ["dry-run", "preheat"];
+
+/** Returns whether a robot has switched off what a step needs that moves. */
+const isOff = ({ state, target_c: target }: RobotStatus) => state !== "maintenance" && target === null;
+
+/**
+ * Returns the next step of a procedure of which a number of steps are done: that step, or the earlier one that switches
+ * on what it needs, if that has gone off meanwhile.
+ */
+function reachedStep(steps: RecoveryStep[], done: number, status: RobotStatus): number {
+  const { action, effect } = steps[done];
+  if (effect !== "moves" || SWITCHING_ON.includes(action) || !isOff(status)) return done;
+  const switchingOn = steps.slice(0, done).findLastIndex((step) => SWITCHING_ON.includes(step.action));
+  return switchingOn < 0 ? done : switchingOn;
+}
+
 /** Returns the sequence of a robot, with what is safe now. */
 export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgress | null {
   const reported = recoveries.value[status.name];
@@ -82,7 +99,8 @@ export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgres
   const begunProcedure = procedures.value.get(status.name);
   // What needs a person first comes before the procedure, which then goes on.
   if (begunProcedure && !reported?.interrupts && reported?.situation !== "tuning") {
-    const { procedure, done } = begunProcedure;
+    const { procedure } = begunProcedure;
+    const done = reachedStep(procedure.steps, begunProcedure.done, status);
     const { name: situation, cause, safety, steps } = procedure;
     const shared = { situation, cause, steps, interrupts: false, alternative: null };
     return { procedure, done, sequence: { ...shared, safety: reported?.safety ?? safety } };
@@ -93,9 +111,11 @@ export function recoveryOf({ status, stopPendingSince }: Robot): RecoveryProgres
   return { sequence: reported, done: 0 };
 }
 
-/** Begins calibration or commissioning. Its steps are those of the service. */
-export async function beginProcedure(robot: string, name: Procedure["name"], label: string): Promise<void> {
+/** Begins calibration or commissioning of a robot that is off. Its steps are those of the service. */
+export async function beginProcedure(status: RobotStatus, name: Procedure["name"], label: string): Promise<void> {
+  const robot = status.name;
   await runAction(robot, label, async () => {
+    if (!isOff(status)) throw new Error("The heater or the motors are on: run the task Cool down first");
     const all = await request<Procedure[]>("procedures");
     setProcedure(robot, all.find((procedure) => procedure.name === name) ?? null);
     return "Nothing is switched on yet: follow the steps above";

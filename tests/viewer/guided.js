@@ -82,7 +82,19 @@ try {
   await step("Done");
   await need.waitFor({ state: "detached" });
 
-  // The robot is commissioned. An emergency stop on the way comes first, and then the sequence goes on.
+  // Nothing begins while the nozzle is heated.
+  const maintain = async (task) => {
+    assert.equal((await lab.ask("POST", "/robots/lab/maintenance", { task, value: "" })).status, 200);
+  };
+  await maintain("preheat");
+  await waitForState("maintenance");
+  await button("Commission").click();
+  await result.filter({ hasText: "run the task Cool down first" }).waitFor();
+  await maintain("cooldown");
+  await waitForState("idle");
+
+  // The robot is commissioned. An emergency stop on the way comes first, and then the sequence continues. After a stop
+  // it continues with the step that switches the motors on.
   await button("Commission").click();
   await step("Done");
   await step("Done");
@@ -92,7 +104,11 @@ try {
   await step("Clear fault");
   await need.filter({ hasText: "Commissioning:" }).waitFor();
   await waitForState("idle");
-  const steps = ["Done", "Done", "Motors on", "Turn head", "Push filament", "Cool nozzle", "Done", "Heat nozzle"];
+  for (const name of ["Done", "Done", "Motors on", "Turn head"]) await step(name);
+  await need.getByRole("button", { name: "Push filament" }).waitFor();
+  await button("Stop").click();
+  await waitForState("stopped");
+  const steps = ["Motors on", "Turn head", "Push filament", "Cool nozzle", "Done", "Heat nozzle"];
   for (const name of steps) await step(name);
   await lab.waitForRobot("lab", ({ state, target_c: target }) => state === "maintenance" && target === 200, "hot");
   await page.setViewportSize({ width: 390, height: 844 });
