@@ -69,9 +69,10 @@ impl Segment {
         }
     }
 
-    /// Returns the curvature of the segment, 1/mm. It is 0 for a straight line.
+    /// Returns the curvature of the segment, 1/mm. It is 0 for a straight line, also for one without length.
     pub fn curvature(&self) -> f64 {
-        self.bend() / self.length()
+        let bend = self.bend();
+        if bend == 0.0 { 0.0 } else { bend / self.length() }
     }
 
     /// Returns the frame of the segment's end in the frame of its start, `start_from_end` (Eq 4). For a helicoidal arc

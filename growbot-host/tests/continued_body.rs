@@ -89,6 +89,13 @@ fn a_path_that_runs_into_the_existing_body_has_a_warning_in_every_form() {
     written["warnings"] = json!([]);
     let read = read_in_scene(&written.to_string(), "the plan", None, None).unwrap();
     assert_eq!(read.plan.warnings.len(), plan.warnings.len());
+    // A layer without height hides nothing of the body, but one that bends has no centreline.
+    let layers = written["existing_layers"].as_str().unwrap().to_owned();
+    for (tilt, accepted) in [("00000000", true), ("00000001", false)] {
+        written["existing_layers"] = json!(format!("{}{tilt}{layers}", "0".repeat(16)));
+        let read = read_in_scene(&written.to_string(), "the plan", None, None);
+        assert_eq!(read.map(|read| read.plan.warnings.len()).ok(), accepted.then_some(plan.warnings.len()));
+    }
     written["existing_layers"] = json!("0");
     let refused = read_in_scene(&written.to_string(), "the plan", None, None);
     assert!(refused.is_err_and(|error| error.to_string().contains("not layers")));
@@ -109,6 +116,9 @@ fn nothing_continues_a_body_whose_tip_is_not_known() {
     assert!(refused(all, &[]).contains("the outcome of the growth is unfinished"));
     let lost_board = lines.replace("\"outcome\":\"done\"", "\"outcome\":\"lost\"");
     assert!(refused(&lost_board, &[]).contains("the outcome of the growth is lost"));
+    let jam = lines.replace("\"outcome\":\"done\"", "\"outcome\":\"fault\"");
+    let jam = jam.replace("\"fault\":null", "\"fault\":\"filament-jam\"");
+    assert!(refused(&jam, &[]).contains("the fault filament-jam"), "{}", refused(&jam, &[]));
     let header = lines.lines().next().unwrap();
     let end = lines.lines().last().unwrap();
     let nothing = refused(&format!("{header}\n{end}\n"), &[]);
@@ -119,6 +129,26 @@ fn nothing_continues_a_body_whose_tip_is_not_known() {
     assert!(refused(&lines, &["--robot", "growbot-b"]).contains("pass the robot of the body with --robot"));
     let both = growbot(&["plan", "--continue", &log, "--from", "0,0,0,0,90", "--to", "0,0,90,0,90"]);
     assert_eq!(both.code, Some(2), "{}", both.out);
+}
+
+/// The tip of a simulated robot is placed at the start of each body, or its sensors would measure the earlier ones, too.
+#[test]
+fn feedback_measures_each_body_from_its_own_start() {
+    let lab = Lab::configured("[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a\"\npace = 5000.0\n");
+    lab.wait_until_ready();
+    let grow = |wanted: &Value| {
+        let (status, job) = lab.ask("POST", "/robots/lab/jobs", &wanted.to_string());
+        assert_eq!(status, 201, "{job}");
+        let id = job["id"].as_str().unwrap().to_owned();
+        assert_eq!(lab.wait_for_end(&id)["state"], "done");
+        let record = RecordedRun::open(&lab.log(&id)).unwrap();
+        let arrival = record.result.unwrap().arrival.unwrap();
+        assert!(arrival.position_error_mm < 0.5, "{arrival:?}");
+        id
+    };
+    grow(&json!({ "to": "20,0,60" }));
+    let last = grow(&json!({ "to": "20,0,60", "feedback": true }));
+    grow(&json!({ "from": format!("tip:{last}"), "to": "80,20,130", "feedback": true }));
 }
 
 /// The service begins a body at the last tip only as long as no other body has been grown.

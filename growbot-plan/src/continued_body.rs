@@ -2,6 +2,7 @@
 
 use growbot_core::layer::grow;
 use growbot_core::layer_bytes::LayerBytes;
+use growbot_core::link::message::Fault;
 use growbot_core::path::Segment;
 use growbot_core::pose::{Frame, Pose};
 
@@ -14,6 +15,16 @@ use crate::run_log::{OutcomeKind, RecordedRun};
 /// Maximum difference between the frames of a tip and of the start of a plan, mm and radians: the rounding of angles in
 /// files.
 const AT_THE_TIP: f64 = 1e-6;
+
+/// Faults after which the latest layers may differ from the steps of the motors.
+const MOTION_FAULTS: [Fault; 6] = [
+    Fault::IndexMissing,
+    Fault::IndexStuck,
+    Fault::HeadStepsLost,
+    Fault::FilamentJam,
+    Fault::DriverFault,
+    Fault::StepsStalled,
+];
 
 /// Reason why no body can begin at the tip of another one.
 #[derive(Debug, thiserror::Error)]
@@ -32,6 +43,12 @@ pub enum UnknownTipError {
     UnknownLayers {
         /// Number of the layers.
         count: usize,
+    },
+    /// The growth ended with a fault after which the positions of the motors are not known.
+    #[error("the growth ended with the fault {fault}, so the tip of the body is not known: begin a new body")]
+    MotionFault {
+        /// Code of the fault.
+        fault: String,
     },
     /// Nothing is known of the end of the growth.
     #[error("the outcome of the growth is {outcome}, so the tip of the body is not known: begin a new body")]
@@ -61,8 +78,9 @@ pub struct ContinuedBody {
 }
 
 impl ContinuedBody {
-    /// Rebuilds the body of a run log. Its tip is that of the plastic of a simulated robot, or else the one that the
-    /// feedback has estimated, or else the one that follows from the steps of the motors.
+    /// Rebuilds the body of a run log. Its tip is that of the plastic of a simulated robot, except for the twist that a
+    /// disturbance adds, or else the one that the feedback has estimated, or else the one that follows from the steps
+    /// of the motors.
     ///
     /// # Errors
     /// If the tip of the body is not known.
@@ -75,6 +93,10 @@ impl ContinuedBody {
             | OutcomeKind::Fault
             | OutcomeKind::Parked => {}
             outcome => return Err(UnknownTipError::UnknownEnd { outcome }),
+        }
+        let fault = record.result.as_ref().and_then(|result| result.fault.clone());
+        if let Some(fault) = fault.filter(|fault| MOTION_FAULTS.iter().any(|known| known.code() == fault)) {
+            return Err(UnknownTipError::MotionFault { fault });
         }
         if let Some(interrupted) = record.result.as_ref().and_then(|result| result.interrupted) {
             return Err(UnknownTipError::Interrupted { layer: interrupted.layer });

@@ -3,6 +3,7 @@
 use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::PortError;
 use growbot_core::layer::Layer;
+use growbot_core::pose::Pose;
 
 use crate::tip::manual_action::ManualAction;
 use crate::tip::pins::SharedTip;
@@ -11,6 +12,9 @@ use crate::tip::pins::SharedTip;
 pub trait SimulatedTip: GroundTruth {
     /// Performs a manual action on the tip. Returns false if the tip does not support manual actions.
     fn apply_action(&mut self, action: ManualAction) -> bool;
+
+    /// Places the tip at the start of a new body, which may be the base or the tip of the last body.
+    fn start_at(&mut self, pose: &Pose);
 }
 
 /// Handle of a tip that is simulated in this process.
@@ -31,6 +35,10 @@ impl SimulatedTip for InProcessTip {
     fn apply_action(&mut self, action: ManualAction) -> bool {
         self.0.borrow_mut().apply_action(action);
         true
+    }
+
+    fn start_at(&mut self, pose: &Pose) {
+        self.0.borrow_mut().start_at(pose);
     }
 }
 

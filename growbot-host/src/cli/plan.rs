@@ -118,10 +118,8 @@ pub fn run(args: &PlanArgs) -> Result<(), Failure> {
 fn plan(args: &PlanArgs, robot: &Robot, goal: &TypedGoal) -> Result<Plan, Failure> {
     let continued = args.continued.as_ref().map(|log| continued_body(log, robot)).transpose()?;
     let existing = continued.as_ref().map(ContinuedBody::existing);
-    let (mut start, mut goals) = args.search.start_and_goals(robot, goal)?;
-    if let Some(body) = &continued {
-        start = body.tip();
-    }
+    let tip = continued.as_ref().map(ContinuedBody::tip);
+    let (start, mut goals) = args.search.start_and_goals(robot, goal, tip)?;
     let plan = if let Some(scene) = &args.scene.scene {
         let search = PlanOptions { existing, ..args.search.search(robot) };
         let loaded = args.scene.load(scene)?;

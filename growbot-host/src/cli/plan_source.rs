@@ -92,7 +92,7 @@ impl PlanSourceArgs {
             .as_ref()
             .ok_or_else(|| Failure::bad_input("there is nothing to grow: give a plan file, or a goal with --to"))?;
         if let Some(file) = given {
-            let ends = self.search.start_and_goals(&robot, goal)?;
+            let ends = self.search.start_and_goals(&robot, goal, None)?;
             let loaded = self.scene.load(file)?;
             let plan = self.scene.plan((file, &loaded), &robot, &ends, &self.search.search(&robot), MAX_LENGTH_MM);
             let plan = plan.map_err(|error| plan_failure(&error, format))?;

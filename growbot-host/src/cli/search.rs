@@ -74,15 +74,20 @@ impl PlanningOptions {
 
     /// Plans from the start through the poses on the way to a goal, and warns about units that may be mistaken.
     pub fn plan(&self, robot: &Robot, goal: &TypedGoal, search: &PlanOptions) -> Result<Plan, Failure> {
-        let (start, mut via) = self.start_and_goals(robot, goal)?;
+        let (start, mut via) = self.start_and_goals(robot, goal, None)?;
         let goal = via.pop().unwrap_or(goal.goal);
         Ok(Plan::through_waypoints(robot, &start, &via, &goal, search)?)
     }
 
-    /// Returns the start, and the poses and positions on the way with the goal as the last one. Warns about units
-    /// that may be mistaken.
-    pub fn start_and_goals(&self, robot: &Robot, goal: &TypedGoal) -> Result<(Pose, Vec<Goal>), Failure> {
-        let (start, via) = (self.start()?, self.waypoints()?);
+    /// Returns the start, and the poses and positions on the way with the goal as the last one. `tip` replaces the
+    /// given start. Warns about units that may be mistaken.
+    pub fn start_and_goals(
+        &self,
+        robot: &Robot,
+        goal: &TypedGoal,
+        tip: Option<Pose>,
+    ) -> Result<(Pose, Vec<Goal>), Failure> {
+        let (start, via) = (tip.map_or_else(|| self.start(), Ok)?, self.waypoints()?);
         let typed: Vec<&TypedGoal> = self.from.iter().map(|(_, typed)| typed).chain(&self.via).chain([goal]).collect();
         units::warn_of_radians(&typed);
         if self.via.iter().chain([goal]).all(|typed| typed.bare_lengths) {

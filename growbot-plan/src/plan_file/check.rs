@@ -7,6 +7,7 @@
 
 use growbot_core::angle::{radians, wrap_positive};
 use growbot_core::helicoid::Helicoid;
+use growbot_core::layer_bytes::decode;
 use growbot_core::path::{Leg, Segment, end, length};
 use growbot_core::plan::{GoalError, MAX_RADIUS_MM, goal_error};
 use growbot_core::pose::{Frame, Pose};
@@ -58,6 +59,10 @@ impl PlanFile {
         let path = self.path(robot, &start)?;
         let legs = self.legs(&start, &goal, &path)?;
         range("the number of existing_layers", self.existing_layers.len() as f64, 0.0, MAX_EXISTING_LAYERS as f64)?;
+        // A layer without height that bends has no centreline.
+        let without_height = self.existing_layers.iter().map(decode).filter(|layer| layer.height == 0.0);
+        let bend = without_height.map(|layer| layer.tilt).fold(0.0, f64::max);
+        range("the tilt of a layer without height in existing_layers", bend, 0.0, 0.0)?;
         let plan = Plan::of_path(robot, &start, self.radius_mm, self.planner, legs, path);
         let mut plan = plan.after_layers(self.existing_layers.clone(), robot);
         let stands = |warning: &&Warning| {

@@ -12,6 +12,7 @@ use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::PortError;
 use growbot_core::layer::Layer;
 use growbot_core::link::message::Motor;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use growbot_firmware::emulated_tip as table;
 use growbot_firmware::stepping::MotorDirection;
@@ -299,5 +300,9 @@ impl SimulatedTip for SharedFollowed {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         locked(&self.0).tip.apply_action(hand);
         true
+    }
+
+    fn start_at(&mut self, pose: &Pose) {
+        locked(&self.0).tip.start_at(pose);
     }
 }

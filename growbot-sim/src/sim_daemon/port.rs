@@ -12,6 +12,7 @@ use growbot_client::ground_truth::{GroundTruth, LaidBody};
 use growbot_client::port::{Port, PortError};
 use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
+use growbot_core::pose::Pose;
 
 use super::protocol::{DaemonResponse, PROTOCOL_VERSION, Request, laid, micros};
 use super::{SimDaemonError, StateDir};
@@ -198,5 +199,10 @@ impl GroundTruth for RemoteTip {
 impl SimulatedTip for RemoteTip {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         self.0.borrow_mut().request(&Request::Hand(hand), AT_ONCE).is_ok()
+    }
+
+    fn start_at(&mut self, pose: &Pose) {
+        // If the robot was switched off, its board does not respond either.
+        let _ = self.0.borrow_mut().set_tip(&TipSettings { start: Some(*pose), ..TipSettings::default() });
     }
 }

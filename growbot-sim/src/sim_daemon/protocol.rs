@@ -13,7 +13,7 @@ use crate::port::TipSettings;
 use crate::tip::manual_action::ManualAction;
 
 /// Version of the messages, which must be incremented when they change.
-pub const PROTOCOL_VERSION: u32 = 3;
+pub const PROTOCOL_VERSION: u32 = 4;
 
 /// Request to the process.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -71,8 +71,8 @@ pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> LaidBody {
 /// [`TipSettings`] as numbers, without the pace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TipSettingsJson {
-    /// Pose: x, y, z in mm, heading and pitch in degrees.
-    start: Option<[f64; 5]>,
+    /// Pose: x, y, z in mm, heading and pitch in degrees, roll in radians.
+    start: Option<([f64; 5], f64)>,
     disturbance: [f64; 8],
     noise: [f64; 2],
     seed: u64,
@@ -82,7 +82,7 @@ impl From<&TipSettings> for TipSettingsJson {
     fn from(settings: &TipSettings) -> Self {
         let ErrorModel { disturbance: of, noise, seed } = settings.imperfection;
         Self {
-            start: settings.start.map(|pose| pose.to_degrees()),
+            start: settings.start.map(|pose| (pose.to_degrees(), pose.roll())),
             disturbance: [
                 of.growth_noise,
                 of.growth_bias,
@@ -116,7 +116,7 @@ impl From<TipSettingsJson> for TipSettings {
         let [odometry, direction] = words.noise;
         let noise = SensorNoise { odometry, direction };
         Self {
-            start: words.start.and_then(|degrees| Pose::from_degrees(degrees).ok()),
+            start: words.start.and_then(|(degrees, roll)| Pose::from_degrees(degrees).ok()?.with_roll(roll).ok()),
             imperfection: ErrorModel { disturbance, noise, seed: words.seed },
             pace: None,
         }

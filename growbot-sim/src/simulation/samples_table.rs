@@ -14,7 +14,13 @@ pub fn samples_table(simulation: &Simulation) -> Table<'static, SampleRow> {
     let path_length = simulation.path_length();
     let mut table = Table::new(NumberFormat::Shortest)
         .column("seed", |(seed, _): &SampleRow| *seed)
-        .columns(pose_columns("start"), move |_| start)
+        .columns(pose_columns("start"), move |_| start);
+    // Only a body at the tip of another one has a start with roll.
+    let roll = simulation.start().roll();
+    if roll != 0.0 {
+        table = table.column("start_roll_deg", move |_| roll.to_degrees());
+    }
+    table = table
         .columns(pose_columns("goal"), move |_| goal)
         .columns(pose_columns("final"), |(_, outcome)| outcome.arrival.final_pose.to_degrees())
         .column("layers", |(_, outcome)| outcome.grown.layers)

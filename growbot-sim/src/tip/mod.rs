@@ -97,7 +97,7 @@ pub struct TipModel {
     /// Index of the current layer, and the distance by which each feed step in this layer turns the encoder, in feed
     /// steps.
     seen_per_step: (u64, f64),
-    /// Pose of the start of growth in the base's frame.
+    /// Pose at which the first layer began, in the base's frame.
     start: Frame,
     feed_steps: i64,
     cold_feed_steps: u64,
@@ -150,9 +150,11 @@ impl TipModel {
         }
     }
 
-    /// Sets the pose at which growth begins. By default, it is the origin with the direction upwards.
+    /// Places the tip at this pose, where the next layer begins. The body that was laid before moves with it. By
+    /// default, the first layer begins at the origin with the direction upwards.
     pub fn start_at(&mut self, pose: &Pose) {
-        self.start = pose.frame();
+        let start_from_tip = self.plastic.start_from_tip(&self.robot, &self.imperfection);
+        self.start = pose.frame() * start_from_tip.inverse();
     }
 
     /// Sets the disturbances of layers and measurements, from the first layer on. It must be called before growth.

@@ -206,7 +206,12 @@ fn gravity_turns_as_the_body_bends() {
     assert!(lean > 0.1 && x.abs() < 5.0, "{lean} {x}");
     assert!((y - 1000.0 * libm::sin(lean)).abs() < 2.0 && (z - 1000.0 * libm::cos(lean)).abs() < 2.0, "{lean} {y} {z}");
 
+    // The next body begins there, whatever was laid before.
+    let next = Pose::from_degrees([10.0, 20.0, 30.0, 40.0, 0.0]).unwrap().with_roll(0.5).unwrap();
+    tip.start_at(&next);
+    assert!((tip.base_from_tip().to_homogeneous() - next.frame().to_homogeneous()).amax() < 1e-9);
     tip.start_at(&Pose::from_degrees([0.0; 5]).unwrap());
+    assert_eq!(tip.gravity(), Some([-1000, 0, 0]));
     tip.inject(TipFault::OrientationSilent);
     assert_eq!(tip.gravity(), None);
     let mut level = hot_tip();
