@@ -127,8 +127,7 @@ impl Computation {
         }
         if Instant::now() >= self.deadline {
             return Err(Problem::bad(format!(
-                "no plan was found and checked within {} s: give fewer waypoints or a simpler scene, or send a finished \
-                 plan",
+                "no plan was found and checked within {} s: give fewer waypoints or a simpler scene, or send a plan",
                 COMPUTATION_TIME.as_secs()
             )));
         }

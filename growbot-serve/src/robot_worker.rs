@@ -328,7 +328,7 @@ impl RobotWorker {
     pub(super) fn ensure_idle(&self) -> Result<(), RobotRequestError> {
         let (job, is_tuning) = {
             let known = self.lock_state();
-            (known.job.clone(), known.polls_after_tuning.is_some())
+            (known.job.clone(), known.polls_after_tuning.is_some() && known.connection_error.is_none())
         };
         if is_tuning {
             return Err(RobotRequestError::Tuning { robot: self.name.clone() });
@@ -464,11 +464,10 @@ impl RobotWorker {
         let active = self.shared.jobs().active(&self.name).ok().flatten();
         self.update_state(|known| {
             known.connection_error = None;
-            // The service may have been started again meanwhile.
-            known.polls_after_tuning = (connection.hello.status.state == State::Tuning).then_some(0);
             known.robot = Some(connection.robot.clone());
             known.job = active.as_ref().map(|job| job.id.clone());
         });
+        self.follow_tuning(connection.hello.status.state);
         self.record_status(connection.hello.status.clone());
         self.record_boot(&connection.hello);
         self.record_connection(None);
@@ -569,6 +568,8 @@ impl RobotWorker {
             }),
         };
         if is_cancel && done.is_ok() {
+            // A cancelled tuning has no gains.
+            self.update_state(|known| known.polls_after_tuning = None);
             self.give_up_others(None, "discarded: the board has deleted the body");
         }
         let (left, response) = match done {

@@ -126,6 +126,30 @@ fn a_stop_reports_that_it_became_an_emergency_stop() {
     }
 }
 
+/// The board reports the gains once, and forgets them with the session.
+#[test]
+fn the_gains_of_a_tuning_that_ended_without_a_connection_are_lost() {
+    let directory = tempfile::tempdir().unwrap();
+    let service = service(&directory);
+    let mut case = Case::new(&service, "lab".to_owned());
+    case.wait_for_connection();
+    case.step(Step::Tune);
+    case.line.board().line = LineState::Missing;
+    super::stop_model::wait_until(|| case.worker.status().connection_error.is_some());
+    {
+        let mut board = case.line.board();
+        (board.state, board.line) = (BoardState::Idle, LineState::Up);
+    }
+    super::stop_model::wait_until(|| case.worker.status().command_error.is_some_and(|error| error.contains("lost")));
+    // The next tuning is a new one, and its cancellation loses nothing.
+    case.step(Step::Tune);
+    assert_eq!(case.worker.status().command_error, None);
+    case.step(Step::Cancel);
+    assert_eq!(case.worker.ensure_idle().map_err(|error| error.to_string()), Ok(()));
+    case.settle();
+    assert_eq!(case.worker.status().command_error, None);
+}
+
 /// The service opens no session with the board of another robot, but delivers an unconfirmed stop to it.
 #[test]
 fn a_stop_reaches_a_board_of_another_robot() {

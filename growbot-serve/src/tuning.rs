@@ -14,6 +14,16 @@ use super::robot_worker::RobotWorker;
 const MAX_POLLS_AFTER_TUNING: u32 = 20;
 
 impl RobotWorker {
+    /// Follows the tuning of a board that was connected in this state. The service may have been started again
+    /// meanwhile. If a tuning has ended without a connection, its gains are lost, and the next status requests notice
+    /// that.
+    pub(super) fn follow_tuning(&self, state: State) {
+        self.update_state(|known| {
+            let follows = state == State::Tuning || known.polls_after_tuning.is_some();
+            known.polls_after_tuning = follows.then_some(0);
+        });
+    }
+
     /// Starts a tuning at this temperature, degrees Celsius.
     pub(super) fn start_tuning(
         &self,
@@ -24,7 +34,9 @@ impl RobotWorker {
         // The gains of an earlier tuning may still be among the events.
         self.record_gains(client, None)?;
         let started = client.tune(target_c, permit)?;
-        self.update_state(|known| (known.tuning, known.polls_after_tuning) = (None, Some(0)));
+        self.update_state(|known| {
+            (known.tuning, known.polls_after_tuning, known.command_error) = (None, Some(0), None);
+        });
         Ok(started)
     }
 
@@ -34,7 +46,9 @@ impl RobotWorker {
         while let Some(event) = next {
             if let Message::Tuned(tuned) = event {
                 let report = TuningReport::new(&tuned, self.is_simulated().into());
-                self.update_state(|known| (known.tuning, known.polls_after_tuning) = (Some(report), None));
+                self.update_state(|known| {
+                    (known.tuning, known.polls_after_tuning, known.command_error) = (Some(report), None, None);
+                });
             }
             next = client.event(Duration::ZERO)?;
         }
