@@ -1,7 +1,7 @@
 //! Checks that a planned path is at most as long as the best path of a slow and independent search.
 //!
 //! `examples/best_known.rs` made the table `best_known.csv` and describes how. This test searches a few more goals.
-//! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 16:
+//! `GROWBOT_NEAR` is the number of these that lie within 3 radii, by default 8:
 //!
 //! ```sh
 //! GROWBOT_NEAR=10000 cargo test --release -p growbot-tests --test it shortest_paths:: -- --nocapture fresh_search
