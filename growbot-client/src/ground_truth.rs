@@ -5,12 +5,14 @@
 //! sensors by the body that the tip has laid.
 
 use growbot_core::layer::{Layer, grow};
+use growbot_core::pose::Pose;
 use growbot_plan::arrival::Arrival;
 use growbot_plan::growth_report::{GrowthReport, MeasuredBy, Outcome};
 use growbot_plan::job::{Job, JobEvent};
 
 use crate::client::ClientError;
 use crate::growth::GrowthError;
+use crate::growth::start::begins_body;
 use crate::port::PortError;
 
 /// Read access to the body of a simulated tip, while a port communicates with its board.
@@ -23,6 +25,10 @@ pub trait GroundTruth {
 
     /// Returns the layers of the tip's body from index `from` on whose plastic no longer changes.
     fn settled(&mut self, from: usize) -> Vec<Layer>;
+
+    /// Places the tip at the start of a new body, which may be the base or the tip of the last body. The sensors of the
+    /// tip then measure the new body.
+    fn start_at(&mut self, pose: &Pose);
 }
 
 /// Body that a simulated tip has laid, computed from the motor steps that the tip received.
@@ -34,8 +40,8 @@ pub struct LaidBody {
     pub feed_steps: u64,
 }
 
-/// Grows `job` with the function `grow`. If `truth` is given, its tip must be at the start of the body. `on_event`
-/// then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the returned report contains these
+/// Grows `job` with the function `grow`. If `truth` is given, its tip is placed at the start of the body once the board
+/// can begin it. `on_event` then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the returned report contains these
 /// layers as the body, unless the board stopped responding.
 ///
 /// # Errors
@@ -49,7 +55,14 @@ pub fn grow_with_ground_truth(
     let Some(truth) = truth else { return grow(on_event) };
     let mut recorder =
         TruthRecorder::from_here(truth).map_err(|error| GrowthError::NotStarted(ClientError::Port(error)))?;
+    let mut is_connected = false;
     let mut grown = grow(&mut |event| {
+        if let JobEvent::Board(board) = event
+            && !std::mem::replace(&mut is_connected, true)
+            && begins_body(&board.status)
+        {
+            recorder.truth.start_at(job.start);
+        }
         on_event(event);
         if let JobEvent::Laid { .. } = event {
             recorder.report_settled(on_event);

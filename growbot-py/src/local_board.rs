@@ -102,7 +102,7 @@ impl BoardWorker {
         let request = arguments.request(self.port.kind());
         if request.kind.is_simulated() {
             self.robot = Arc::clone(robot);
-            self.open(&TipSettings { start: Some(plan.start), imperfection: request.imperfection, pace: None })?;
+            self.open(&TipSettings { imperfection: request.imperfection, pace: None })?;
         }
         let (port, link) = (self.name.clone(), self.link()?);
         let job = request.job();

@@ -49,9 +49,6 @@ impl RobotWorker {
             return self.refuse_growth(&reply, RobotRequestError::Voided);
         }
         self.set_job_state(&job, JobState::Active, None);
-        if let Some(tip) = &mut connection.simulation {
-            tip.start_at(&body.plan.start);
-        }
         let mut growing = RunningJob::new(self, &job, &board_job, &[], log, &commands);
         growing.reply = Some(reply);
         growing.run(&request, &board_job, connection)

@@ -12,9 +12,6 @@ use crate::tip::pins::SharedTip;
 pub trait SimulatedTip: GroundTruth {
     /// Performs a manual action on the tip. Returns false if the tip does not support manual actions.
     fn apply_action(&mut self, action: ManualAction) -> bool;
-
-    /// Places the tip at the start of a new body, which may be the base or the tip of the last body.
-    fn start_at(&mut self, pose: &Pose);
 }
 
 /// Handle of a tip that is simulated in this process.
@@ -29,16 +26,16 @@ impl GroundTruth for InProcessTip {
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         self.0.borrow_mut().settled(from).to_vec()
     }
+
+    fn start_at(&mut self, pose: &Pose) {
+        self.0.borrow_mut().start_at(pose);
+    }
 }
 
 impl SimulatedTip for InProcessTip {
     fn apply_action(&mut self, action: ManualAction) -> bool {
         self.0.borrow_mut().apply_action(action);
         true
-    }
-
-    fn start_at(&mut self, pose: &Pose) {
-        self.0.borrow_mut().start_at(pose);
     }
 }
 

@@ -7,8 +7,10 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use growbot_client::client::Client;
+use growbot_client::ground_truth::{GroundTruth, LaidBody, grow_with_ground_truth};
 use growbot_client::growth::{CommandQueue, GrowthError, GrowthOptions, OnParked, grow_job};
 use growbot_client::port::{Port, PortError};
+use growbot_core::layer::Layer;
 use growbot_core::link::emergency_stop::EMERGENCY_STOP;
 use growbot_core::link::frame::FrameDecoder;
 use growbot_core::link::message::{HostSilencePolicy, Message, PauseCause, State};
@@ -70,6 +72,50 @@ fn try_to_grow_with(
         events.push(event.clone());
     });
     (grown, events)
+}
+
+/// A tip that records where it is placed.
+#[derive(Default)]
+struct PlacedTip(Vec<Pose>);
+
+impl GroundTruth for PlacedTip {
+    fn laid(&mut self) -> Result<LaidBody, PortError> {
+        Ok(LaidBody::default())
+    }
+
+    fn settled(&mut self, _: usize) -> Vec<Layer> {
+        Vec::new()
+    }
+
+    fn start_at(&mut self, pose: &Pose) {
+        self.0.push(*pose);
+    }
+}
+
+/// The sensors of a paused or parked body must not change because another growth was refused.
+#[test]
+fn the_tip_is_placed_only_for_a_body_that_the_board_begins() {
+    let robot: Robot = growbot_plan::robot_file::load("growbot-a".as_ref()).unwrap();
+    let path = [Segment::Straight { length: 20.0 * 0.774 }];
+    let start = Pose::from_degrees([10.0, 0.0, 0.0, 0.0, 90.0]).unwrap();
+    let goal = Pose::from_frame(&end(&path, &start.frame()));
+    let job = Job::new(&robot, &start, &goal, &path);
+    let mut client = Client::new(Box::new(Sim::new(robot.clone())), "sim");
+    let mut tip = PlacedTip::default();
+    let mut grow = |pauses: bool| {
+        let orders = CommandQueue::default();
+        grow_with_ground_truth(Some(&mut tip), &job, &mut |_| (), |on_event| {
+            grow_job(&mut client, &job, HostSilencePolicy::Pause, &orders, &mut |event| {
+                on_event(event);
+                if pauses && matches!(event, JobEvent::Laid { index: 5, .. }) {
+                    orders.push(Command::Pause);
+                }
+            })
+        })
+    };
+    assert_eq!(grow(true).unwrap().outcome, Outcome::Parked);
+    assert!(matches!(grow(false), Err(GrowthError::Unfinished { .. })));
+    assert_eq!(tip.0, [start]);
 }
 
 fn count_events(events: &[JobEvent], expected: &JobEvent) -> usize {

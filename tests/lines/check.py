@@ -13,7 +13,7 @@ import subprocess
 import sys
 
 # This number may only fall, except by the lines of what a user can newly do.
-ALLOWED = 77_249
+ALLOWED = 77_253
 
 SUFFIXES = ("rs", "py", "js", "ts", "tsx", "css", "html")
 # Folders and files of tests, examples, tools and what others have written.

@@ -5,7 +5,7 @@ mod amendment;
 mod commands;
 mod monitor;
 mod request;
-mod start;
+pub(crate) mod start;
 
 use growbot_core::layer_bytes::LayerBytes;
 use growbot_core::link::message::{

@@ -19,8 +19,8 @@ impl<'a> JobRunner<'a> {
         on_event: &mut dyn FnMut(&JobEvent),
     ) -> Result<Self, GrowthError> {
         let hello = open_session(client, job.robot, on_event)?;
-        let Status { plan_id, layers_laid: laid, layer_count: layers, state, interrupted, .. } = hello.status;
-        if plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped {
+        let Status { plan_id, layers_laid: laid, layer_count: layers, .. } = hello.status;
+        if is_unfinished(&hello.status) {
             return Err(GrowthError::Unfinished { plan_id, laid, layers });
         }
         let mut growth = Self::new(client, job, manner, orders, &hello);
@@ -94,6 +94,18 @@ impl<'a> JobRunner<'a> {
         self.amend(self.built.laid, on_event)?;
         self.hand_over(on_event)
     }
+}
+
+/// Reports whether a board has an unfinished body, in place of which it begins no other one. A person gives a body up by
+/// a stop.
+fn is_unfinished(status: &Status) -> bool {
+    let Status { plan_id, layers_laid: laid, layer_count: layers, state, interrupted, .. } = *status;
+    plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped
+}
+
+/// Reports whether a board in this state begins a new body.
+pub(crate) fn begins_body(status: &Status) -> bool {
+    matches!(status.state, State::Idle | State::Done | State::Stopped) && !is_unfinished(status)
 }
 
 /// Opens a session with the board of a robot, and reports its identity and any crash as events.

@@ -151,7 +151,7 @@ impl RobotHandle for LocalRobot<'_> {
             let time = duration_text(plan.requirements.duration);
             growbot_host::note!("the emulated board runs in real time: the layers alone take {time}");
         }
-        let settings = TipSettings { start: Some(plan.start), imperfection, pace };
+        let settings = TipSettings { imperfection, pace };
         let connection = self.port.connect(robot, &settings)?;
         self.run(growth, connection, 0)
     }

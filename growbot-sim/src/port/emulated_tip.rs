@@ -294,15 +294,15 @@ impl GroundTruth for SharedFollowed {
     fn settled(&mut self, from: usize) -> Vec<Layer> {
         locked(&self.0).tip.settled(from).to_vec()
     }
+
+    fn start_at(&mut self, pose: &Pose) {
+        locked(&self.0).tip.start_at(pose);
+    }
 }
 
 impl SimulatedTip for SharedFollowed {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         locked(&self.0).tip.apply_action(hand);
         true
-    }
-
-    fn start_at(&mut self, pose: &Pose) {
-        locked(&self.0).tip.start_at(pose);
     }
 }

@@ -11,7 +11,6 @@ use std::time::Duration;
 use growbot_client::port::{Port, PortError};
 use growbot_core::link::emergency_stop::EmergencyStopDetector;
 use growbot_core::link::message::{Fault, ImageCheck, Motor, ResetCause, State};
-use growbot_core::pose::Pose;
 use growbot_core::random::{Rng, splitmix64};
 use growbot_core::robot::Robot;
 use growbot_firmware::controller::{BootInfo, Controller};
@@ -116,12 +115,6 @@ impl Sim {
         };
         sim.poll();
         sim
-    }
-
-    /// Sets the pose at which growth begins, which determines the readings of the orientation sensor. The default is
-    /// the origin with the direction upwards.
-    pub fn start_at(&mut self, pose: &Pose) {
-        self.simulated_tip().start_at(pose);
     }
 
     /// Sets the remaining length of filament on the spool, mm.

@@ -1,6 +1,5 @@
 //! Settings of the simulated tip behind a port.
 
-use growbot_core::pose::Pose;
 use growbot_core::simulation::ErrorModel;
 
 use crate::tip::TipModel;
@@ -8,9 +7,6 @@ use crate::tip::TipModel;
 /// Settings of a simulated tip.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct TipSettings {
-    /// Pose at the start of the growth, which determines the readings of the orientation sensor. `None` stands for the
-    /// origin with the direction upwards.
-    pub start: Option<Pose>,
     /// Errors of the layers that the tip lays, and of its measurements.
     pub imperfection: ErrorModel,
     /// Speed of the tip's time as a multiple of real time, above 0. If `None`, time passes as fast as it is computed.
@@ -20,9 +16,6 @@ pub struct TipSettings {
 
 impl TipSettings {
     pub(crate) fn apply(&self, tip: &mut TipModel) {
-        if let Some(start) = &self.start {
-            tip.start_at(start);
-        }
         tip.disturb(&self.imperfection);
     }
 }

@@ -72,7 +72,7 @@ impl DaemonPort {
         }
     }
 
-    /// Sets the start pose and the errors of the simulated tip.
+    /// Sets the errors of the simulated tip.
     ///
     /// # Errors
     /// If the robot was switched off.
@@ -194,15 +194,15 @@ impl GroundTruth for RemoteTip {
             _ => Vec::new(),
         }
     }
+
+    fn start_at(&mut self, pose: &Pose) {
+        // If the robot was switched off, its board does not respond either.
+        let _ = self.0.borrow_mut().request(&Request::StartAt(pose.to_degrees(), pose.roll()), AT_ONCE);
+    }
 }
 
 impl SimulatedTip for RemoteTip {
     fn apply_action(&mut self, hand: ManualAction) -> bool {
         self.0.borrow_mut().request(&Request::Hand(hand), AT_ONCE).is_ok()
-    }
-
-    fn start_at(&mut self, pose: &Pose) {
-        // If the robot was switched off, its board does not respond either.
-        let _ = self.0.borrow_mut().set_tip(&TipSettings { start: Some(*pose), ..TipSettings::default() });
     }
 }

@@ -4,7 +4,6 @@ use std::time::Duration;
 
 use growbot_client::ground_truth::LaidBody;
 use growbot_core::layer::Layer;
-use growbot_core::pose::Pose;
 use growbot_core::simulation::{Disturbance, ErrorModel};
 use growbot_core::tracking::SensorNoise;
 use serde::{Deserialize, Serialize};
@@ -24,6 +23,8 @@ pub enum Request {
     Open { release: u32, exclusive: bool },
     /// Sets the start pose and the errors of the simulated tip.
     Tip(TipSettingsJson),
+    /// Places the tip at the start of a new body: x, y, z in mm, heading and pitch in degrees, and the roll in radians.
+    StartAt([f64; 5], f64),
     /// Sends bytes to the board.
     Send(Vec<u8>),
     /// Receives at most `max` bytes from the board, with a timeout in us of the board's time.
@@ -71,8 +72,6 @@ pub fn laid(layers: &[[f64; 3]], feed_steps: u64) -> LaidBody {
 /// [`TipSettings`] as numbers, without the pace.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TipSettingsJson {
-    /// Pose: x, y, z in mm, heading and pitch in degrees, roll in radians.
-    start: Option<([f64; 5], f64)>,
     disturbance: [f64; 8],
     noise: [f64; 2],
     seed: u64,
@@ -82,7 +81,6 @@ impl From<&TipSettings> for TipSettingsJson {
     fn from(settings: &TipSettings) -> Self {
         let ErrorModel { disturbance: of, noise, seed } = settings.imperfection;
         Self {
-            start: settings.start.map(|pose| (pose.to_degrees(), pose.roll())),
             disturbance: [
                 of.growth_noise,
                 of.growth_bias,
@@ -115,11 +113,7 @@ impl From<TipSettingsJson> for TipSettings {
         };
         let [odometry, direction] = words.noise;
         let noise = SensorNoise { odometry, direction };
-        Self {
-            start: words.start.and_then(|(degrees, roll)| Pose::from_degrees(degrees).ok()?.with_roll(roll).ok()),
-            imperfection: ErrorModel { disturbance, noise, seed: words.seed },
-            pace: None,
-        }
+        Self { imperfection: ErrorModel { disturbance, noise, seed: words.seed }, pace: None }
     }
 }
 

@@ -10,6 +10,7 @@ use std::{fs, io, thread};
 
 use growbot_client::port::Port;
 use growbot_core::link::message::ResetCause;
+use growbot_core::pose::Pose;
 use growbot_core::robot::Robot;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -289,6 +290,11 @@ impl SimServer {
                 self.hosts.get_mut(&name)?.is_open = true;
             }
             Request::Tip(words) => TipSettings::from(words).apply(&mut self.sim.simulated_tip()),
+            Request::StartAt(degrees, roll) => {
+                if let Ok(pose) = Pose::from_degrees(degrees).and_then(|pose| pose.with_roll(roll)) {
+                    self.sim.simulated_tip().start_at(&pose);
+                }
+            }
             Request::Send(bytes) => self.sim.send(&bytes).unwrap_or_default(),
             Request::Receive { timeout_us, max } => {
                 let until = now.saturating_add(Duration::from_micros(timeout_us));

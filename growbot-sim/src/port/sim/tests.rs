@@ -4,6 +4,7 @@ use growbot_client::ground_truth::grow_with_ground_truth;
 use growbot_client::growth::{CommandQueue, grow_job};
 use growbot_core::link::message::HostSilencePolicy;
 use growbot_core::path::{Segment, end};
+use growbot_core::pose::Pose;
 use growbot_firmware::safety::retained::RetainedStore;
 use growbot_plan::growth_report::GrowthReport;
 use growbot_plan::job::{Job, JobEvent};
