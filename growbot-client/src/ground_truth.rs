@@ -41,8 +41,8 @@ pub struct LaidBody {
 }
 
 /// Grows `job` with the function `grow`. If `truth` is given, its tip is placed at the start of the body once the board
-/// can begin it. `on_event` then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the returned report contains these
-/// layers as the body, unless the board stopped responding.
+/// can begin it. `on_event` then also receives the layers that the tip has laid (`JobEvent::Simulated`), and the
+/// returned report contains these layers as the body, unless the board stopped responding.
 ///
 /// # Errors
 /// The errors of `grow`, or an error if the tip cannot be read.

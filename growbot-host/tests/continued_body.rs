@@ -131,7 +131,8 @@ fn nothing_continues_a_body_whose_tip_is_not_known() {
     assert_eq!(both.code, Some(2), "{}", both.out);
 }
 
-/// The tip of a simulated robot is placed at the start of each body, or its sensors would measure the earlier ones, too.
+/// The tip of a simulated robot is placed at the start of each body, or its sensors would measure the earlier ones,
+/// too.
 #[test]
 fn feedback_measures_each_body_from_its_own_start() {
     let lab = Lab::configured("[robots.lab]\nport = \"sim:lab\"\nrobot = \"growbot-a\"\npace = 5000.0\n");

@@ -96,8 +96,8 @@ impl<'a> JobRunner<'a> {
     }
 }
 
-/// Reports whether a board has an unfinished body, in place of which it begins no other one. A person gives a body up by
-/// a stop.
+/// Reports whether a board has an unfinished body, in place of which it begins no other one. A person gives a body up
+/// by a stop.
 fn is_unfinished(status: &Status) -> bool {
     let Status { plan_id, layers_laid: laid, layer_count: layers, state, interrupted, .. } = *status;
     plan_id != 0 && (laid > 0 || interrupted.is_some()) && laid < layers && state != State::Stopped
